@@ -117,7 +117,8 @@ REFERENCE = "reference"
 
 POLICY_NAMES = (
     f"{HEURISTIC}, random, constant:U with U in [-1, 1], the id of a run, {REFERENCE}/ID of a run "
-    "that is shipped with jbench, an installed policy, or MODULE:NAME"
+    "that is shipped with jbench, the FILE.zip of a stable-baselines3 model, an installed policy, "
+    "or MODULE:NAME"
 )
 """What users may type as a policy."""
 

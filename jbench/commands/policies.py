@@ -52,6 +52,7 @@ def evaluate(
     from jbench.policies.evaluate import evaluate as run_episodes
     from jbench.policies.find import full_name
     from jbench.policies.imported import code_of
+    from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
     from jbench.settings.evaluation import EvaluationSettings
     from jbench.tasks.features import TASK_SPECS
@@ -68,7 +69,7 @@ def evaluate(
         EvaluationSettings,
         "the evaluation",
         task=task,
-        policy=policy,
+        policy=Path(policy).name if is_sb3_zip(policy) else policy,
         episodes=episodes,
         seed=parsing.seed(seed),
         states=states,
@@ -82,7 +83,7 @@ def evaluate(
     _say_other_robot(output, database, policy, augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
-        record = run_episodes(settings, database, parsing.all_cores(threads), progress)
+        record = run_episodes(settings, database, parsing.all_cores(threads), progress, policy)
     returns = record.read("policy_episodes")["episode_return"].to_numpy()
     summary = record.manifest.summary
     output.say(

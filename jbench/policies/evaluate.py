@@ -23,6 +23,7 @@ def evaluate(
     results: Results,
     threads: int,
     progress: Callable[[int], None] = lambda steps: None,
+    name: str | None = None,
 ) -> Record:
     """Runs and saves the episodes of a policy, unless they have been saved before.
 
@@ -33,12 +34,13 @@ def evaluate(
         results: where it is written; contains the runs.
         threads: number of robots stepped in parallel.
         progress: called with the number of control steps done, over all episodes.
+        name: of the policy, such as a path; None for that of the settings.
 
     Raises:
         RequestError: if there is no such policy for this task.
         WorkError: if another process is running this evaluation, or it can't be written.
     """
-    policy = find_policy(results, settings.policy, settings.task, settings.seed)
+    policy = find_policy(results, name or settings.policy, settings.task, settings.seed)
     with results.locked("evaluation", settings.id) as existing:
         if existing is not None and existing.status == "finished":
             return existing

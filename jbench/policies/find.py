@@ -11,6 +11,7 @@ from jbench.errors import RequestError
 from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, closest
 from jbench.policies.imported import ImportedPolicy, installed_policies, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
+from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip
 from jbench.settings.run import read_run
 from jbench.simulation import Act
 from jbench.store import Record, Results
@@ -68,6 +69,8 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
         return _Stateless(lambda observations: np.full((len(observations), 1), command))
     if is_imported_policy(name):
         return ImportedPolicy(name, task)
+    if is_sb3_zip(name):
+        return _Stateless(read_sb3_zip(name, task).act)
     if "/" not in name:
         raise _unknown(name)
     run, agent = find_trained_agent(results, name)
@@ -114,6 +117,8 @@ def full_name(results: Results, name: str) -> str:
         RequestError: if there is no such kind of policy, its command is wrong, no shipped policy
             matches the name, or several runs do.
     """
+    if is_sb3_zip(name):
+        return name
     if "/" in name:
         return f"{SHIPPED if name.startswith(SHIPPED) else ''}{_locate(results, name)[1]}"
     if name.startswith(_CONSTANT):
@@ -155,7 +160,7 @@ def learned_task(results: Results, name: str) -> str | None:
 
 def _find_run(results: Results, name: str) -> Record | None:
     """Returns the run of a trained policy; None if there is none or the policy is not trained."""
-    if "/" not in name:
+    if "/" not in name or is_sb3_zip(name):
         return None
     located, run = _locate(results, name)
     return located.find("run", run)

@@ -17,6 +17,7 @@ from jbench import plugins
 from jbench.errors import RequestError, WorkError
 from jbench.names import POLICIES, REFERENCE
 from jbench.policies.acting import acting
+from jbench.policies.sb3_zip import is_sb3_zip, sha256_start
 from jbench.tasks.features import TASK_SPECS
 
 GROUP = "jbench.policies"
@@ -36,11 +37,13 @@ def is_imported_policy(name: str) -> bool:
 
 
 def code_of(name: str) -> str | None:
-    """Returns what identifies the code of an imported policy; None for policies of jbench.
+    """Returns what identifies the code or file of a policy; None for policies of jbench.
 
     Returns:
         Name and version of its package, or the first 16 digits of the SHA-256 of its file.
     """
+    if is_sb3_zip(name):
+        return sha256_start(name)
     if not is_imported_policy(name):
         return None
     made_with = plugins.code_of("policy", name, installed_policies())

@@ -9,7 +9,7 @@ class EvaluationSettings(Settings):
     """Settings that identify an evaluation."""
 
     task: str
-    policy: str = Field(description="as typed by the user, such as heuristic")
+    policy: str = Field(description="as typed by the user, such as heuristic; a file has no path")
     episodes: Count = 100
     seed: Seed = 0
     states: bool = Field(default=False, description="whether to record every state")

@@ -1,0 +1,143 @@
+"""Policies of models that stable-baselines3 saved, `model.save("td3.zip")`.
+
+Only the weights and the readable part of the settings are read. Neither stable-baselines3 nor the
+pickled objects in the file are loaded, so no code in the file runs.
+"""
+
+import hashlib
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from jbench.errors import RequestError
+from jbench.policies.network import Layer, Network
+from jbench.tasks.features import TASK_SPECS
+
+_ACTORS = {
+    "actor.mu.": ("actor.latent_pi.", "relu", [Layer("tanh")]),  # SAC, TQC; DDPG, TD3
+    "action_net.": ("mlp_extractor.policy_net.", "tanh", []),  # PPO, A2C, TRPO
+}
+"""By the beginning of the names of an actor's last weights: that of the weights before them, the
+default activation, and what is applied to the output. DDPG and TD3 have all in the last ones."""
+
+_ACTIVATIONS = {
+    "ReLU": Layer("relu"),
+    "Tanh": Layer("tanh"),
+    "Sigmoid": Layer("sigmoid"),
+    "SiLU": Layer("silu"),
+    "ELU": Layer("elu", numbers={"alpha": 1.0}),
+    "LeakyReLU": Layer("leaky_relu", numbers={"slope": 0.01}),
+}
+"""Layers by torch's name, with the defaults with which stable-baselines3 makes them."""
+
+
+def is_sb3_zip(name: str) -> bool:
+    """Returns whether a policy is the file of a model."""
+    return name.endswith(".zip")
+
+
+def sha256_start(path: str) -> str:
+    """Returns the first 16 digits of the SHA-256 of a file.
+
+    Raises:
+        RequestError: if it can't be read.
+    """
+    return hashlib.sha256(_content(path)).hexdigest()[:16]
+
+
+def read_sb3_zip(path: str, task: str) -> Network:
+    """Returns the deterministic policy of a saved model.
+
+    Raises:
+        RequestError: if it can't be read, is no plain `MlpPolicy`, or is for other observations.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(_content(path))) as file:
+            data: dict[str, Any] = json.loads(file.read("data"))
+            weights = _weights(file.read("policy.pth"))
+        network = Network(_layers(data, weights))
+        inputs, outputs = network.inputs, network.outputs
+    except (zipfile.BadZipFile, KeyError, ValueError, AttributeError, IndexError) as error:
+        raise RequestError(f"{path} is no saved model of stable-baselines3 ({error}).") from None
+    except _UnsupportedError as error:
+        raise RequestError(
+            f"{path}: {error}; load the model in a module of yours and type MODULE:NAME."
+        ) from None
+    sizes = {name: spec.observation_size for name, spec in TASK_SPECS.items()}
+    if (inputs, outputs) == (sizes[task], 1):
+        return network
+    fitting = [name for name, size in sizes.items() if size == inputs]
+    raise RequestError(
+        f"{path} has {inputs} inputs and {outputs} outputs, but {task} has {sizes[task]} "
+        f"observations and an action; "
+        + (f"type --task {' or '.join(fitting)}." if fitting else "choose another file.")
+    )
+
+
+class _UnsupportedError(Exception):
+    """A policy is not a sequence of layers."""
+
+
+def _content(path: str) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise RequestError(f"{path} can't be read ({error.strerror}).") from None
+
+
+def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[Layer]:
+    """Returns the layers of an actor, from an observation to its deterministic action."""
+    if data.get("use_sde"):
+        raise _UnsupportedError("it explores with gSDE")
+    if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):
+        raise _UnsupportedError("it has a features extractor of its own")
+    last = next((one for one in _ACTORS if any(name.startswith(one) for name in weights)), None)
+    if last is None:
+        raise _UnsupportedError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
+    hidden, activation, output = _ACTORS[last]
+    between = _activation(data.get("policy_kwargs") or {}, activation)
+    first, *others = [*_linear(hidden, weights), *_linear(last, weights)]
+    return [first, *(layer for linear in others for layer in (between, linear)), *output]
+
+
+def _linear(prefix: str, weights: dict[str, torch.Tensor]) -> list[Layer]:
+    """Returns the linear layers whose names have a prefix, in the order of their numbers."""
+    names = sorted(
+        {name.rpartition(".")[0] for name in weights if name.startswith(prefix)},
+        key=lambda name: int(f"{name}.".removeprefix(prefix).strip(".") or 0),
+    )
+    return [
+        Layer("linear", {part: _array(weights[f"{name}.{part}"]) for part in ("weight", "bias")})
+        for name in names
+    ]
+
+
+def _weights(content: bytes) -> dict[str, torch.Tensor]:
+    """Returns the tensors of a state dictionary; other objects are refused, not unpickled."""
+    try:
+        found: dict[str, torch.Tensor] = torch.load(
+            io.BytesIO(content), map_location="cpu", weights_only=True
+        )
+    except Exception as error:
+        raise ValueError("policy.pth holds other objects than weights") from error
+    return found
+
+
+def _array(tensor: torch.Tensor) -> np.ndarray[Any, np.dtype[np.float32]]:
+    return tensor.numpy().astype(np.float32)
+
+
+def _activation(policy_kwargs: dict[str, Any], default: str) -> Layer:
+    """Returns the activation, which is recorded as `<class 'torch.nn.modules.activation.ELU'>`."""
+    text = policy_kwargs.get("activation_fn")
+    if text is None:
+        return Layer(default)
+    name = str(text).rpartition(".")[2].strip("'>")
+    if name not in _ACTIVATIONS:
+        raise _UnsupportedError(f"its activation {name} is not known")
+    return _ACTIVATIONS[name]

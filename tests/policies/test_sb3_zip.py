@@ -1,0 +1,118 @@
+"""Tests of policies from the files of stable-baselines3."""
+
+import json
+import zipfile
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
+
+import jbench.tasks  # noqa: F401 registers the environments
+from jbench.cli import main
+from jbench.errors import RequestError
+from jbench.policies.sb3_zip import read_sb3_zip
+from jbench.registration import register_environments
+
+register_environments()
+
+FACE = "face_direction"
+
+
+@pytest.fixture
+def save(tmp_path):
+    """Returns a function that saves a model and returns it, with the path of its file."""
+
+    def made(algorithm, policy="MlpPolicy", **settings):
+        env = gymnasium.make("Jitterbug/FaceDirection-v0")
+        model = algorithm(policy, env, seed=0, device="cpu", **settings)
+        path = tmp_path / f"{algorithm.__name__.lower()}.zip"
+        model.save(path)
+        return model, str(path)
+
+    return made
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "kwargs"),
+    [
+        (TD3, {}),
+        (DDPG, {"net_arch": [8], "activation_fn": torch.nn.SiLU}),
+        (SAC, {}),
+        (SAC, {"net_arch": []}),
+        (PPO, {}),
+        (PPO, {"net_arch": []}),
+        (PPO, {"net_arch": [32, 16], "activation_fn": torch.nn.ELU}),
+        (A2C, {"activation_fn": torch.nn.LeakyReLU}),
+    ],
+)
+def test_actions_are_those_of_the_model(save, algorithm, kwargs):
+    model, path = save(algorithm, policy_kwargs=kwargs)
+    observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
+    wanted, _ = model.predict(observations, deterministic=True)
+    found = read_sb3_zip(path, FACE).act(observations)
+    assert np.ptp(wanted) > 1e-3
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+def test_file_is_evaluated_and_its_content_is_part_of_the_id(save, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    where = ("--episodes", "1", "--json", "--results", str(tmp_path / "results"))
+    ids = []
+    for width in (8, 16):
+        _, path = save(TD3, policy_kwargs={"net_arch": [width]})
+        assert main(["evaluate", path, *where]) == 0
+        made = json.loads(capsys.readouterr().out)
+        assert made["settings"]["policy"] == "td3.zip"
+        ids.append(made["id"])
+    assert all(id.startswith("face_direction/td3.zip/s00-") for id in ids)
+    assert len(set(ids)) == 2
+    assert main(["evaluate", "none.zip", *where]) == 2
+    assert "none.zip can't be read (No such file or directory)." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"use_sde": True}, "it explores with gSDE; load the model in a module of yours"),
+        ({"policy_kwargs": {"activation_fn": torch.nn.Softplus}}, "its activation Softplus is not"),
+    ],
+)
+def test_policy_that_is_no_known_sequence_of_layers_is_refused(save, settings, message):
+    _, path = save(PPO, **settings)
+    with pytest.raises(RequestError, match=message):
+        read_sb3_zip(path, FACE)
+
+
+def test_model_of_another_task_is_refused(save):
+    _, path = save(TD3)
+    with pytest.raises(RequestError, match="has 16 inputs and 1 outputs, but move_to_pose has"):
+        read_sb3_zip(path, "move_to_pose")
+
+
+def test_other_files_are_refused(tmp_path):
+    text, empty = tmp_path / "text.zip", tmp_path / "empty.zip"
+    text.write_text("no zip")
+    zipfile.ZipFile(empty, "w").close()
+    for path in (text, empty):
+        with pytest.raises(RequestError, match="is no saved model of stable-baselines3"):
+            read_sb3_zip(str(path), FACE)
+
+
+def test_no_object_in_the_file_is_unpickled(save, tmp_path):
+    _, path = save(TD3)
+
+    class Evil:
+        def __reduce__(self):
+            return (tmp_path.joinpath("ran").touch, ())
+
+    weights = tmp_path / "weights.pth"
+    torch.save({"actor.mu.0.weight": Evil()}, weights)
+    evil = tmp_path / "evil.zip"
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(evil, "w") as new:
+        new.writestr("data", old.read("data"))
+        new.write(weights, "policy.pth")
+    with pytest.raises(RequestError, match="is no saved model"):
+        read_sb3_zip(str(evil), FACE)
+    assert not (tmp_path / "ran").exists()

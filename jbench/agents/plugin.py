@@ -28,7 +28,7 @@ class EnvironmentSpec(NamedTuple):
 
     Attributes:
         observation_size: size of an (encoded) observation.
-        action_size: 1, the motor command in [-1, 1].
+        action_size: numbers in an action, each in [-1, 1]; 1 for the Jitterbug.
         environments: number of parallel environments, whose episodes begin and end together.
         episode_steps: control steps in an episode.
     """
@@ -44,7 +44,7 @@ class Transition(NamedTuple):
 
     Attributes:
         observations: (environments, observation_size), float32.
-        actions: (environments, 1) that `explore` returned, as float64 on the CPU.
+        actions: (environments, action_size) that `explore` returned, as float64 on the CPU.
         rewards: (environments,), float32, in [0, 1].
         next_observations: (environments, observation_size) after the step, also at the end of an
             episode, float32.
@@ -88,11 +88,11 @@ class Agent(ABC):
 
     @abstractmethod
     def explore(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns actions (environments, 1) for the next control step of the training."""
+        """Returns actions (environments, action_size) for the next control step."""
 
     @abstractmethod
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns deterministic actions (n, 1) for any number of observations (n, size)."""
+        """Returns deterministic actions (n, action_size) for observations (n, size), any n."""
 
     @abstractmethod
     def learn(self, transition: Transition) -> Mapping[str, float]:

@@ -77,7 +77,8 @@ class PluginEngine(Closing):
         self.diverged: dict[int, Divergence] = {}
         self.is_resumable = is_resumable(kind)
         self._losses: dict[str, float] = {}
-        spec = EnvironmentSpec(self.environments.size, 1, environments, episode_steps)
+        sizes = self.environments.size, self.environments.action_size
+        spec = EnvironmentSpec(*sizes, environments, episode_steps)
         torch.manual_seed(seed)
         np.random.seed(seed)  # noqa: NPY002 - agents of others may use it
         random.seed(seed)
@@ -108,7 +109,7 @@ class PluginEngine(Closing):
             if self.diverged:
                 yield None
                 return
-            step = self.environments.step(actions.reshape(1, -1))
+            step = self.environments.step(actions[None])
             self.control_steps += len(actions)
             ends = step.episode_returns is not None
             terminated = np.full(len(actions), ends and self._time_limit == "terminal")
@@ -126,7 +127,7 @@ class PluginEngine(Closing):
         return False
 
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
-        """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
+        """Returns deterministic actions (1, N, dim(A)) for observations (1, N, dim(O))."""
         seen = torch.from_numpy(observations)
         inputs = self.environments.encode(seen)[0].numpy()
         with torch.no_grad(), _kept_generators(self._device):
@@ -205,8 +206,8 @@ class PluginEngine(Closing):
     def _actions(
         self, method: Callable[..., Any], observations: NDArray[np.float32]
     ) -> NDArray[np.float64]:
-        """Returns actions (n, 1); records a divergence and returns 0 if one is not finite."""
-        wanted = (len(observations), 1)
+        """Returns actions (n, dim(A)); records a divergence and returns 0 if one is not finite."""
+        wanted = (len(observations), self.environments.action_size)
         actions = self._call(method, observations)
         if isinstance(actions, torch.Tensor):
             actions = actions.detach().cpu().numpy()

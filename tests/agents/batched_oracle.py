@@ -42,11 +42,11 @@ def oracle_of(algo, settings, dtype, monkeypatch):
     return agent
 
 
-def learners_of(algo, settings, dtype=torch.float32, seeds=1, **options):
+def learners_of(algo, settings, dtype=torch.float32, seeds=1, action_size=1):
     """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
     views = [SeedView(tensors), *(SeedView(tensors, seed) for seed in range(seeds))]
-    stack, *each = (LEARNERS[algo](settings, SIZE, view, **options) for view in views)
+    stack, *each = (LEARNERS[algo](settings, SIZE, action_size, view) for view in views)
     return tensors, each, stack
 
 

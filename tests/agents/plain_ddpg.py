@@ -12,13 +12,13 @@ from torch import nn
 
 
 class Network(nn.Module):
-    """Layers of ReLU units; the layer `action_layer` takes the action as an extra input."""
+    """Layers of ReLU units; the layer `action_layer` takes the actions as extra inputs."""
 
-    def __init__(self, units, action_layer=None):
+    def __init__(self, units, action_layer=None, action_size=1):
         super().__init__()
         self.action_layer = action_layer
         self.layers = nn.ModuleList(
-            nn.Linear(inputs + (i == action_layer), outputs)
+            nn.Linear(inputs + (action_size if i == action_layer else 0), outputs)
             for i, (inputs, outputs) in enumerate(itertools.pairwise(units))
         )
 
@@ -35,11 +35,11 @@ class Network(nn.Module):
 class PlainDDPG:
     """DDPG's networks and its update."""
 
-    def __init__(self, settings, observation_size):
+    def __init__(self, settings, observation_size, action_size=1):
         self.settings = settings
-        units = (observation_size, *settings.hidden_layers, 1)
-        self.actor = Network(units).double()
-        self.critic = Network(units, settings.action_layer).double()
+        units = (observation_size, *settings.hidden_layers)
+        self.actor = Network((*units, action_size)).double()
+        self.critic = Network((*units, 1), settings.action_layer, action_size).double()
         self.actor_target, self.critic_target = copy.deepcopy((self.actor, self.critic))
         self.actor_adam, self.critic_adam = (
             torch.optim.Adam(network.parameters(), lr=settings.learning_rate)

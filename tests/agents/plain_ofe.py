@@ -15,14 +15,15 @@ from tests.agents.plain_ddpg import Network, PlainDDPG
 class PlainFeatures(nn.Module):
     """phi_o, phi_oa and the layer that predicts the next observation."""
 
-    def __init__(self, settings, size):
+    def __init__(self, settings, size, action_size=1):
         super().__init__()
         self.settings, self.size = settings, size
         self.appended = settings.units > size
         self.feature_size = settings.units + (size if self.appended else 0)
         self.phi_o = self._layers(size)
-        self.phi_oa = self._layers(self.feature_size + 1)
-        self.head = nn.Linear(self.feature_size + 1 + settings.units, size)
+        self.pair_size = self.feature_size + action_size
+        self.phi_oa = self._layers(self.pair_size)
+        self.head = nn.Linear(self.pair_size + settings.units, size)
         self.double()
         self.adam = torch.optim.Adam(self.parameters(), lr=settings.learning_rate)
         self.first = []  # minibatches that define mean and variance
@@ -50,7 +51,7 @@ class PlainFeatures(nn.Module):
 
     def state_action_features(self, features, actions):
         pairs = torch.cat([features, actions], dim=1)
-        return torch.cat([pairs, self._dense_pairs(pairs)[:, self.feature_size + 1 :]], dim=1)
+        return torch.cat([pairs, self._dense_pairs(pairs)[:, self.pair_size :]], dim=1)
 
     def loss(self, batch):
         pairs = torch.cat([self.observation_features(batch.observations), batch.actions], dim=1)
@@ -85,13 +86,13 @@ def _dense(values, layers):
 class OnFeatures(Network):
     """A network on features, whose parameters are not part of its own."""
 
-    def __init__(self, features, inputs, hidden):
-        super().__init__((inputs, *hidden, 1))
+    def __init__(self, features, units):
+        super().__init__(units)
         self.features = [features]
         self.double()
 
     def __deepcopy__(self, memory):
-        other = OnFeatures(self.features[0], 1, ())
+        other = OnFeatures(self.features[0], (1, 1))
         other.layers = copy.deepcopy(self.layers, memory)
         return other
 
@@ -105,11 +106,12 @@ class OnFeatures(Network):
 class PlainDDPGOnFeatures(PlainDDPG):
     """DDPG on learned features."""
 
-    def __init__(self, settings, ofe, size):
+    def __init__(self, settings, ofe, size, action_size=1):
         super().__init__(settings, size)
-        self.features, hidden = PlainFeatures(ofe, size), settings.hidden_layers
-        self.actor = OnFeatures(self.features, self.features.feature_size, hidden)
-        self.critic = OnFeatures(self.features, self.features.feature_size + 1 + ofe.units, hidden)
+        self.features = features = PlainFeatures(ofe, size, action_size)
+        hidden = settings.hidden_layers
+        self.actor = OnFeatures(features, (features.feature_size, *hidden, action_size))
+        self.critic = OnFeatures(features, (features.pair_size + ofe.units, *hidden, 1))
         self.actor_target, self.critic_target = copy.deepcopy((self.actor, self.critic))
         self.actor_adam, self.critic_adam = (
             torch.optim.Adam(network.parameters(), lr=settings.learning_rate)

@@ -13,14 +13,14 @@ from torch import nn
 class PlainPPO(nn.Module):
     """PPO's networks, its loss and its step."""
 
-    def __init__(self, settings, observation_size):
+    def __init__(self, settings, observation_size, action_size=1):
         super().__init__()
         self.settings = settings
         units = (observation_size, *settings.hidden_layers)
         self.policy_layers = _hidden(units)
         self.value_layers = self.policy_layers if settings.shared_layers else _hidden(units)
-        self.mean, self.value = nn.Linear(units[-1], 1), nn.Linear(units[-1], 1)
-        self.log_sigma = nn.Parameter(torch.zeros(1))
+        self.mean, self.value = nn.Linear(units[-1], action_size), nn.Linear(units[-1], 1)
+        self.log_sigma = nn.Parameter(torch.zeros(action_size))
         self.double()
         self.adam = torch.optim.Adam(self.parameters(), lr=settings.learning_rate, eps=1e-5)
 
@@ -41,7 +41,8 @@ class PlainPPO(nn.Module):
         advantages = batch.advantages
         if self.settings.normalize_advantage:
             advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        ratios = (policy.log_prob(batch.actions) - batch.log_likelihoods).exp()
+        log_likelihoods = policy.log_prob(batch.actions).sum(dim=1, keepdim=True)
+        ratios = (log_likelihoods - batch.log_likelihoods).exp()
         clipped = ratios.clamp(1 - self.settings.clip_range, 1 + self.settings.clip_range)
         return -torch.minimum(ratios * advantages, clipped * advantages).mean()
 

@@ -14,11 +14,13 @@ from tests.agents.plain_ddpg import Network, polyak_update
 class PlainTD3:
     """TD3's networks and its update."""
 
-    def __init__(self, settings, observation_size):
+    def __init__(self, settings, observation_size, action_size=1):
         self.settings = settings
-        units = (observation_size, *settings.hidden_layers, 1)
-        self.actor = Network(units).double()
-        self.critics = torch.nn.ModuleList(Network(units, 0).double() for _ in range(2))
+        units = (observation_size, *settings.hidden_layers)
+        self.actor = Network((*units, action_size)).double()
+        self.critics = torch.nn.ModuleList(
+            Network((*units, 1), 0, action_size).double() for _ in range(2)
+        )
         self.actor_target, self.critic_targets = copy.deepcopy((self.actor, self.critics))
         rate = settings.learning_rate
         self.actor_adam = torch.optim.Adam(self.actor.parameters(), lr=rate)

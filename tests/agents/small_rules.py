@@ -66,7 +66,7 @@ def learners(rule, settings, dtype=torch.float32, seeds=1):
     """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
     views = [SeedView(tensors), *(SeedView(tensors, seed) for seed in range(seeds))]
-    make = partial(AutogradLearner, settings, SIZE, rule=make_rule(rule, settings, SIZE))
+    make = partial(AutogradLearner, settings, SIZE, 1, rule=make_rule(rule, settings, SIZE))
     stack, *each = (make(view) for view in views)
     for seed, learner in enumerate(each):
         learner.initialize(torch.Generator().manual_seed(seed))

@@ -3,6 +3,7 @@
 import dataclasses
 import gc
 import json
+import math
 import weakref
 
 import numpy as np
@@ -208,7 +209,7 @@ def constant(robot):
 @pytest.mark.parametrize("augment", [None, 3])
 def test_environments_equal_gymnasium_environment(augment):
     generators = [Generators(seed, 2) for seed in (3, 4)]
-    actions = np.random.default_rng(0).uniform(-1, 1, (2 * LENGTH + 1, 2, 2))
+    actions = np.random.default_rng(0).uniform(-1, 1, (2 * LENGTH + 1, 2, 2, 1))
     plain = [JitterbugEnv("move_to_pose", augment=augment) for _ in range(4)]
     same = [generator for seed in (3, 4) for generator in Generators(seed, 2).environments]
     for env, generator in zip(plain, same, strict=True):
@@ -242,7 +243,7 @@ def test_robot_can_differ_per_episode():
     with engine_of("ddpg", [0, 1], models=lambda episode: robots[min(episode, 1)]) as engine:
         for _ in engine.learn(LENGTH):
             pass
-        actions = np.full((2, 1), 0.7)
+        actions = np.full((2, 1, 1), 0.7)
         state = [round_trip(engine.state(index)) for index in range(2)]
         engine.environments.step(actions)
         seen = engine.environments.observations[:, 0]
@@ -335,17 +336,17 @@ class GlobalNormals:
         self.numbers = iter([np.random.normal() for _ in range(count)])
         np.random.seed(6)
 
-    def standard_normal(self, count):
-        return np.array([next(self.numbers) for _ in range(count)])
+    def standard_normal(self, shape):
+        return np.array([next(self.numbers) for _ in range(math.prod(shape))]).reshape(shape)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3"])
 def test_action_noise_equals_stable_baselines3(algo):
     settings = settings_of(algo)
-    ours, theirs = ActionNoise(settings, 1, 1), sb3._noise(settings)
+    ours, theirs = ActionNoise(settings, (1, 1, 1)), sb3._noise(settings)
     stream = GlobalNormals(100)
     for number in range(100):
-        np.testing.assert_allclose(ours.draw([stream])[0], theirs(), rtol=1e-6)
+        np.testing.assert_allclose(ours.draw([stream])[0, 0], theirs(), rtol=1e-6)
         if number == 60:
             ours.reset()
             theirs.reset()

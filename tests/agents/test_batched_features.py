@@ -1,5 +1,7 @@
 """Tests of features learned with an agent: gradients, updates, statistics and predictions."""
 
+from functools import partial
+
 import pytest
 import torch
 
@@ -11,6 +13,7 @@ from tests.agents.batched_oracle import SIZE, settings_of
 from tests.agents.plain_ofe import PlainDDPGOnFeatures, PlainFeatures
 from tests.agents.test_batched_engine import engine_of
 from tests.agents.test_plain_updates import (
+    ACTIONS,
     assert_equal_parameters,
     copy_parameters,
     ddpg_layers,
@@ -25,25 +28,23 @@ sizes = pytest.mark.parametrize("ofe", SIZES.values(), ids=SIZES)
 UPDATES = 10
 
 
-def learner_of(algo, ofe, *, stacked=False, **changes):
+def learner_of(algo, ofe, *, stacked=False, actions=1, **changes):
     """A learner of one seed, or of a stack of two seeds with the same parameters."""
     tensors = Tensors(2 if stacked else 1, torch.float64)
-    make = ON_FEATURES[algo]
-    each = [
-        make(settings_of(algo, **changes), SIZE, SeedView(tensors, seed), ofe=ofe)
-        for seed in range(tensors.seeds)
-    ]
+    make = partial(ON_FEATURES[algo], settings_of(algo, **changes), SIZE, actions, ofe=ofe)
+    each = [make(SeedView(tensors, seed)) for seed in range(tensors.seeds)]
     for learner in each:
         learner.initialize(torch.Generator().manual_seed(1))
     if not stacked:
         return each[0], each[0]
-    return make(settings_of(algo, **changes), SIZE, SeedView(tensors), ofe=ofe), each[1]
+    return make(SeedView(tensors)), each[1]
 
 
 def stack_of(batch):
     """Returns the same minibatch for each of two seeds."""
     parts = batch.rows, batch.next_rows, batch.discounts, batch.noise
-    return Batch(*(part.expand(2, *part.shape).clone() for part in parts))
+    both = (part.expand(2, *part.shape).clone() for part in parts)
+    return Batch(*both, batch.actions.shape[-1])
 
 
 def feature_layers(features, plain):
@@ -51,13 +52,14 @@ def feature_layers(features, plain):
 
 
 @sizes
+@ACTIONS
 @pytest.mark.parametrize("stacked", [False, True])
-def test_gradients_and_updates_of_features_equal_autograd(ofe, stacked):
-    learner, seed = learner_of("td3", ofe, stacked=stacked)
-    plain, random = PlainFeatures(ofe, SIZE), torch.Generator().manual_seed(2)
+def test_gradients_and_updates_of_features_equal_autograd(ofe, stacked, actions):
+    learner, seed = learner_of("td3", ofe, stacked=stacked, actions=actions)
+    plain, random = PlainFeatures(ofe, SIZE, actions), torch.Generator().manual_seed(2)
     copy_parameters(feature_layers(seed.features, plain))
     for _ in range(UPDATES):
-        batch = transitions(random)
+        batch = transitions(random, actions)
         loss = float(plain.loss(batch).detach()) if len(plain.first) >= 4 else None
         gradients = plain.learn(batch)
         errors = learner.features.learn(stack_of(batch) if stacked else batch)
@@ -70,29 +72,32 @@ def test_gradients_and_updates_of_features_equal_autograd(ofe, stacked):
 
 
 @sizes
+@ACTIONS
 @pytest.mark.parametrize("stacked", [False, True])
-def test_updates_of_ddpg_on_features_equal_autograd(ofe, stacked):
-    learner, seed = learner_of("ddpg", ofe, stacked=stacked)
-    plain = PlainDDPGOnFeatures(settings_of("ddpg"), ofe, SIZE)
+def test_updates_of_ddpg_on_features_equal_autograd(ofe, stacked, actions):
+    learner, seed = learner_of("ddpg", ofe, stacked=stacked, actions=actions)
+    plain = PlainDDPGOnFeatures(settings_of("ddpg"), ofe, SIZE, actions)
     random = torch.Generator().manual_seed(2)
     layers = [*ddpg_layers(seed, plain), *feature_layers(seed.features, plain.features)]
     copy_parameters(layers)
     for _ in range(UPDATES):
-        batch = transitions(random)
+        batch = transitions(random, actions)
         plain.update(batch)
         learner.update(stack_of(batch) if stacked else batch)
     assert_equal_parameters(layers)
 
 
 @sizes
+@ACTIONS
 @pytest.mark.parametrize("algo", ["td3", "sac"])
-def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe):
-    learner, _ = learner_of(algo, ofe)
-    plain = PlainFeatures(ofe, SIZE)
+def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe, actions):
+    learner, _ = learner_of(algo, ofe, actions=actions)
+    plain = PlainFeatures(ofe, SIZE, actions)
     copy_parameters(feature_layers(learner.features, plain))
-    pairs = torch.randn(9, learner.features.size + 1, dtype=torch.float64)
-    actions = pairs[:, -1:].clone().requires_grad_()
-    seen = plain.state_action_features(pairs[:, :-1], actions)
+    size = learner.features.size
+    pairs = torch.randn(9, size + actions, dtype=torch.float64)
+    taken = pairs[:, size:].clone().requires_grad_()
+    seen = plain.state_action_features(pairs[:, :size], taken)
     rows = torch.tensor([1, 4, 7])
     values, gradients = [], []
     for critic in learner.critics.networks:
@@ -109,21 +114,20 @@ def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe):
         torch.testing.assert_close(value, expected.detach(), rtol=0, atol=1e-10)
         if index < len(gradients):
             selected, gradient = gradients[index]
-            (by_actions,) = torch.autograd.grad(expected.sum(), actions, retain_graph=True)
+            (by_actions,) = torch.autograd.grad(expected.sum(), taken, retain_graph=True)
             by_actions = by_actions if selected is None else by_actions[selected]
             torch.testing.assert_close(gradient, by_actions, rtol=0, atol=1e-10)
 
 
 @sizes
+@ACTIONS
 @pytest.mark.parametrize("algo", ["td3", "sac"])
-def test_stacked_updates_equal_those_of_single_seeds(algo, ofe):
-    alone, _ = learner_of(algo, ofe)
-    stack, seed = learner_of(algo, ofe, stacked=True)
+def test_stacked_updates_equal_those_of_single_seeds(algo, ofe, actions):
+    alone, _ = learner_of(algo, ofe, actions=actions)
+    stack, seed = learner_of(algo, ofe, stacked=True, actions=actions)
     random = torch.Generator().manual_seed(3)
     for update in range(UPDATES):
-        batch = transitions(random)
-        noise = torch.randn(30, alone.noise_per_transition, generator=random, dtype=torch.float64)
-        batch = Batch(batch.rows, batch.next_rows, batch.discounts, noise)
+        batch = transitions(random, actions, alone.noise_per_transition)
         stack.update(stack_of(batch), stack.is_delayed_update(update, 0))
         alone.update(batch, alone.is_delayed_update(update, 0))
     for name in ("features", "actor", "critics"):

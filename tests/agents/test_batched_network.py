@@ -8,18 +8,20 @@ from jbench.agents.batched.network import Network, affines, parameter_count
 from jbench.agents.batched.tensors import SeedView, Tensors
 
 SIZES = [(5, 1), (5, 20, 1), (17, 24, 20, 1), (16, 9, 33, 16, 2)]
-# Each layer at which the last input can be appended.
+# Each layer at which the last inputs can be appended.
 JOINED = [(sizes, joins) for sizes in SIZES for joins in range(len(sizes) - 1)]
+ACTIONS = 3
 
 
 def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, low_precision=False):
     """A network with random parameters, of one seed or of a stack."""
     tensors = Tensors(seeds or 1, dtype, low_precision=low_precision)
     view = SeedView(tensors) if seeds else SeedView(tensors, 0)
-    count = parameter_count(sizes, joins)
+    count = parameter_count(sizes, joins, ACTIONS)
     values, gradient = view.saved("values", count), view.scratch("gradient", count)
     random = torch.Generator().manual_seed(0)
-    network = Network(view, sizes, values, gradient, workspace="workspace", joins=joins)
+    options = {"workspace": "workspace", "joins": joins, "actions": ACTIONS}
+    network = Network(view, sizes, values, gradient, **options)
     for weight, bias in network.layers:
         for parameters in (weight, bias):
             nn.init.normal_(parameters, 0, 0.3, generator=random)
@@ -31,7 +33,7 @@ def in_torch(network, inputs):
     leaves = [
         [parameters.clone().requires_grad_() for parameters in affine] for affine in network.layers
     ]
-    values, last = inputs[..., :-1], inputs[..., -1:]
+    values, last = inputs[..., :-ACTIONS], inputs[..., -ACTIONS:]
     for i, (weight, bias) in enumerate(leaves):
         if i > 0:
             values = values.relu()
@@ -53,11 +55,11 @@ def test_gradients_equal_autograd(sizes, joins, seeds):
     plain = inputs.detach()
     torch.testing.assert_close(network.forward(plain), outputs.detach())
     network.backward(delta)
-    for ours, theirs in zip(affines(network.gradient, sizes, joins), leaves, strict=True):
+    for ours, theirs in zip(affines(network.gradient, sizes, joins, ACTIONS), leaves, strict=True):
         for gradient, leaf in zip(ours, theirs, strict=True):
             torch.testing.assert_close(gradient, leaf.grad)
     network.forward(plain)
-    torch.testing.assert_close(network.action_gradient(delta), inputs.grad[..., -1:])
+    torch.testing.assert_close(network.action_gradient(delta), inputs.grad[..., -ACTIONS:])
 
 
 @pytest.mark.parametrize("joins", [0, 1, 3])
@@ -67,7 +69,7 @@ def test_padding_stays_zero(joins):
     network.backward(torch.randn(8, 2, dtype=torch.float64))
     for flat in (network.values, network.gradient):
         rest = flat.clone()
-        for affine in affines(rest, network.sizes, joins):
+        for affine in affines(rest, network.sizes, joins, ACTIONS):
             for parameters in affine:
                 parameters.zero_()
         assert not rest.any()

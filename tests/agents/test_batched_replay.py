@@ -6,13 +6,19 @@ import torch
 
 from jbench.agents.batched.replay import ReplayBuffer
 
-SIZE, SEEDS = 3, 2
+SIZE, ACTIONS, SEEDS = 3, 2, 2
 LENGTH = 7  # transitions in an episode
 
 
 def buffer_of(environments=1, capacity=20, flush_every=5):
     return ReplayBuffer(
-        SEEDS, environments, capacity, SIZE, flush_every=flush_every, episode_steps=LENGTH
+        SEEDS,
+        environments,
+        capacity,
+        SIZE,
+        ACTIONS,
+        flush_every=flush_every,
+        episode_steps=LENGTH,
     )
 
 
@@ -35,7 +41,7 @@ class History:
 
     def step(self):
         """Adds a transition, and begins a new episode after the last one."""
-        actions, rewards, next_observations = self._new(), self._new(), self._new(SIZE)
+        actions, rewards, next_observations = self._new(ACTIONS), self._new(), self._new(SIZE)
         self.buffer.add(actions, rewards, torch.from_numpy(next_observations))
         last = len(self.transitions) % LENGTH == LENGTH - 1
         self.transitions.append((self.observations, actions, rewards, next_observations, last))
@@ -58,7 +64,7 @@ def sampled(buffer, seed, count=4000):
     samples = np.concatenate(
         [rows[draws.rows], rows[draws.next_rows][..., :SIZE], draws.last[..., None]], axis=-1
     )
-    return [tuple(each) for each in samples.reshape(-1, 2 * SIZE + 3).tolist()]
+    return [tuple(each) for each in samples.reshape(-1, 2 * SIZE + ACTIONS + 2).tolist()]
 
 
 def expected(past, seed, capacity):
@@ -66,7 +72,7 @@ def expected(past, seed, capacity):
     return {
         (
             *observations[seed, environment],
-            actions[seed, environment],
+            *actions[seed, environment],
             rewards[seed, environment],
             *next_observations[seed, environment],
             float(last),
@@ -129,7 +135,7 @@ def test_buffer_is_restored_from_appended_rows(steps):
 
 
 def test_million_transitions_of_ten_seeds_fit_into_one_gigabyte():
-    buffer = ReplayBuffer(10, 1, 1_000_000, 19, flush_every=1)
+    buffer = ReplayBuffer(10, 1, 1_000_000, 19, 1, flush_every=1)
     rows = buffer.rows_of(range(10))
     assert len(rows) >= 10_000_000
     assert rows.nbytes < 1e9

@@ -128,7 +128,7 @@ def rollout_of(agent, settings, data):
     ends = random.uniform(size=shape[0]) < 0.1
     buffer.episode_starts[1:] = ends[:-1, None]
     buffer.pos, buffer.full = shape[0], True
-    ours_ = Rollout(1, shape[1], shape[0], SIZE)
+    ours_ = Rollout(1, shape[1], shape[0], SIZE, 1)
     for step in range(shape[0]):
         outputs = np.stack(
             [buffer.actions[step, :, 0], buffer.log_probs[step], buffer.values[step]], axis=-1
@@ -173,7 +173,7 @@ def test_ppo_updates_equal_stable_baselines3(epochs, batch_size, changes, dtype,
     for _ in range(epochs):
         order = torch.from_numpy(np.random.permutation(120))
         for indices in order.split(batch_size):
-            learner.update(minibatch_of(rows[indices]))
+            learner.update(minibatch_of(rows[indices], 1))
     assert (
         largest_difference(ours("ppo", learner, tensors), theirs("ppo", agent)) < (PRECISION[dtype])
     )
@@ -214,14 +214,15 @@ def test_actions_equal_stable_baselines3(algo, monkeypatch):
         torch.testing.assert_close(learner.explore(observations, noise), expected)
 
 
+@pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize(
     ("algo", "changes"),
     [*((algo, {}) for algo in ("ddpg", "td3", "sac", "ppo")), *SCRIPT.items()],
 )
-def test_stacked_updates_equal_those_of_single_seeds(algo, changes):
+def test_stacked_updates_equal_those_of_single_seeds(algo, changes, actions):
     settings = settings_of(algo, **changes)
     (alone, each, _), (together, _, stack) = (
-        learners_of(algo, settings, torch.float64, seeds=3) for _ in range(2)
+        learners_of(algo, settings, torch.float64, 3, actions) for _ in range(2)
     )
     for seed, learner in enumerate(each):
         learner.initialize(torch.Generator().manual_seed(seed))
@@ -234,16 +235,17 @@ def test_stacked_updates_equal_those_of_single_seeds(algo, changes):
 
     for update in range(1, 6):
         if algo == "ppo":
-            rows = numbers(SIZE + 6)
-            stack.update(minibatch_of(rows))
+            rows = numbers(SIZE + actions + 5)
+            stack.update(minibatch_of(rows, actions))
             for seed, learner in enumerate(each):
-                learner.update(minibatch_of(rows[seed]))
+                learner.update(minibatch_of(rows[seed], actions))
             continue
         delayed, draws = stack.is_delayed_update(update, update - 1), stack.noise_per_transition
-        parts = (numbers(SIZE + 2), numbers(SIZE + 2), numbers(1), numbers(draws))
+        width = SIZE + actions + 1
+        parts = (numbers(width), numbers(width), numbers(1), numbers(draws))
         for seed, learner in enumerate(each):
-            learner.update(Batch(*(part[seed].clone() for part in parts)), delayed)
-        stack.update(Batch(*parts), delayed)
+            learner.update(Batch(*(part[seed].clone() for part in parts), actions), delayed)
+        stack.update(Batch(*parts, actions), delayed)
     for name, saved in alone.saved.items():
         torch.testing.assert_close(together.saved[name], saved, rtol=0, atol=1e-10)
 

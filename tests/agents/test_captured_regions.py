@@ -95,14 +95,14 @@ def regions_of(
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))
     tensors = Tensors(SEEDS, torch.float32, GPU, low_precision=precision == "bfloat16")
     generators = [Generators(seed, 1) for seed in range(SEEDS)]
-    team = Team(rule, settings, sizes, generators, tensors, stacked=True)
+    team = Team(rule, settings, sizes, 1, generators, tensors, stacked=True)
     (group,) = team.groups
     if algo == "ppo":
-        epochs = Epochs(settings, group, Rollout(SEEDS, 8, 16, SIZE))
+        epochs = Epochs(settings, group, Rollout(SEEDS, 8, 16, SIZE, 1))
         found = {"update": kernels_in(epochs._update_once, settings.batch_size, tensors)}
         methods = [(engine.act, 1), (PPO.explore, 2), (PPO.value, 1)]
     else:
-        replay = ReplayBuffer(SEEDS, 1, 100, SIZE, flush_every=1, device=GPU)
+        replay = ReplayBuffer(SEEDS, 1, 100, SIZE, 1, flush_every=1, device=GPU)
         updates = Updates(settings, group, replay, limit or "bootstrap")
         found = {
             name: kernels_in(updates._update_some, (delayed,), tensors)
@@ -182,8 +182,8 @@ def test_ppo_copies_nothing_to_device_between_updates():
     settings, seen = algorithm_settings("ppo"), []
     generators = [Generators(seed, 1) for seed in range(SEEDS)]
     tensors = Tensors(SEEDS, device=GPU)
-    team = Team(PPO, settings, [SIZE] * SEEDS, generators, tensors, stacked=True)
-    rollout = Rollout(SEEDS, 1, 2 * settings.batch_size, SIZE)
+    team = Team(PPO, settings, [SIZE] * SEEDS, 1, generators, tensors, stacked=True)
+    rollout = Rollout(SEEDS, 1, 2 * settings.batch_size, SIZE, 1)
     epochs = Epochs(settings, team.groups[0], rollout)
     epochs._update = lambda *_: seen.append("update")
     with Transfers(seen):

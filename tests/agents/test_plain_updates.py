@@ -18,6 +18,7 @@ from tests.agents.plain_sac import PlainSAC
 from tests.agents.plain_td3 import PlainTD3
 
 UPDATES = 50
+ACTIONS = pytest.mark.parametrize("actions", [1, 6, 21])
 
 
 def linear_layers(network):
@@ -30,7 +31,8 @@ def ppo_layers(learner, plain):
     yield from zip(policy, linear_layers(plain.policy_layers), strict=True)
     yield from zip(value, linear_layers(plain.value_layers), strict=True)
     # A network shared by policy and value has both outputs.
-    yield Affine(mean.weight[:, :1], mean.bias[:1]), plain.mean
+    actions = learner.action_size
+    yield Affine(mean.weight[:, :actions], mean.bias[:actions]), plain.mean
     yield Affine(last.weight[:, -1:], last.bias[-1:]), plain.value
 
 
@@ -68,7 +70,9 @@ def minibatch(learner, random, rows=40):
     observations = normal(SIZE)
     values = learner.value(observations) + 0.15 * normal()
     returns = values + 0.3 * normal()
-    return Minibatch(observations, normal(), -1.4 + 0.2 * normal(), values, normal(), returns)
+    actions = normal(learner.action_size)
+    likelihoods = -1.4 * learner.action_size + 0.2 * normal()
+    return Minibatch(observations, actions, likelihoods, values, normal(), returns)
 
 
 PPO_CHANGES = {
@@ -81,12 +85,13 @@ PPO_CHANGES = {
 }
 
 
+@ACTIONS
 @pytest.mark.parametrize("changes", PPO_CHANGES.values(), ids=PPO_CHANGES)
-def test_ppo_updates_equal_autograd(changes):
+def test_ppo_updates_equal_autograd(changes, actions):
     settings = settings_of("ppo", **changes)
-    _, (learner,), _ = learners_of("ppo", settings, torch.float64)
+    _, (learner,), _ = learners_of("ppo", settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
-    plain, random = PlainPPO(settings, SIZE), torch.Generator().manual_seed(2)
+    plain, random = PlainPPO(settings, SIZE, actions), torch.Generator().manual_seed(2)
     copy_parameters(ppo_layers(learner, plain))
     for _ in range(UPDATES):
         batch = minibatch(learner, random)
@@ -106,52 +111,58 @@ DDPG_CHANGES = {
 }
 
 
-def transitions(random, rows=30, noise=0):
+def transitions(random, actions=1, noise=0):
     def normal(width):
-        return torch.randn(rows, width, generator=random, dtype=torch.float64)
+        return torch.randn(30, width, generator=random, dtype=torch.float64)
 
-    return Batch(normal(SIZE + 2), normal(SIZE + 2), 0.99 + 0 * normal(1), normal(noise))
+    width = SIZE + actions + 1
+    return Batch(normal(width), normal(width), 0.99 + 0 * normal(1), normal(noise), actions)
 
 
+@ACTIONS
 @pytest.mark.parametrize("changes", DDPG_CHANGES.values(), ids=DDPG_CHANGES)
-def test_ddpg_updates_equal_autograd(changes):
+def test_ddpg_updates_equal_autograd(changes, actions):
     # With a large tau, the targets influence the updates early.
     settings = settings_of("ddpg", tau=0.1, **changes)
-    _, (learner,), _ = learners_of("ddpg", settings, torch.float64)
+    _, (learner,), _ = learners_of("ddpg", settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
-    plain, random = PlainDDPG(settings, SIZE), torch.Generator().manual_seed(2)
+    plain, random = PlainDDPG(settings, SIZE, actions), torch.Generator().manual_seed(2)
     copy_parameters(ddpg_layers(learner, plain))
     for _ in range(UPDATES):
-        batch = transitions(random)
+        batch = transitions(random, actions)
         # An update overwrites the actions of its batch.
         plain.update(batch)
         learner.update(batch)
     assert_equal_parameters(ddpg_layers(learner, plain))
 
 
-def test_td3_updates_equal_autograd():
+@ACTIONS
+def test_td3_updates_equal_autograd(actions):
     settings = settings_of("td3", tau=0.1)
-    _, (learner,), _ = learners_of("td3", settings, torch.float64)
+    _, (learner,), _ = learners_of("td3", settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
-    plain, random = PlainTD3(settings, SIZE), torch.Generator().manual_seed(2)
+    plain, random = PlainTD3(settings, SIZE, actions), torch.Generator().manual_seed(2)
     names = ["actor", "critics", "actor_target", "critic_targets"]
     copy_parameters(layers_of(learner, plain, names))
     for number in range(1, UPDATES + 1):
-        batch, delayed = transitions(random, noise=1), number % settings.policy_delay == 0
+        batch = transitions(random, actions, learner.noise_per_transition)
+        delayed = number % settings.policy_delay == 0
         plain.update(batch, delayed)
         learner.update(batch, delayed)
     assert_equal_parameters(layers_of(learner, plain, names))
 
 
-def test_sac_updates_equal_autograd():
-    settings = settings_of("sac", tau=0.1)
-    _, (learner,), _ = learners_of("sac", settings, torch.float64)
+@ACTIONS
+def test_sac_updates_equal_autograd(actions):
+    # The target entropy is minus the size of an action.
+    settings = settings_of("sac", tau=0.1, target_entropy="auto")
+    _, (learner,), _ = learners_of("sac", settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
-    plain, random = PlainSAC(settings, SIZE), torch.Generator().manual_seed(2)
+    plain, random = PlainSAC(settings, SIZE, actions), torch.Generator().manual_seed(2)
     names = ["actor", "critics", "critic_targets"]
     copy_parameters(layers_of(learner, plain, names))
     for _ in range(UPDATES):
-        batch = transitions(random, noise=2)
+        batch = transitions(random, actions, learner.noise_per_transition)
         plain.update(batch)
         learner.update(batch)
     assert_equal_parameters(layers_of(learner, plain, names))

@@ -35,6 +35,7 @@ class AutogradLearner(OffPolicyLearner):
         self,
         settings: OffPolicySettings,
         observation_size: int,
+        action_size: int,
         view: SeedView,
         *,
         rule: Rule,
@@ -43,7 +44,7 @@ class AutogradLearner(OffPolicyLearner):
         self.losses = tuple(name for name in rule.losses if name in LOSSES)
         self.noise_per_transition = rule.noise_per_transition
         self.is_stochastic = type(rule).explore is not Rule.explore
-        super().__init__(settings, observation_size, view)
+        super().__init__(settings, observation_size, action_size, view)
         self._settings = settings
         trained = set(rule.losses.values())
         self._groups = {
@@ -68,7 +69,8 @@ class AutogradLearner(OffPolicyLearner):
         """Draws the initial parameters of one seed."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(generator.initial_seed())
-            drawn = make_rule(type(self._rule), self._settings, self._rule.observation_size)
+            sizes = self._rule.observation_size, self.action_size
+            drawn = make_rule(type(self._rule), self._settings, *sizes)
         for name, values in self._parameters.items():
             values.copy_(drawn.get_parameter(name).detach())
 
@@ -96,7 +98,8 @@ class AutogradLearner(OffPolicyLearner):
         *inner, weight, bias = (
             one for each in actor.modules() for one in each._parameters.values()
         )
-        pairs = list(itertools.zip_longest([*inner, weight[:1], bias[:1]], arrays))
+        mean = weight[: self.action_size], bias[: self.action_size]
+        pairs = list(itertools.zip_longest([*inner, *mean], arrays))
         if len(arrays) != len(inner) + 2 or any(
             one is not None and one.shape != array.shape for one, array in pairs
         ):
@@ -169,8 +172,16 @@ def differentiate_stack(
         batch: of all seeds.
     """
 
-    def of_seed(own: dict[str, Tensor], others: dict[str, Tensor], *numbers: Tensor) -> Tensor:
-        value: Tensor = functional_call(rule, {**others, **own}, (loss, Batch(*numbers)))
+    def of_seed(
+        own: dict[str, Tensor],
+        others: dict[str, Tensor],
+        rows: Tensor,
+        next_rows: Tensor,
+        discounts: Tensor,
+        noise: Tensor,
+    ) -> Tensor:
+        its_batch = Batch(rows, next_rows, discounts, noise, rule.action_size)
+        value: Tensor = functional_call(rule, {**others, **own}, (loss, its_batch))
         return value
 
     numbers = batch.rows, batch.next_rows, batch.discounts, batch.noise

@@ -16,9 +16,11 @@ class DDPG(OffPolicyLearner):
     losses: tuple[str, ...] = ("actor_loss", "critic_loss")
     noise_per_transition = 0
 
-    def __init__(self, settings: DDPGSettings, observation_size: int, view: SeedView) -> None:
+    def __init__(
+        self, settings: DDPGSettings, observation_size: int, action_size: int, view: SeedView
+    ) -> None:
         """See `Learner`."""
-        super().__init__(settings, observation_size, view)
+        super().__init__(settings, observation_size, action_size, view)
         self._settings, joins = settings, settings.action_layer
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_sizes, workspace="actor")

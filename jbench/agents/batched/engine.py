@@ -116,7 +116,7 @@ class Engine(Closing):
         return True
 
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.float32]:
-        """Returns deterministic actions (n, N, 1) in [-1, 1]; 0 for diverged agents.
+        """Returns deterministic actions (n, N, dim(A)) in [-1, 1]; 0 for diverged agents.
 
         Args:
             observations: (n, N, dim(O)) of the task, not encoded, of n consecutive seeds of a cell.
@@ -219,7 +219,7 @@ class Engine(Closing):
 
         MuJoCo would print a warning and set them to 0 itself.
         """
-        finite = np.isfinite(actions).all(axis=1)
+        finite = np.isfinite(actions).all(axis=(1, 2))
         if not finite.all():
             for seed in np.flatnonzero(~finite).tolist():
                 self._record_divergence(seed, "actions")
@@ -243,7 +243,7 @@ class Engine(Closing):
 
     @abstractmethod
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
-        """Returns exploring actions (seeds, environments)."""
+        """Returns exploring actions (seeds, environments, action_size)."""
 
     @abstractmethod
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: Step) -> None:

@@ -83,6 +83,7 @@ class Environments(Closing):
         cells: in the order of their seeds.
         size: largest dimension of the agents' inputs.
         sizes: dimension of each seed's inputs, which are padded with zeros to `size`.
+        action_size: numbers in an action.
         observations: (seeds, environments, size) current inputs of the agents, float32.
         episodes: completed episodes of each robot.
         steps: control steps made in the current episode.
@@ -105,7 +106,7 @@ class Environments(Closing):
         """
         self.cells, self.threads, self.episode_steps = cells, threads, episode_steps
         self.sizes = [cell.size for cell in cells for _ in cell.generators]
-        self.size = max(self.sizes)
+        self.size, self.action_size = max(self.sizes), 1
         self._shape = (len(self.sizes), len(cells[0].generators[0]))
         ends = accumulate((len(cell.generators) * self._shape[1] for cell in cells), initial=0)
         self._rows_of_cells = [slice(*pair) for pair in pairwise(ends)]
@@ -121,8 +122,8 @@ class Environments(Closing):
         self._robots.close()
 
     def step(self, actions: NDArray[np.floating]) -> Step:
-        """Applies the agents' actions (seeds, environments), clipped to [-1, 1]."""
-        state = self._robots.step((actions * self._signs[..., 0]).reshape(-1))
+        """Applies the agents' actions (seeds, environments, action_size), clipped to [-1, 1]."""
+        state = self._robots.step((actions * self._signs).reshape(-1))
         of_cells = [reward(cell.task, at, target) for cell, at, target in self._by_cell(state)]
         rewards = np.concatenate(of_cells).reshape(self._shape)
         self._returns += rewards

@@ -34,15 +34,19 @@ class Features:
         values: (..., parameters) flat parameters; `gradient` has the same shape.
     """
 
-    def __init__(self, settings: OFESettings, observation_size: int, view: SeedView) -> None:
+    def __init__(
+        self, settings: OFESettings, observation_size: int, action_size: int, view: SeedView
+    ) -> None:
         """Makes the networks."""
-        self._settings, self._view, self._observation_size = settings, view, observation_size
+        self._settings, self._view = settings, view
+        self._observation_size, self._action_size = observation_size, action_size
         self._appended = settings.units > observation_size
         self.size = settings.units + (observation_size if self._appended else 0)
-        self.state_action_size = self.size + 1 + settings.units
+        pair_size = self.size + action_size
+        self.state_action_size = pair_size + settings.units
         shapes = _shapes(observation_size, settings.widths)
         self._layers_of_phi_o = len(shapes)
-        shapes += _shapes(self.size + 1, settings.widths)
+        shapes += _shapes(pair_size, settings.widths)
         shapes.append((self.state_action_size, observation_size))
         self._shapes, count = shapes, affine_count(shapes)
         self.values = view.saved("features", count)
@@ -52,7 +56,7 @@ class Features:
         *layers, self._head = [Layer(*pair) for pair in pairs]
         first, second = layers[: len(shapes) // 2], layers[len(shapes) // 2 :]
         self._phi_o = DenseLayers(view, "phi_o", observation_size, first)
-        self._phi_oa = DenseLayers(view, "phi_oa", self.size + 1, second)
+        self._phi_oa = DenseLayers(view, "phi_oa", pair_size, second)
         self._adam = Adam(view, "features", self.values, self.gradient, settings.learning_rate)
         self._mean = view.saved("features.mean", observation_size)
         self._variance = view.saved("features.variance", observation_size)
@@ -75,23 +79,23 @@ class Features:
         return out
 
     def state_action_features(self, state_actions: Tensor) -> Tensor:
-        """Returns z_oa (..., N, state_action_size) for z_o and a (..., N, size + 1)."""
+        """Returns z_oa (..., N, state_action_size) for z_o and a (..., N, size + dim(A))."""
         rows = self._forward_state_actions(state_actions)
         if self._appended:
             rows[..., : self._observation_size].copy_(state_actions[..., : self._observation_size])
         return rows
 
     def action_gradient(self, by_features: Tensor, selected: Tensor | None) -> Tensor:
-        """Returns the gradient (..., N, 1) by the actions of the last `state_action_features`.
+        """Returns the gradient (..., N, dim(A)) by the actions of the last `state_action_features`.
 
         Args:
-            by_features: (..., N, 1 + units) gradient of a loss by the columns of z_oa after z_o;
-                overwritten.
+            by_features: (..., N, dim(A) + units) gradient of a loss by the columns of z_oa after
+                z_o; overwritten.
             selected: indices of the batch that `by_features` belongs to; None for all. Requires a
                 single seed.
         """
         self._phi_oa.backward(by_features, self.size, learn=False, selected=selected)
-        return by_features[..., :1]
+        return by_features[..., : self._action_size]
 
     def learn(self, batch: Batch) -> Tensor:
         """Makes one update; returns the squared errors (..., N, dim(O)) before it.
@@ -104,10 +108,10 @@ class Features:
         phi_o then go back through phi_o.
         """
         self._standardize_by(batch.observations)
-        shape = batch.observations.shape[-2], self.size + 1
+        shape = batch.observations.shape[-2], self.size + self._action_size
         state_actions = self._view.scratch("features.state_actions", *shape)
-        self.observation_features(batch.observations, state_actions[..., :-1])
-        state_actions[..., -1:].copy_(batch.actions)
+        self.observation_features(batch.observations, state_actions[..., : self.size])
+        state_actions[..., self.size :].copy_(batch.actions)
         features = self._forward_state_actions(state_actions)
         errors = self._head.forward(features)
         errors.sub_(self._standardized(batch.next_observations))
@@ -177,7 +181,7 @@ class Features:
     def _forward_state_actions(self, state_actions: Tensor) -> Tensor:
         """Returns z_oa, in which an appended observation is standardized."""
         rows = self._phi_oa.rows(state_actions.shape[-2])
-        rows[..., : self.size + 1].copy_(state_actions)
+        rows[..., : self.size + self._action_size].copy_(state_actions)
         if self._appended:
             observations = state_actions[..., : self._observation_size]
             rows[..., : self._observation_size].copy_(self._standardized(observations))
@@ -224,13 +228,13 @@ class FeatureCritic(Network):
         self._features, self._twin = features, twin
 
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
-        """Returns values (..., batch, 1) for z_o and actions (..., batch, size + 1)."""
+        """Returns values (..., batch, 1) for z_o and actions (..., batch, size + dim(A))."""
         twin = self._twin
         features = self._features.state_action_features(inputs) if twin is None else twin._inputs
         return super().forward(features, exact=exact)
 
     def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
-        """Returns the gradient (..., batch, 1) by the actions; see `Network`."""
+        """Returns the gradient (..., batch, dim(A)) by the actions; see `Network`."""
         columns = slice(self._features.size, self._features.state_action_size)
         by_features = self._input_gradient(delta, columns, rows)
         return self._features.action_gradient(by_features, rows)

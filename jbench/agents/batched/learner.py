@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import ClassVar
 
 import torch
@@ -29,20 +30,26 @@ class Learner:
     """An update rule and its networks, for one seed or for a stack.
 
     Its state lies in the tensors of its `SeedView`; learners of the same view share their state.
+
+    Attributes:
+        action_size: numbers in an action, each in [-1, 1].
+        policy_sizes: of the network of the policy.
     """
 
     losses: tuple[str, ...]
     """Names of the recorded losses, as in the database."""
 
-    def __init__(self, settings: AlgorithmSettings, observation_size: int, view: SeedView) -> None:
+    def __init__(
+        self, settings: AlgorithmSettings, observation_size: int, action_size: int, view: SeedView
+    ) -> None:
         """Makes the networks.
 
         Args:
             observation_size: number of inputs of the policy.
         """
-        self.view = view
+        self.view, self.action_size = view, action_size
         self._learning_rate = settings.learning_rate
-        self.policy_sizes = (observation_size, *settings.hidden_layers, 1)
+        self.policy_sizes = (observation_size, *settings.hidden_layers, action_size)
         self._loss_sums = view.saved(LOSS_SUMS, len(self.losses), 2)
         self._sums_by_name = dict(zip(self.losses, self._loss_sums.unbind(dim=-2), strict=True))
         # A mean loss, and the count of 1 that is added with it.
@@ -55,7 +62,7 @@ class Learner:
         raise NotImplementedError
 
     def act(self, observations: Tensor) -> Tensor:
-        """Returns deterministic actions (..., N, 1) for inputs (..., N, inputs)."""
+        """Returns deterministic actions (..., N, action_size) for inputs (..., N, inputs)."""
         raise NotImplementedError
 
     def policy_network(self) -> tuple[Network, str]:
@@ -68,10 +75,10 @@ class Learner:
         layers = affines(network.values.float().cpu(), network.sizes)
         weights = [layer.weight.mT.numpy().copy() for layer in layers]
         biases = [layer.bias.numpy().copy() for layer in layers]
-        # The first output of a stochastic policy is the mean.
+        # The first outputs of a stochastic policy are the mean.
         return Policy(
-            [*weights[:-1], weights[-1][:1]],
-            [*biases[:-1], biases[-1][:1]],
+            [*weights[:-1], weights[-1][: self.action_size]],
+            [*biases[:-1], biases[-1][: self.action_size]],
             squash,
             self.feature_map(),
         )
@@ -92,7 +99,7 @@ class Learner:
         """
         network, squash = self.policy_network()
         layers = affines(network.values, network.sizes)
-        inputs, units = network.sizes[:-1], (*network.sizes[1:-1], 1)
+        inputs, units = network.sizes[:-1], (*network.sizes[1:-1], self.action_size)
         if (
             not isinstance(policy, Policy)
             or [weight.shape for weight in policy.weights] != list(zip(units, inputs, strict=True))
@@ -145,11 +152,12 @@ class Learner:
         workspace: str,
         learned: bool = True,
         joins: int = 0,
+        actions: int = 0,
         make: Callable[..., Network] = Network,
         view: SeedView | None = None,
     ) -> Network:
         """Returns a network whose parameters are saved under `name`; see `Network`."""
-        count, view = parameter_count(sizes, joins), view or self.view
+        count, view = parameter_count(sizes, joins, actions), view or self.view
         self._networks_by_name[name] = made = make(
             view,
             sizes,
@@ -157,6 +165,7 @@ class Learner:
             view.scratch(f"{name}.gradient", count) if learned else None,
             workspace=workspace,
             joins=joins,
+            actions=actions,
         )
         return made
 
@@ -180,16 +189,16 @@ class OffPolicyLearner(Learner):
 
     @property
     def value_sizes(self) -> Sizes:
-        """Sizes of a critic, whose last input is the action."""
-        inputs, *rest = self.policy_sizes
-        return (inputs + 1, *rest)
+        """Sizes of a critic, whose last inputs are the action."""
+        inputs, *hidden, _ = self.policy_sizes
+        return (inputs + self.action_size, *hidden, 1)
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
-        """Returns sampled actions (..., N, 1) of a stochastic policy.
+        """Returns sampled actions (..., N, action_size) of a stochastic policy.
 
         Args:
             observations: (..., N, inputs).
-            noise: (..., N, 1) standard normal numbers.
+            noise: (..., N, action_size) standard normal numbers.
         """
         raise NotImplementedError
 
@@ -227,9 +236,12 @@ class OffPolicyLearner(Learner):
         self, names: Sequence[str], workspaces: Sequence[str], learned: bool = True, joins: int = 0
     ) -> list[Network]:
         """Returns critics; each forward pass evaluates the first one before the others."""
-        sizes = self.value_sizes
-        pairs = zip(names, workspaces, strict=True)
-        return [self._network(name, sizes, workspace, learned, joins) for name, workspace in pairs]
+        return [
+            self._network(
+                name, self.value_sizes, workspace, learned, joins, actions=self.action_size
+            )
+            for name, workspace in zip(names, workspaces, strict=True)
+        ]
 
     def _twins(self, workspaces: Sequence[str], suffix: str = "", learned: bool = True) -> Twins:
         """Returns two critics, saved as critic1 and critic2 with a suffix.
@@ -242,9 +254,11 @@ class OffPolicyLearner(Learner):
             networks = self._critics(names, workspaces, learned)
             pairs = zip(names, networks, strict=True)
             return Twins(networks, [self._adam(*pair) for pair in pairs] if learned else ())
-        name, sizes, view = f"critic{suffix}", self.value_sizes, self.view.twin_view()
-        joint = self._network(name, sizes, workspaces[0], learned, view=view)
-        first = self._network(names[0], sizes, workspaces[0], learned=False)
+        name, view = f"critic{suffix}", self.view.twin_view()
+        make = partial(
+            self._network, sizes=self.value_sizes, workspace=workspaces[0], actions=self.action_size
+        )
+        joint, first = make(name, learned=learned, view=view), make(names[0], learned=False)
         return Twins([joint], [self._adam(name, joint)] if learned else (), first)
 
 
@@ -269,6 +283,11 @@ def initialize_uniform(
         for parameters in (weight, bias) if kind == "fan-in" else (weight,):
             values = torch.empty(parameters.shape, dtype=parameters.dtype)
             parameters.copy_(torch.nn.init.uniform_(values, -bound, bound, generator=generator))
+
+
+def sum_over_actions(values: Tensor) -> Tensor:
+    """Returns the sum (..., 1) of values (..., action_size), the values themselves if it is 1."""
+    return values if values.shape[-1] == 1 else values.sum(dim=-1, keepdim=True)
 
 
 def tanh_gradient(gradient: Tensor, outputs: Tensor) -> Tensor:

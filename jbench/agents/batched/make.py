@@ -133,9 +133,10 @@ def make_engine(
         models=models,
         episode_steps=episode_steps,
     )
-    learner = _learner(algo, settings, robots.sizes, ofe)
+    sizes = robots.sizes, robots.action_size
+    learner = _learner(algo, settings, *sizes, ofe)
     stacked = gpu if computation.stacked is None else computation.stacked
-    team = Team(learner, settings, robots.sizes, generators, tensors, stacked=stacked)
+    team = Team(learner, settings, *sizes, generators, tensors, stacked=stacked)
     return _engine(settings, team, robots, time_limit)
 
 
@@ -176,6 +177,7 @@ def _learner(
     algo: str | type[Rule],
     settings: AlgorithmSettings,
     sizes: Sequence[int],
+    action_size: int,
     ofe: OFESettings | None,
 ) -> Callable[..., Learner]:
     """Returns the class of the learners of seeds with these numbers of inputs."""
@@ -185,5 +187,6 @@ def _learner(
         raise ValueError(f"All seeds must have the same number of inputs here, not {sizes}.")
     if not isinstance(algo, str):
         assert isinstance(settings, OffPolicySettings)
-        return partial(AutogradLearner, rule=checked_rule(algo, settings, sizes[0]))
+        rule = checked_rule(algo, settings, sizes[0], action_size)
+        return partial(AutogradLearner, rule=rule)
     return LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)

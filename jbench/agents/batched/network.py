@@ -29,9 +29,9 @@ class Affine(NamedTuple):
     bias: Tensor
 
 
-def parameter_count(sizes: Sizes, joins: int = 0) -> int:
+def parameter_count(sizes: Sizes, joins: int = 0, actions: int = 0) -> int:
     """Returns the length of the flat parameters of a `Network`, padding included."""
-    return affine_count(_padded(sizes, joins))
+    return affine_count(_padded(sizes, joins, actions))
 
 
 def affine_count(shapes: Iterable[tuple[int, int]]) -> int:
@@ -45,12 +45,15 @@ def affine_views(flat: Tensor, shapes: Iterable[tuple[int, int]]) -> list[Affine
     return [Affine(*pair) for pair in zip(parts[::2], parts[1::2], strict=True)]
 
 
-def affines(flat: Tensor, sizes: Sizes, joins: int = 0) -> list[Affine]:
+def affines(flat: Tensor, sizes: Sizes, joins: int = 0, actions: int = 0) -> list[Affine]:
     """Returns views of a `Network`'s layers, without padding, in its flat parameters."""
     return [
         Affine(weight[..., :inputs, :units], bias[..., :units])
         for (weight, bias), inputs, units in zip(
-            affine_views(flat, _padded(sizes, joins)), _inputs(sizes, joins), sizes[1:], strict=True
+            affine_views(flat, _padded(sizes, joins, actions)),
+            _inputs(sizes, joins, actions),
+            sizes[1:],
+            strict=True,
         )
     ]
 
@@ -67,21 +70,25 @@ class Network:
         *,
         workspace: str,
         joins: int = 0,
+        actions: int = 0,
     ) -> None:
         """Makes the views of the parameters.
 
         Args:
-            values: (..., parameter_count(sizes, joins)) flat parameters.
+            values: (..., parameter_count(sizes, joins, actions)) flat parameters.
             gradient: like `values`, written by `backward`; None for a network without gradient.
             workspace: name of the activation buffers. Of the networks that share them, only the
                 last one that was evaluated can go backward.
-            joins: index of the layer that takes the last of the inputs.
+            joins: index of the layer that takes the actions.
+            actions: number of the last inputs that are actions.
         """
-        self.sizes, self.values, self.gradient, self.joins = sizes, values, gradient, joins
+        self.sizes, self.values, self.gradient = sizes, values, gradient
+        self.joins, self.actions = joins, actions
         self.view, self._workspace = view, workspace
-        # Column of the last input among those of its layer.
-        self._column = _inputs(sizes, joins)[joins] - 1
-        shapes, last = _padded(sizes, joins), len(sizes) - 2
+        # Columns of the actions among the inputs of their layer.
+        end = _inputs(sizes, joins, actions)[joins]
+        self._columns = slice(end - actions, end)
+        shapes, last = _padded(sizes, joins, actions), len(sizes) - 2
         gradients = affine_views(values if gradient is None else gradient, shapes)
         pairs = list(zip(affine_views(values, shapes), gradients, strict=True))
         self._exact = [Layer(*pair) for pair in pairs]
@@ -98,7 +105,7 @@ class Network:
     @property
     def layers(self) -> list[Affine]:
         """The layers, as views of the parameters."""
-        return affines(self.values, self.sizes, self.joins)
+        return affines(self.values, self.sizes, self.joins, self.actions)
 
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
         """Returns the outputs (..., batch, sizes[-1]) for inputs (..., batch, sizes[0]).
@@ -107,13 +114,13 @@ class Network:
             exact: multiply every layer in full precision; `backward` can't follow.
         """
         layers = self._exact if exact else self._layers
-        self._inputs = inputs[..., :-1] if self.joins else inputs
+        self._inputs = inputs[..., : -self.actions] if self.joins else inputs
         self._units = self._memory_of(inputs.shape[-2])
         values = self._inputs
         for i, (layer, units) in enumerate(zip(layers, self._units.units, strict=False), 1):
             values = layer.forward(values, units).clamp_min_(0)
             if i == self.joins:
-                values[..., self._column].copy_(inputs[..., -1])
+                values[..., self._columns].copy_(inputs[..., -self.actions :])
         return layers[-1].forward(values)
 
     def backward(self, delta: Tensor) -> None:
@@ -124,14 +131,14 @@ class Network:
         self._layers[0].differentiate(delta, self._inputs.mT)
 
     def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
-        """Returns the gradient (..., batch, 1) of a loss by the last input.
+        """Returns the gradient (..., batch, actions) of a loss by the actions.
 
         Args:
             delta: gradient of the loss by the outputs, same shape.
             rows: indices of the batch that the loss depends on, as in `delta`; None for all.
                 Requires a single seed.
         """
-        return self._input_gradient(delta, slice(self._column, self._column + 1), rows)
+        return self._input_gradient(delta, self._columns, rows)
 
     def polyak_update(self, network: "Network", tau: float) -> None:
         """Updates a target network: target <- (1 - tau) target + tau network."""
@@ -152,8 +159,8 @@ class Network:
         # ReLU's derivative from its output: one pass over memory, where a mask would need two.
         torch.ops.aten.threshold_backward.grad_input(before, units, 0, grad_input=before)
         if i == self.joins:
-            # This unit is an input: the layers below do not depend on it.
-            before[..., self._column].zero_()
+            # These units are inputs: the layers below do not depend on them.
+            before[..., self._columns].zero_()
         return before
 
     def _memory_of(self, batch: int) -> "_Memory":
@@ -161,7 +168,7 @@ class Network:
             units, deltas = (
                 [
                     self.view.scratch(f"{name} {i}", batch, width)
-                    for i, (_, width) in enumerate(_padded(self.sizes, self.joins)[:-1])
+                    for i, width in enumerate(layer.units for layer in self._exact[:-1])
                 ]
                 for name in (self._workspace, "delta")
             )
@@ -274,21 +281,21 @@ def _weights_and_biases(shapes: Iterable[tuple[int, int]]) -> list[tuple[int, ..
     return [shape for inputs, units in shapes for shape in ((inputs, units), (units,))]
 
 
-def _inputs(sizes: Sizes, joins: int) -> list[int]:
-    """Returns the number of inputs of each layer if the last input joins layer `joins`."""
+def _inputs(sizes: Sizes, joins: int, actions: int) -> list[int]:
+    """Returns the number of inputs of each layer if the actions join layer `joins`."""
     inputs = list(sizes[:-1])
-    inputs[0] -= 1
-    inputs[joins] += 1
+    inputs[0] -= actions
+    inputs[joins] += actions
     return inputs
 
 
-def _padded(sizes: Sizes, joins: int) -> list[tuple[int, int]]:
+def _padded(sizes: Sizes, joins: int, actions: int) -> list[tuple[int, int]]:
     """Returns inputs and units of each layer as they are stored.
 
     Hidden units are padded to whole vectors of the processor with units whose weights and
-    gradients are 0, which makes the products a tenth faster. An input that joins a hidden layer
-    takes the place of the first padding unit.
+    gradients are 0, which makes the products a tenth faster. Actions that join a hidden layer
+    take the places of the first padding units.
     """
-    first, *rest = _inputs(sizes, joins)
+    first, *rest = _inputs(sizes, joins, actions)
     inner = [aligned(inputs) for inputs in rest]
     return list(zip((first, *inner), (*inner, sizes[-1]), strict=True))

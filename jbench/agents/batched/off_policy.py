@@ -44,13 +44,15 @@ class OffPolicyEngine(Engine):
         rollout_steps, self._due = settings.schedule(count)
         super().__init__(team, environments, rollout_steps)
         self._settings = settings
-        self._noise = ActionNoise(settings, seeds, count)
+        shape = seeds, count, environments.action_size
+        self._noise = ActionNoise(settings, shape)
         tensors = team.tensors
         self.replay = ReplayBuffer(
             seeds,
             count,
             settings.buffer_size,
             environments.size,
+            environments.action_size,
             flush_every=rollout_steps,
             dtype=tensors.dtype,
             device=tensors.device,
@@ -66,7 +68,7 @@ class OffPolicyEngine(Engine):
         self.replay.begin(environments.observations)
 
     def replay_rows(self, seed: int, first: int = 0) -> Tensor:
-        """Returns a seed's replay rows (environments, rows, own size + 2), without `replay.row`.
+        """Returns a seed's replay rows (environments, rows, own width), without `replay.row`.
 
         Args:
             first: number of the first row; expired rows are left out.
@@ -86,19 +88,19 @@ class OffPolicyEngine(Engine):
         self.replay.restore(seed, rows, row)
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
-        settings, shape = self._settings, observations.shape[:2]
+        settings, shape = self._settings, self._noise.previous.shape[1:]
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:
-            actions = np.stack([each.actions.uniform(-1, 1, shape[1]) for each in self._generators])
+            actions = np.stack([each.actions.uniform(-1, 1, shape) for each in self._generators])
         else:
-            actions = self._policy_actions(observations)[..., 0].numpy()
+            actions = self._policy_actions(observations).numpy()
         noisy_actions = actions + self._noise.draw(self._generators)
         return np.clip(noisy_actions, -1, 1).astype(np.float32)
 
     def _policy_actions(self, observations: Tensor) -> Tensor:
-        """Returns actions (seeds, environments, 1) of the policies, without action noise."""
+        """Returns actions (seeds, environments, action_size) of the policies, without noise."""
         if not self._team.each[0].is_stochastic:
             return self._team.run(act, observations)
-        shape = observations.shape[1], 1
+        shape = self._noise.previous.shape[1:]
         noise = np.stack([each.actions.standard_normal(shape) for each in self._generators])
         return self._team.run(_explore, observations, torch.from_numpy(noise))
 
@@ -125,7 +127,9 @@ class OffPolicyEngine(Engine):
         return {"noise": torch.from_numpy(self._noise.previous[seed])}
 
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
-        self._noise.previous[seed] = tensors["noise"].numpy()
+        previous = self._noise.previous[seed]
+        # Older versions saved the noise of an only action as (environments,).
+        previous[:] = tensors["noise"].numpy().reshape(previous.shape)
         self.replay.begin(self.environments.observations)
 
 
@@ -134,12 +138,12 @@ def _explore(agent: OffPolicyLearner, observations: Tensor, noise: Tensor) -> Te
 
 
 def _row_mirror(environments: Environments) -> Tensor:
-    """Returns gain and offset (2, seeds, size + 2) of mirrored rows of the replay buffers."""
+    """Returns gain and offset (2, seeds, width) of mirrored rows of the replay buffers."""
     gain, offset = [], []
     for cell in environments.cells:
         inputs = input_mirror(cell.task, cell.encoder)
         padding = environments.size - cell.size
-        # Then the action and the reward.
-        gain += [[*inputs.gain, *[1] * padding, -1, 1]] * len(cell.generators)
-        offset += [[*inputs.offset, *[0] * padding, 0, 0]] * len(cell.generators)
+        actions = environments.action_size
+        gain += [[*inputs.gain, *[1] * padding, *[-1] * actions, 1]] * len(cell.generators)
+        offset += [[*inputs.offset, *[0] * (padding + actions), 0]] * len(cell.generators)
     return torch.tensor([gain, offset], dtype=torch.float64)

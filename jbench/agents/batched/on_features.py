@@ -34,13 +34,19 @@ class OnFeatures(OffPolicyLearner):
     joins_twins = False  # the second critic takes the features that the first one has computed
 
     def __init__(
-        self, settings: Any, observation_size: int, view: SeedView, *, ofe: OFESettings
+        self,
+        settings: Any,
+        observation_size: int,
+        action_size: int,
+        view: SeedView,
+        *,
+        ofe: OFESettings,
     ) -> None:
         """See `Learner`."""
-        self.features = Features(ofe, observation_size, view)
+        self.features = Features(ofe, observation_size, action_size, view)
         self._pretraining = ofe.pretraining
         self._batches: dict[Batch, Batch] = {}
-        super().__init__(settings, self.features.size, view)
+        super().__init__(settings, self.features.size, action_size, view)
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
@@ -85,11 +91,14 @@ class OnFeatures(OffPolicyLearner):
     def _on_features(self, batch: Batch) -> Batch:
         """Returns the minibatch with features in place of observations."""
         if batch not in self._batches:
-            shape = batch.rows.shape[-2], self.features.size + 2
+            shape = batch.rows.shape[-2], self.features.size + self.action_size + 1
             rows, next_rows = (self.view.scratch(f"{n} on features", *shape) for n in ("s", "s'"))
-            self._batches[batch] = Batch(rows, next_rows, batch.discounts, batch.noise)
+            self._batches[batch] = Batch(
+                rows, next_rows, batch.discounts, batch.noise, self.action_size
+            )
         encoded = self._batches[batch]
-        encoded.rows[..., -2:].copy_(batch.rows[..., -2:])
+        encoded.actions.copy_(batch.actions)
+        encoded.rewards.copy_(batch.rewards)
         self.features.observation_features(batch.observations, encoded.observations)
         self.features.observation_features(batch.next_observations, encoded.next_observations)
         return encoded

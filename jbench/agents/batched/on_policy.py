@@ -39,16 +39,17 @@ class OnPolicyEngine(Engine):
         steps = settings.rollout_steps(count)
         super().__init__(team, environments, steps)
         self._settings, self._bootstrap = settings, time_limit == "bootstrap"
-        self._rollout = Rollout(seeds, count, steps, environments.size, team.tensors.dtype)
+        sizes = environments.size, environments.action_size
+        self._rollout = Rollout(seeds, count, steps, *sizes, team.tensors.dtype)
         self._epochs = [Epochs(settings, group, self._rollout) for group in team.groups]
         self._outputs: Tensor  # of the last call of `PPO.explore`
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
-        shape = observations.shape
-        draws = [each.actions.standard_normal((shape[1], 1)) for each in self._generators]
+        shape = observations.shape[1], self.environments.action_size
+        draws = [each.actions.standard_normal(shape) for each in self._generators]
         noise = torch.from_numpy(np.stack(draws))
         self._outputs = self._team.run(PPO.explore, observations, noise)
-        actions: NDArray[np.floating] = self._outputs[..., 0].numpy()
+        actions: NDArray[np.floating] = self._outputs[..., : shape[1]].numpy()
         return actions
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: Step) -> None:
@@ -131,4 +132,4 @@ class Epochs:
         batch = self._scratch("minibatch", size, width)
         indices = self._indices(size).view(-1)
         torch.index_select(self._rows, 0, indices, out=batch.view(-1, width))
-        self._learner.update(minibatch_of(batch))
+        self._learner.update(minibatch_of(batch, self._learner.action_size))

@@ -7,7 +7,7 @@ import torch
 from torch import Generator, Tensor
 
 from jbench.agents.batched.adam import Adam
-from jbench.agents.batched.learner import Learner
+from jbench.agents.batched.learner import Learner, sum_over_actions
 from jbench.agents.batched.network import Network, parameter_count
 from jbench.agents.batched.padding import weights_of
 from jbench.agents.batched.tensors import SeedView, aligned
@@ -18,11 +18,11 @@ _ADAM_EPSILON = 1e-5  # stable-baselines 2 and 3
 
 
 class Minibatch(NamedTuple):
-    """Transitions of a rollout, all (..., N, 1) but the observations.
+    """Transitions of a rollout, (..., N, 1) but for observations and actions.
 
     Attributes:
         observations: (..., N, dim(O)).
-        actions: not clipped.
+        actions: (..., N, action_size), not clipped.
         log_likelihoods: of the actions under the policy that collected the rollout.
         values: estimates of V(s) at the time of the rollout.
         advantages: of the actions.
@@ -42,24 +42,29 @@ class PPO(Learner):
 
     losses: tuple[str, ...] = ("policy_loss", "value_loss", "entropy_loss")
 
-    def __init__(self, settings: PPOSettings, observation_size: int, view: SeedView) -> None:
+    def __init__(
+        self, settings: PPOSettings, observation_size: int, action_size: int, view: SeedView
+    ) -> None:
         """See `Learner`."""
-        super().__init__(settings, observation_size, view)
+        super().__init__(settings, observation_size, action_size, view)
         self._settings = settings
         # One network with the outputs mu(s) and V(s), or two networks.
-        sizes = (*self.policy_sizes[:-1], 2 if settings.shared_layers else 1)
-        count = parameter_count(sizes)
-        lengths = [count, aligned(1)] + ([] if settings.shared_layers else [count])
+        outputs = (action_size + 1,) if settings.shared_layers else (action_size, 1)
+        sizes = [(*self.policy_sizes[:-1], count) for count in outputs]
+        actor_length, *critic_length = map(parameter_count, sizes)
+        lengths = [actor_length, aligned(action_size), *critic_length]
         # Networks and log sigma are one vector, because their gradient is clipped by its norm.
         self._values = view.saved("policy", sum(lengths))
         self._gradient = view.scratch("policy.gradient", sum(lengths))
         actor, log_sigma, *critic = zip(
             *(flat.split(lengths, dim=-1) for flat in (self._values, self._gradient)), strict=True
         )
-        self.log_sigma, self._log_sigma_gradient = (flat[..., :1] for flat in log_sigma)
+        self.log_sigma, self._log_sigma_gradient = (flat[..., :action_size] for flat in log_sigma)
         self._networks = [
-            Network(view, sizes, *flats, workspace=workspace)
-            for flats, workspace in zip((actor, *critic), ("actor", "critic"), strict=False)
+            Network(view, its_sizes, *flats, workspace=workspace)
+            for its_sizes, flats, workspace in zip(
+                sizes, (actor, *critic), ("actor", "critic"), strict=False
+            )
         ]
         self.actor, self.critic = self._networks[0], self._networks[-1]
         self._optimizer = Adam(
@@ -73,12 +78,13 @@ class PPO(Learner):
             *hidden, last = (layer.weight for layer in network.layers)
             for weight in hidden:
                 _initialize_orthogonal(weight, math.sqrt(2), generator)
-            for output in last.split(1, dim=-1):
+            heads = [self.action_size] * (network is self.actor) + [1] * (network is self.critic)
+            for output in last.split(heads, dim=-1):
                 _initialize_orthogonal(output, next(gains), generator)
 
     def act(self, observations: Tensor) -> Tensor:
         """Returns mu(s), clipped."""
-        return self.actor.forward(observations, exact=True)[..., :1].clamp(-1, 1)
+        return self.actor.forward(observations, exact=True)[..., : self.action_size].clamp(-1, 1)
 
     def _input_weights(self, inputs: slice) -> dict[str, list[slice]]:
         """See `Learner`; the networks are parts of one vector."""
@@ -93,17 +99,17 @@ class PPO(Learner):
         return self.actor, "clip"
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
-        """Returns (..., N, 3) sampled actions, their log likelihoods, and V(s).
+        """Returns (..., N, action_size + 2) sampled actions, their log likelihoods, and V(s).
 
         Args:
             observations: (..., N, dim(O)).
-            noise: (..., N, 1) standard normal numbers.
+            noise: (..., N, action_size) standard normal numbers.
         """
         log_sigma = self.log_sigma.unsqueeze(-2)
         means, values = self._forward(observations, exact=True)
         actions = means + log_sigma.exp() * noise
         log_likelihoods = -0.5 * (noise.square() + _LOG_2_PI) - log_sigma
-        return torch.cat([actions, log_likelihoods, values], dim=-1)
+        return torch.cat([actions, sum_over_actions(log_likelihoods), values], dim=-1)
 
     def value(self, observations: Tensor) -> Tensor:
         """Returns V(s), (..., N, 1)."""
@@ -118,6 +124,7 @@ class PPO(Learner):
             L^CLIP = 1/N sum min(r A, clip(r) A)      dL^CLIP / dl = r A / N if r A <= clip(r) A
             dl / dmu = (a - mu) / sigma^2             (otherwise 0: clip(r) is constant)
             dl / dlog sigma = (a - mu)^2 / sigma^2 - 1,   dH / dlog sigma = 1
+            l and H are sums over the numbers of an action, each with its mu and sigma
             L^VF = 1/N sum (V - R)^2                  dL^VF / dV = 2 (V - R) / N, V unclipped
         """
         settings, size = self._settings, batch.actions.shape[-2]
@@ -131,7 +138,8 @@ class PPO(Learner):
         means, values = self._forward(batch.observations)
         deviations = batch.actions - means
         squares = deviations.square() * precision
-        ratios = torch.exp(-0.5 * (squares + _LOG_2_PI) - log_sigma - batch.log_likelihoods)
+        log_likelihoods = sum_over_actions(-0.5 * (squares + _LOG_2_PI) - log_sigma)
+        ratios = torch.exp(log_likelihoods - batch.log_likelihoods)
         clipped = ratios.clamp(1 - settings.clip_range, 1 + settings.clip_range)
         surrogates, bounded = advantages * ratios, advantages * clipped
         by_log_likelihood = torch.where(surrogates <= bounded, surrogates, 0) / -size
@@ -144,7 +152,7 @@ class PPO(Learner):
 
         self._record_loss("policy_loss", -torch.minimum(surrogates, bounded))
         self._record_loss("value_loss", errors.square())
-        self._record_loss("entropy_loss", -0.5 * (1 + _LOG_2_PI) - log_sigma)
+        self._record_loss("entropy_loss", sum_over_actions(-0.5 * (1 + _LOG_2_PI) - log_sigma))
 
         # Clip the norm of the whole gradient, and make a step.
         norm = torch.linalg.vector_norm(self._gradient, dim=-1, keepdim=True)
@@ -176,12 +184,12 @@ class PPO(Learner):
         )
 
     def _forward(self, observations: Tensor, *, exact: bool = False) -> tuple[Tensor, Tensor]:
-        """Returns mu(s) and V(s), each (..., N, 1)."""
+        """Returns mu(s), (..., N, action_size), and V(s), (..., N, 1)."""
         outputs = [network.forward(observations, exact=exact) for network in self._networks]
-        return outputs[0][..., :1], outputs[-1][..., -1:]
+        return outputs[0][..., : self.action_size], outputs[-1][..., -1:]
 
     def _backward(self, by_mean: Tensor, by_value: Tensor) -> None:
-        """Writes the gradient by the parameters, given those by mu(s) and V(s), (..., N, 1)."""
+        """Writes the gradient by the parameters, given those by mu(s) and V(s)."""
         if self.actor is self.critic:
             self.actor.backward(torch.cat([by_mean, by_value], dim=-1))
         else:

@@ -29,7 +29,7 @@ class ReplayBuffer:
     """Ring buffers of the last transitions of each environment of each seed.
 
     An episode of n steps takes n + 1 rows: each observation with its action and reward, and the
-    last observation with two unused columns. Transition number t, counted from the start of
+    last observation with unused columns. Transition number t, counted from the start of
     training, is in row number t + t // n. A row is overwritten when all transitions that use it
     have expired. A million transitions with 16 observed numbers take 72 MB in float32.
 
@@ -45,6 +45,7 @@ class ReplayBuffer:
         environments: int,
         capacity: int,
         observation_size: int,
+        action_size: int,
         *,
         flush_every: int,
         dtype: torch.dtype = torch.float32,
@@ -62,7 +63,8 @@ class ReplayBuffer:
         self._episode_steps = episode_steps
         self._capacity = max(capacity // environments, 1)
         self._ring, pending = self._span(self._capacity), self._span(flush_every)
-        self._environments, width = environments, observation_size + 2
+        self._environments, self._size = environments, observation_size
+        width = observation_size + action_size + 1
         self._rows = torch.zeros(
             (seeds, environments, self._ring, width), dtype=dtype, device=device
         )
@@ -71,7 +73,7 @@ class ReplayBuffer:
 
     def begin(self, observations: Tensor) -> None:
         """Starts episodes with observations (seeds, environments, size)."""
-        self._current_row[..., :-2].copy_(observations)
+        self._current_row[..., : self._size].copy_(observations)
 
     def add(
         self, actions: NDArray[np.floating], rewards: NDArray[np.floating], observations: Tensor
@@ -79,15 +81,15 @@ class ReplayBuffer:
         """Adds a transition of each environment; call `begin` after the last one of an episode.
 
         Args:
-            actions: (seeds, environments).
+            actions: (seeds, environments, action_size).
             rewards: (seeds, environments).
             observations: (seeds, environments, size) after the actions.
         """
         row = self._current_row
-        row[..., -2].copy_(torch.from_numpy(actions))
+        row[..., self._size : -1].copy_(torch.from_numpy(actions))
         row[..., -1].copy_(torch.from_numpy(rewards))
         self.row += 1
-        self._current_row[..., :-2].copy_(observations)
+        self._current_row[..., : self._size].copy_(observations)
         if self.row % (self._episode_steps + 1) == self._episode_steps:
             self.row += 1
 
@@ -123,14 +125,14 @@ class ReplayBuffer:
         return SampledIndices(rows, next_rows, last)
 
     def rows_of(self, seeds: range) -> Tensor:
-        """Returns a view (rows, size + 2) of the buffers of consecutive seeds.
+        """Returns a view (rows, width) of the buffers of consecutive seeds.
 
         `SampledIndices` are indices into the rows of a single seed.
         """
         return self._rows[seeds.start : seeds.stop].flatten(0, 2)
 
     def rows_since(self, seed: int, first: int) -> Tensor:
-        """Returns a copy of a seed's rows from number `first` on, (environments, rows, size + 2).
+        """Returns a copy of a seed's rows from number `first` on, (environments, rows, width).
 
         Expired rows and the row of the current observation are left out.
         """
@@ -143,7 +145,7 @@ class ReplayBuffer:
         """Restores the rows before number `row`; call `begin` afterwards.
 
         Args:
-            rows: (environments, rows, size + 2) up to row number `row` - 1.
+            rows: (environments, rows, width) up to row number `row` - 1.
             row: number of the row of the current observation, the same for all seeds.
         """
         rows = rows[:, -self._ring :]
@@ -152,11 +154,11 @@ class ReplayBuffer:
 
     @property
     def _current_row(self) -> Tensor:
-        """The row of the current observation, (seeds, environments, size + 2)."""
+        """The row of the current observation, (seeds, environments, width)."""
         return self._new[:, :, self.row - self._flushed]
 
     def _write(self, seeds: slice, first: int, rows: Tensor) -> None:
-        """Writes rows (seeds, environments, rows, size + 2) from row number `first` on."""
+        """Writes rows (seeds, environments, rows, width) from row number `first` on."""
         done, count = 0, rows.shape[2]
         while done < count:
             start = (first + done) % self._ring

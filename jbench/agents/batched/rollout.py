@@ -6,15 +6,16 @@ from torch import Tensor
 
 from jbench.agents.batched.ppo import Minibatch
 
-_EXTRA = 6  # columns besides the observation
+_EXTRA = 5  # columns besides observation and action
 
 
 class Rollout:
     """Consecutive steps of each environment of each seed.
 
     Attributes:
-        rows: (seeds, environments, capacity, size + 6) observation, action, log likelihood of the
-            action, value of the observation, advantage, return and reward of each step.
+        rows: (seeds, environments, capacity, size + action_size + 5) observation, action, log
+            likelihood of the action, value of the observation, advantage, return and reward of
+            each step.
         ends: (capacity,) whether the episodes ended with a step.
         steps: number of steps added.
     """
@@ -25,10 +26,13 @@ class Rollout:
         environments: int,
         steps: int,
         observation_size: int,
+        action_size: int,
         dtype: torch.dtype = torch.float32,
     ) -> None:
         """Starts empty; `steps` is the capacity."""
-        self.rows = torch.zeros(seeds, environments, steps, observation_size + _EXTRA, dtype=dtype)
+        width = observation_size + action_size + _EXTRA
+        self._size = observation_size
+        self.rows = torch.zeros(seeds, environments, steps, width, dtype=dtype)
         self.ends = np.zeros(steps, bool)
         self.steps = 0
 
@@ -37,13 +41,13 @@ class Rollout:
 
         Args:
             observations: (seeds, environments, size) before the actions.
-            outputs: (seeds, environments, 3) actions, their log likelihoods, values.
+            outputs: (seeds, environments, action_size + 2) actions, their log likelihoods, values.
             rewards: (seeds, environments).
             end: whether the episodes ended.
         """
         row = self.rows[:, :, self.steps]
-        row[..., :-_EXTRA].copy_(observations)
-        row[..., -_EXTRA:-3].copy_(outputs)
+        row[..., : self._size].copy_(observations)
+        row[..., self._size : -3].copy_(outputs)
         row[..., -1].copy_(rewards)
         self.ends[self.steps] = end
         self.steps += 1
@@ -68,6 +72,7 @@ class Rollout:
         torch.add(self.rows[..., -3], values, out=self.rows[..., -2])
 
 
-def minibatch_of(rows: Tensor) -> Minibatch:
-    """Returns a minibatch from rows (..., N, size + 6) of a `Rollout`."""
-    return Minibatch(rows[..., :-_EXTRA], *rows[..., -_EXTRA:-1].split(1, dim=-1))
+def minibatch_of(rows: Tensor, action_size: int) -> Minibatch:
+    """Returns a minibatch from rows (..., N, width) of a `Rollout`."""
+    size = rows.shape[-1] - action_size - _EXTRA
+    return Minibatch(*rows[..., :-1].split([size, action_size, 1, 1, 1, 1], dim=-1))

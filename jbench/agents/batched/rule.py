@@ -5,12 +5,13 @@ A package registers a rule by an entry point of the group `jbench.rules`, named 
 """
 
 import copy
+import inspect
 from collections.abc import Mapping
 from typing import Any, ClassVar, final
 
 from torch import Tensor, nn
 
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError
 from jbench.settings.algorithms import OffPolicySettings
 
 
@@ -25,8 +26,8 @@ class Rule(nn.Module):
     the parameters and the batch: random numbers come from `batch.noise`, and it keeps nothing. No
     shape and no branch depends on values, since torch.func.vmap computes the seeds of a stack.
 
-    The attribute `actor` is an nn.Sequential that ends in a Linear layer. tanh of its first output
-    is the deterministic action.
+    The attribute `actor` is an nn.Sequential that ends in a Linear layer. tanh of its first
+    `action_size` outputs is the deterministic action.
 
     Attributes:
         Settings: class of its settings, the names and defaults of `--set`. All of them are
@@ -37,9 +38,11 @@ class Rule(nn.Module):
         targets: attributes with a target network, which is called NAME_target and updated after the
             losses: target <- (1 - tau) target + tau network.
         delayed: attributes, target networks among them, that only delayed updates change.
-        noise_per_transition: standard normal numbers in `batch.noise` for each transition.
+        noise_per_transition: standard normal numbers in `batch.noise` for each transition; set in
+            `__init__` if it depends on the sizes.
         settings: an object of `Settings`.
         observation_size: size of an (encoded) observation.
+        action_size: size of an action; 1 for the Jitterbug.
     """
 
     Settings: ClassVar[type[OffPolicySettings]] = OffPolicySettings
@@ -48,29 +51,31 @@ class Rule(nn.Module):
     delayed: ClassVar[tuple[str, ...]] = ()
     noise_per_transition: int = 0
 
-    def __init__(self, settings: Any, observation_size: int) -> None:
+    def __init__(self, settings: Any, observation_size: int, action_size: int = 1) -> None:
         """Makes the networks with initial weights from torch's global generator.
 
-        The engine seeds it before. An override calls this first.
+        The engine seeds it before. An override calls this first. A rule whose override does not
+        take `action_size` is for actions of size 1.
         """
         super().__init__()
         self.settings, self.observation_size = settings, observation_size
+        self.action_size = action_size
 
     @final
     def act(self, observations: Tensor) -> Tensor:
-        """Returns deterministic actions (N, 1) for observations (N, size)."""
+        """Returns deterministic actions (N, action_size) for observations (N, size)."""
         actor: Any = self.actor
-        actions: Tensor = actor(observations)[..., :1].tanh()
+        actions: Tensor = actor(observations)[..., : self.action_size].tanh()
         return actions
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
-        """Returns actions (N, 1) of a stochastic policy; without this method, `act` explores.
+        """Returns actions (N, action_size) of a stochastic policy.
 
-        The action noise of the settings is added to both.
+        Without this method, `act` explores. The action noise of the settings is added to both.
 
         Args:
             observations: (N, size).
-            noise: (N, 1) standard normal numbers.
+            noise: (N, action_size) standard normal numbers.
         """
         raise NotImplementedError
 
@@ -89,13 +94,25 @@ class Rule(nn.Module):
         return result
 
 
-def make_rule(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
+def make_rule(
+    kind: type[Rule], settings: OffPolicySettings, observation_size: int, action_size: int = 1
+) -> Rule:
     """Returns a rule with its target networks, whose weights are those of the networks.
 
     Raises:
+        RequestError: if it is for actions of size 1, and the task's are larger.
         WorkError: if a network with a target does not exist.
     """
-    rule = kind(settings, observation_size)
+    if "action_size" in inspect.signature(kind).parameters:
+        rule = kind(settings, observation_size, action_size)
+    elif action_size == 1:
+        rule = kind(settings, observation_size)
+    else:
+        raise RequestError(
+            f"The rule {kind.__name__} is for tasks with one action, and this task has "
+            f"{action_size}: add the argument action_size to its __init__ "
+            "(docs/your-own-rule.md), or choose another task."
+        )
     for name in rule.targets:
         if not hasattr(rule, name):
             raise WorkError(f"The rule {kind.__name__} has no {name}, which is among its targets.")
@@ -115,6 +132,7 @@ def mean_actor(rule: Rule) -> nn.Sequential:
     """Returns a copy of the actor up to the deterministic action, in float32 on the CPU."""
     actor: Any = rule.actor
     *layers, last = copy.deepcopy(actor).float().cpu()
-    mean = nn.Linear(last.in_features, 1)
-    mean.load_state_dict({name: values[:1] for name, values in last.state_dict().items()})
+    size = rule.action_size
+    mean = nn.Linear(last.in_features, size)
+    mean.load_state_dict({name: values[:size] for name, values in last.state_dict().items()})
     return nn.Sequential(*layers, mean, nn.Tanh())

@@ -1,6 +1,7 @@
 """Finds out before the training whether an update rule keeps to what `Rule` describes."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -13,34 +14,43 @@ from jbench.policies.copied import network_of
 from jbench.settings.algorithms import OffPolicySettings
 
 
-def checked_rule(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
+def checked_rule(
+    kind: type[Rule], settings: OffPolicySettings, observation_size: int, action_size: int = 1
+) -> Rule:
     """Returns a rule, after calling its losses with minibatches of zeros, also of a stack.
 
     A rule must be computable in a stack on a CPU too: its runs may be resumed on a GPU.
 
     Raises:
+        RequestError: if it is for actions of size 1, and the task's are larger.
         WorkError: if it does not keep to what `Rule` describes.
         UnsupportedPolicyError: if its policy can't be saved.
     """
     with torch.random.fork_rng(devices=[]):
-        rule, again = (make_rule(kind, settings, observation_size) for _ in range(2))
-        fault = next(_faults(rule, again), None)
+        sizes = observation_size, action_size
+        rule, again = (make_rule(kind, settings, *sizes) for _ in range(2))
+        fault = next(_faults(rule, again, action_size), None)
     if fault is not None:
         raise WorkError(f"The rule {kind.__name__} can't be trained: {fault}.")
     network_of(mean_actor(rule), observation_size)
     return rule
 
 
-def _faults(rule: Rule, again: Rule) -> Iterator[str]:
+def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:
     """Yields what is wrong with a rule, as clauses.
 
     Args:
         again: the same rule with other initial weights.
+        action_size: of the task.
     """
+    if rule.action_size != action_size:
+        yield "its __init__ does not pass action_size on to Rule.__init__"
     names = parameter_names(rule)
     actor = getattr(rule, "actor", None)
     if not (isinstance(actor, nn.Sequential) and actor and _is_affine(actor[-1])):
         yield "its actor is no nn.Sequential that ends in a Linear layer with a bias"
+    elif (outputs := cast(nn.Linear, actor[-1]).out_features) < action_size:
+        yield f"its actor has {outputs} outputs, and an action has {action_size} numbers"
     if not rule.losses:
         yield "it has no losses"
     for loss, trained in rule.losses.items():
@@ -57,9 +67,9 @@ def _faults(rule: Rule, again: Rule) -> Iterator[str]:
         yield from _faults_of_loss(rule, loss, [rule.get_parameter(n) for n in names[trained]])
     if type(rule).explore is not Rule.explore:
         batch = _zeros(rule)
-        actions = rule.explore(batch.observations, batch.rewards)
-        if actions.shape != batch.rewards.shape:
-            shapes = tuple(actions.shape), tuple(batch.rewards.shape)
+        actions = rule.explore(batch.observations, batch.actions)
+        if actions.shape != batch.actions.shape:
+            shapes = tuple(actions.shape), tuple(batch.actions.shape)
             yield f"explore returns {shapes[0]}, not an action for each observation, {shapes[1]}"
     yield from _faults_of_stack(rule, names)
 
@@ -110,7 +120,7 @@ def _faults_of_stack(rule: Rule, names: Mapping[str, Sequence[str]]) -> Iterator
         others = {name: each for name, each in parameters.items() if name not in own}
         yield from _fault_of_call(loss, differentiate_stack, rule, loss, own, others, batch)
     if type(rule).explore is not Rule.explore:
-        inputs = batch.observations, batch.rewards
+        inputs = batch.observations, batch.actions
         yield from _fault_of_call("explore", call_stack, rule, "explore", parameters, *inputs)
 
 
@@ -134,6 +144,6 @@ def _is_affine(module: nn.Module) -> bool:
 
 def _zeros(rule: Rule, *seeds: int) -> Batch:
     shape = *seeds, rule.settings.batch_size
-    rows = torch.zeros(*shape, rule.observation_size + 2)
+    rows = torch.zeros(*shape, rule.observation_size + rule.action_size + 1)
     noise = torch.zeros(*shape, rule.noise_per_transition)
-    return Batch(rows, rows, torch.zeros(*shape, 1), noise)
+    return Batch(rows, rows, torch.zeros(*shape, 1), noise, rule.action_size)

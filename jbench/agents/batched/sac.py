@@ -11,6 +11,7 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import (
     OffPolicyLearner,
     initialize_uniform,
+    sum_over_actions,
     tanh_gradient,
 )
 from jbench.agents.batched.network import Network
@@ -25,11 +26,11 @@ _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
 
 
 class Sample(NamedTuple):
-    """Sampled actions a = tanh(u), u = mu(s) + sigma(s) e; each (..., N, 1).
+    """Sampled actions a = tanh(u), u = mu(s) + sigma(s) e; each (..., N, action_size).
 
     Attributes:
         actions: a.
-        log_likelihoods: log pi(a | s).
+        log_likelihoods: (..., N, 1) log pi(a | s), the sum over the numbers of an action.
         scaled_noise: sigma(s) e, the derivative of u by log sigma(s).
         in_bounds: whether log sigma(s) lies within its bounds.
     """
@@ -44,20 +45,22 @@ class SAC(OffPolicyLearner):
     """SAC, for one seed or for a stack."""
 
     losses: tuple[str, ...] = ("actor_loss", "critic_loss", "entropy_coefficient")
-    noise_per_transition = 2
     is_stochastic = True
 
-    def __init__(self, settings: SACSettings, observation_size: int, view: SeedView) -> None:
+    def __init__(
+        self, settings: SACSettings, observation_size: int, action_size: int, view: SeedView
+    ) -> None:
         """See `Learner`."""
-        super().__init__(settings, observation_size, view)
+        super().__init__(settings, observation_size, action_size, view)
+        self.noise_per_transition = 2 * action_size
         self._tau, self._interval = settings.tau, settings.target_update_interval
-        self._target_entropy = -1.0
+        self._target_entropy = -float(action_size)
         if settings.target_entropy != "auto":
             self._target_entropy = settings.target_entropy
         self._learns_temperature = settings.ent_coef == "auto"
         self._initial_temperature = 1.0 if settings.ent_coef == "auto" else settings.ent_coef
         # The actor's outputs are mu(s) and log sigma(s).
-        sizes = (*self.policy_sizes[:-1], 2)
+        sizes = (*self.policy_sizes[:-1], 2 * action_size)
         self.actor = self._network("actor", sizes, workspace="actor")
         # Both critics' activations are needed at the same time, those of their targets are not.
         self.critics = self._twins(["critic1", "critic2"])
@@ -85,7 +88,7 @@ class SAC(OffPolicyLearner):
 
     def act(self, observations: Tensor) -> Tensor:
         """Returns tanh(mu(s))."""
-        return self.actor.forward(observations, exact=True)[..., :1].tanh()
+        return self.actor.forward(observations, exact=True)[..., : self.action_size].tanh()
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns actions sampled from pi(. | s)."""
@@ -111,7 +114,7 @@ class SAC(OffPolicyLearner):
         """
         temperature = self.log_temperature.exp().unsqueeze(-1)
 
-        next_sample = self._sample(batch.next_observations, batch.noise[..., 1:])
+        next_sample = self._sample(batch.next_observations, batch.noise[..., self.action_size :])
         batch.next_actions.copy_(next_sample.actions)
         next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
         next_values.addcmul_(temperature, next_sample.log_likelihoods, value=-1)
@@ -122,7 +125,7 @@ class SAC(OffPolicyLearner):
         self._record_loss("critic_loss", squared_errors.mul_(0.5))
 
         # Minimize L_pi over the actor.
-        sample = self._sample(batch.observations, batch.noise[..., :1])
+        sample = self._sample(batch.observations, batch.noise[..., : self.action_size])
         batch.actions.copy_(sample.actions)
         first, second = self.critics.forward(batch.state_actions)
         self._record_loss(
@@ -146,16 +149,16 @@ class SAC(OffPolicyLearner):
             self.critic_targets.polyak_update(self.critics, self._tau)
 
     def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> Sample:
-        """Samples an action per observation with noise e (..., N, 1)."""
+        """Samples an action per observation with noise e (..., N, action_size)."""
         outputs = self.actor.forward(observations, exact=exact)
-        raw = outputs[..., 1:]
+        mean, raw = outputs.split(self.action_size, dim=-1)
         log_sigma = raw.clamp(_MIN_LOG_SIGMA, _MAX_LOG_SIGMA)
         scaled_noise = log_sigma.exp() * noise
-        actions = torch.tanh(outputs[..., :1] + scaled_noise)
+        actions = torch.tanh(mean + scaled_noise)
         # log pi(a | s) = log N(u; mu, sigma) - log da/du
         log_slope = torch.log(1 + _EPSILON - actions.square())
         log_likelihoods = -0.5 * noise.square() - log_sigma - _HALF_LOG_2_PI - log_slope
-        return Sample(actions, log_likelihoods, scaled_noise, raw == log_sigma)
+        return Sample(actions, sum_over_actions(log_likelihoods), scaled_noise, raw == log_sigma)
 
     def _minimum_gradient(self, first: Tensor, second: Tensor, by_minimum: Tensor) -> Tensor:
         """Returns the gradient of a loss by the actions of the critics' last evaluation.
@@ -171,7 +174,7 @@ class SAC(OffPolicyLearner):
             return self.critics.action_gradient(by_first, by_minimum - by_first)
         # Each critic goes backward on its own rows only. This halves the work, but the sizes vary,
         # which a CUDA graph does not allow.
-        by_action = torch.empty_like(by_minimum)
+        by_action = by_minimum.new_empty(len(by_minimum), self.action_size)
         for critic, mask in zip(self.critics.networks, (is_first, ~is_first), strict=True):
             rows = mask.view(-1).nonzero().view(-1)
             gradient = critic.action_gradient(by_minimum.index_select(0, rows), rows)
@@ -181,7 +184,7 @@ class SAC(OffPolicyLearner):
     def _policy_gradient(
         self, sample: Sample, temperature: Tensor, by_action: Tensor, mean_weight: Tensor
     ) -> Tensor:
-        """Returns the gradient (..., N, 2) of L_pi by mu(s) and log sigma(s).
+        """Returns the gradient (..., N, 2 action_size) of L_pi by mu(s) and log sigma(s).
 
         With a = tanh(u), u = mu + sigma e and
         log pi(a | s) = -e^2 / 2 - log sigma - log(1 - a^2) + constant:
@@ -192,7 +195,7 @@ class SAC(OffPolicyLearner):
 
         Args:
             temperature: alpha.
-            by_action: (..., N, 1) the critics' term, -1/N dmin Q / da.
+            by_action: (..., N, action_size) the critics' term, -1/N dmin Q / da.
             mean_weight: 1 / N.
         """
         weight = temperature * mean_weight

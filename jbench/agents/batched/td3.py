@@ -16,11 +16,13 @@ class TD3(OffPolicyLearner):
     """TD3, for one seed or for a stack."""
 
     losses: tuple[str, ...] = ("actor_loss", "critic_loss")
-    noise_per_transition = 1
 
-    def __init__(self, settings: TD3Settings, observation_size: int, view: SeedView) -> None:
+    def __init__(
+        self, settings: TD3Settings, observation_size: int, action_size: int, view: SeedView
+    ) -> None:
         """See `Learner`."""
-        super().__init__(settings, observation_size, view)
+        super().__init__(settings, observation_size, action_size, view)
+        self.noise_per_transition = action_size
         self._initialization = settings.initialization
         self._tau, self._delay = settings.tau, settings.policy_delay
         self._sigma, self._clip = settings.target_policy_noise, settings.target_noise_clip

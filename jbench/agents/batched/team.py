@@ -72,6 +72,7 @@ class Team(Generic[_Learner]):
         learner: Callable[..., _Learner],
         settings: AlgorithmSettings,
         sizes: Sequence[int],
+        action_size: int,
         generators: Sequence[Generators],
         tensors: Tensors,
         *,
@@ -86,10 +87,12 @@ class Team(Generic[_Learner]):
         """
         self.generators, self.tensors = generators, tensors
         self._sizes, largest = sizes, max(sizes)
-        self._make = partial(learner, settings)
+        self._make = partial(learner, settings, action_size=action_size)
         # It comes first, because it decides how the tensors lie in memory.
-        self._stack = self._make(largest, SeedView(tensors)) if stacked else None
-        self.each = [self._make(largest, SeedView(tensors, seed)) for seed in range(len(sizes))]
+        self._stack = self._make(largest, view=SeedView(tensors)) if stacked else None
+        self.each = [
+            self._make(largest, view=SeedView(tensors, seed)) for seed in range(len(sizes))
+        ]
         self._padding = [
             learner.input_weights(slice(size, largest)) if size < largest else {}
             for size, learner in zip(sizes, self.each, strict=True)
@@ -167,7 +170,7 @@ class Team(Generic[_Learner]):
             yield self.each[seed]
             return
         own = Tensors(1, self.tensors.dtype)
-        learner = self._make(self._sizes[seed], SeedView(own, 0))
+        learner = self._make(self._sizes[seed], view=SeedView(own, 0))
         for name, values in self.state(seed).items():
             own.saved[name][0] = values
         yield learner

@@ -59,7 +59,7 @@ class Twins:
         return first.square().addcmul_(second, second)
 
     def action_gradient(self, by_first: Tensor, by_second: Tensor) -> Tensor:
-        """Returns the gradient of a loss by the last input (..., N, 1), after `forward`.
+        """Returns the gradient of a loss by the actions, (..., N, action_size), after `forward`.
 
         Args:
             by_first: (..., N, 1) gradient of the loss by the values of the first.

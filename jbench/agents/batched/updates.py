@@ -62,7 +62,7 @@ class Updates:
         self._discounts = self._buffer(1).fill_(self._gamma)
         self._indices, self._next_indices = (self._buffer(dtype=torch.int64) for _ in range(2))
         self._batches = [
-            Batch(rows, next_rows, *numbers)
+            Batch(rows, next_rows, *numbers, self._learner.action_size)
             for numbers in zip(self._discounts, self._noise, strict=True)
         ]
         # The minibatch rows of each update, and the indices of the replay buffer's rows.

@@ -9,7 +9,7 @@ import argparse
 
 import numpy as np
 
-from jbench.report.analysis import statistics as st
+from jbench.statistics import bootstrap as st
 
 SEEDS, RESAMPLES = 10, 1000
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from jbench.commands.output import Output
 from jbench.report.analysis.claims import MARGIN
-from jbench.sweeps import sequential
+from jbench.statistics import sequential
 from jbench.sweeps.comparisons import Comparison
 from jbench.sweeps.deciding import Look, Outcome
 

@@ -12,7 +12,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
 
 if TYPE_CHECKING:
-    from jbench.report.data.published import PublishedCurve
+    import pandas as pd
 
 _MAX_RETURNS = 6  # with more seeds, a line shows the mean and extremes of the last returns
 _SPARKLINE = 16  # characters
@@ -109,7 +109,7 @@ def published_median(run: RunSettings, control_steps: float) -> float | None:
 
 
 @cache
-def _published_curves() -> "list[PublishedCurve]":
+def _published_curves() -> "pd.DataFrame":
     from jbench.report.data.published import read_published
     from jbench.store import query
 

@@ -206,10 +206,10 @@ def _decide(
 ) -> None:
     """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
     from jbench.commands.deciding_view import described_outcomes, introduction, show_look
+    from jbench.statistics.sequential import BLOCK
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.comparisons import comparisons, read_comparisons
     from jbench.sweeps.deciding import looks
-    from jbench.sweeps.sequential import BLOCK
     from jbench.training.status import failures_among, run_statuses
 
     chosen = comparisons(cells, read_comparisons(matrix), claims)

@@ -10,8 +10,8 @@ import pandas as pd
 
 from jbench.names import RETURNS, Order, ReturnsName, known
 from jbench.report.configurations import curve_points, seed_frame
-from jbench.report.data import rows
-from jbench.report.data.cells import Cell, of_kind
+from jbench.report.data import sources
+from jbench.report.data.configuration import Configuration, of_kind
 from jbench.report.data.curves import Curve
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
@@ -85,7 +85,7 @@ class OpenedResults:
         """
         found = self._rows(Request(task=task, algo=algo))
         runs = found.runs[_RUN].reset_index(drop=True)
-        seeds = seed_frame(found.cells)
+        seeds = seed_frame(found.configurations)
         for name in KINDS:
             finals = seeds[seeds["returns"] == name].set_index(["source", "run"])["final"]
             runs[f"{name}_return"] = finals.reindex(pd.MultiIndex.from_frame(runs[_KEY])).to_numpy()
@@ -126,36 +126,34 @@ class OpenedResults:
         found = self._rows(
             Request(task=task, algo=algo, returns=returns, window=window, order=order)
         )
-        curves = [
-            (cell, cell.curve(order, window)) for cell in of_kind(found.cells, KINDS[returns])
-        ]
+        curves = [(one, one.curve(order, window)) for one in of_kind(found.configurations, returns)]
         points = _seed_points(curves) if each_seed else curve_points(curves)
-        cells = [cell for cell, _ in curves]
-        named = pd.DataFrame([cell.key for cell in cells], columns=_CURVE)
-        named["settings"] = [cell.words for cell in cells]
-        settings = _settings([cell.settings for cell in cells])
+        chosen = [one for one, _ in curves]
+        named = pd.DataFrame([one.key for one in chosen], columns=_CURVE)
+        named["settings"] = [one.words for one in chosen]
+        settings = _settings([one.settings for one in chosen])
         differing = [
             name for name in settings if settings[name].astype(str).nunique(dropna=False) > 1
         ]
         named = named.join(settings[differing].drop(columns=points.columns, errors="ignore"))
         return points.merge(named, on=_CURVE, how="left")
 
-    def _rows(self, request: Request) -> rows.Rows:
-        found = rows.joined(rows.own_and_imported(self._results, request))
+    def _rows(self, request: Request) -> sources.Source:
+        found = sources.joined(sources.own_and_imported(self._results, request))
         for problem in found.problems:
             warnings.warn(problem, stacklevel=3)
         return found
 
 
-def _seed_points(curves: Sequence[tuple[Cell, Curve]]) -> pd.DataFrame:
+def _seed_points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
     """Returns the points of each seed's curve, (windows that the seed has completed)."""
     parts = [pd.DataFrame(columns=[*_CURVE, *_SEED_POINT])]
-    for cell, curve in curves:
-        for run, seed, values in zip(cell.runs, cell.seeds, curve.each, strict=True):
+    for one, curve in curves:
+        for run, seed, values in zip(one.runs, one.seeds, curve.each, strict=True):
             present = np.isfinite(values)
             numbers = curve.widths[present], curve.control_steps[present], values[present]
-            point = run, seed, cell.kind.name, *numbers
-            names = dict(zip(_CURVE, cell.key, strict=True))
+            point = run, seed, one.kind, *numbers
+            names = dict(zip(_CURVE, one.key, strict=True))
             parts.append(pd.DataFrame(names | dict(zip(_SEED_POINT, point, strict=True))))
     return pd.concat(parts[1:] or parts, ignore_index=True)
 

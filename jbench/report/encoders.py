@@ -1,6 +1,7 @@
 """Frames of encoders: what latents lose, what they predict, and the returns of agents on them."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,8 +9,8 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import ENCODER_KINDS, TASKS
-from jbench.report.analysis.reduction import final_returns
-from jbench.report.data.cells import ID, Cell, in_order, shown_representation
+from jbench.report.analysis.compare import return_frame
+from jbench.report.data.configuration import Configuration, in_order, shown_representation
 from jbench.settings.alike import ENCODER_VARIANT
 from jbench.settings.base import settings_hash
 from jbench.settings.variants import variant_labels
@@ -71,24 +72,25 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
     return ordered[_COLUMNS]
 
 
-def prediction_frame(cells: Sequence[Cell], encoders: pd.DataFrame) -> pd.DataFrame:
+def prediction_frame(
+    configurations: Sequence[Configuration], encoders: pd.DataFrame
+) -> pd.DataFrame:
     """Returns the final returns of representations beside what their latents predict.
 
     Only for tasks and algorithms with three or more measured representations. Representations with
     several variants of an encoder are left out, because runs do not say which of them they observe.
 
     Args:
-        cells: of one kind of return.
+        configurations: of one kind of return.
         encoders: see `encoder_frame`.
     """
-    columns = [*ID, "returns", "steps", "seeds", "iqm", "low", "high", "quantity", "r2"]
-    returns = pd.DataFrame(list(final_returns(cells)), columns=columns[:-2])
+    returns = return_frame(configurations)
     keys = ["task", "representation"]
     measured = encoders[~encoders.duplicated(keys, keep=False) & encoders["yaw_rate"].notna()]
     rows = returns.merge(measured[[*keys, *PREDICTED]], on=keys)
     group = ["source", "task", "algo", "words"]
     rows = rows[rows.groupby(group)["label"].transform("size") >= _MIN_POINTS]
-    long = rows.melt([*columns[:-2]], [*PREDICTED], "quantity", "r2")
+    long = rows.melt([*returns], [*PREDICTED], "quantity", "r2")
     return long.assign(quantity=long["quantity"].map(PREDICTED))
 
 
@@ -96,10 +98,10 @@ def _labels(rows: pd.DataFrame) -> list[str]:
     """Returns the options that distinguish each row's variant within its task and kind."""
     recorded = [json.loads(text) for text in rows["settings"]]
     kept = [{n: v for n, v in one.items() if n not in ENCODER_VARIANT} for one in recorded]
-    hashes = [settings_hash(variant) for variant in kept]
-    keys = list(zip(rows["task"], rows["kind"], strict=True))
+    keys = list(zip(rows["task"], rows["kind"], map(settings_hash, kept), strict=True))
     variants: dict[tuple[str, str], dict[str, dict[str, Any]]] = {}
-    for key, name, variant in zip(keys, hashes, kept, strict=True):
-        variants.setdefault(key, {})[name] = variant
+    for (task, kind, name), variant in zip(keys, kept, strict=True):
+        variants.setdefault((task, kind), {})[name] = variant
     labels = {key: variant_labels(found) for key, found in variants.items()}
-    return [labels[key][name] for key, name in zip(keys, hashes, strict=True)]
+    # An option that is not set has its default.
+    return [re.sub(r"\w+=\(not set\)(, )?", "", labels[t, k][name]) for t, k, name in keys]

@@ -11,14 +11,10 @@ import pandas as pd
 from jbench.errors import RequestError
 from jbench.names import ReturnsName
 from jbench.report import policies
-from jbench.report.analysis import comparisons, examine, published_claims
-from jbench.report.compared import (
-    claim_frame,
-    comparison_frame,
-    pair_frame,
-    profile_frame,
-    verdict_frame,
-)
+from jbench.report.analysis import compare
+from jbench.report.analysis.claims import claim_frame
+from jbench.report.analysis.examine import examine, examine_published
+from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.configurations import (
     configuration_frame,
     curve_frame,
@@ -28,16 +24,11 @@ from jbench.report.configurations import (
     seed_frame,
     sequence_frame,
 )
-from jbench.report.data import rows as sources
-from jbench.report.data.cells import IMPORTED, Cell, of_kind, verified
-from jbench.report.data.published import (
-    PublishedCurve,
-    imported_curve,
-    read_published,
-    read_sequences,
-)
+from jbench.report.data import sources
+from jbench.report.data.configuration import IMPORTED, Configuration, of_kind, verified
+from jbench.report.data.published import SEQUENCE, imported_curve, read_published
 from jbench.report.data.returns import KINDS, TRAINING
-from jbench.report.data.rows import Rows
+from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
@@ -72,6 +63,7 @@ class Frames:
     paths: pd.DataFrame
     baselines: pd.DataFrame
     verdicts: pd.DataFrame
+    decisions: pd.DataFrame
     pairs: pd.DataFrame
     profiles: pd.DataFrame
     encoders: pd.DataFrame
@@ -98,82 +90,92 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
         NothingYetError: if there are no runs, or none passes the filters.
         WorkError: if there are runs but none can be read.
     """
-    parts, notes = _read(results, request)
-    rows = sources.joined(parts)
-    table = query.published()
-    published, augmented = read_published(table), read_sequences(table)
-    curves = [(cell, cell.curve(request.order, request.window)) for cell in rows.cells]
-    baselines = [
-        imported_curve(cell, curve)
-        for cell, curve in curves
-        if (cell.source, cell.algo) == (IMPORTED, request.baseline)
-    ]
-    drawn = [
-        (cell, curve)
-        for cell, curve in curves
-        if (cell.source, cell.algo) != (IMPORTED, request.baseline)
-    ]
+    parts, pairs, notes = _read(results, request)
+    source = sources.joined(parts)
+    every = source.configurations
+    published = read_published(query.published())
+    curves = [(one, one.curve(request.order, request.window)) for one in every]
+    baseline = IMPORTED, request.baseline
+    baselines = [imported_curve(*pair) for pair in curves if _named(pair[0]) == baseline]
+    drawn = [pair for pair in curves if _named(pair[0]) != baseline]
     plain = [pair for pair in drawn if pair[0].robots <= 1]
-    returns = _leading(rows.cells, request)
-    lead = of_kind(rows.cells, KINDS[returns])
-    configurations = configuration_frame(curves, [*published, *augmented])
+    returns = _leading(every, request)
+    lead = of_kind(every, returns)
+    configurations = configuration_frame(curves, published)
     leading = configurations[configurations["returns"] == returns]
-    verdicts = verdict_frame(verified(rows.cells))
-    encoders = encoder_frame(rows.tables, request.task)
+    decisions = decision_frame(verified(every))
+    verdicts = verdict_frame(verified(every), decisions)
+    comparisons = compare.comparison_frame(pairs)
+    encoders = encoder_frame(source.tables, request.task)
     motor, positions, unread = policies.behavior(results, request.task)
-    claims, untested = _claims(rows, published, request)
-    runs = run_frame(rows, returns)
+    claims, untested = _claims(source, published, request)
+    tasks = {one.task for one in every}
+    figures = published[published["figure"] != SEQUENCE]
     return Frames(
         request=request,
         returns=returns,
-        headline=headline(verdicts[verdicts["returns"] == returns], leading),
-        notes=[*rows.notes, *notes, *_cell_notes(rows.cells), *untested],
-        problems=[*rows.problems, *unread],
+        headline=headline(
+            verdicts[verdicts["returns"] == returns],
+            leading,
+            comparisons[comparisons["returns"] == returns],
+        ),
+        notes=[*source.notes, *notes, *_notes(every), *untested],
+        problems=[*source.problems, *unread],
         configurations=configurations,
         curves=curve_frame(plain),
-        published=published_frame([*published, *baselines], rows.cells, request.algo),
-        seeds=seed_frame(rows.cells),
+        published=published_frame(pd.concat([figures, *baselines]), tasks, request.algo),
+        seeds=seed_frame(every),
         run_curves=run_curve_frame(plain),
-        paths=rows.paths,
-        baselines=policies.baseline_frame({cell.task for cell in rows.cells}),
+        paths=source.paths,
+        baselines=policies.baseline_frame(tasks),
         verdicts=verdicts,
-        pairs=pair_frame(lead),
-        profiles=profile_frame(lead),
+        decisions=decisions,
+        pairs=compare.pair_frame(lead),
+        profiles=compare.profile_frame(lead),
         encoders=encoders,
         predictions=prediction_frame(verified(lead), encoders),
-        processor=processor_frame([pair for pair in plain if pair[0].kind is KINDS[returns]]),
+        processor=processor_frame([pair for pair in plain if pair[0].kind == returns]),
         motor=motor,
         positions=positions,
-        sequences=sequence_frame([pair for pair in drawn if pair[0].robots > 1], augmented),
-        comparisons=_comparisons(parts, request),
+        sequences=sequence_frame(
+            [pair for pair in drawn if pair[0].robots > 1],
+            published[published["figure"] == SEQUENCE],
+        ),
+        comparisons=comparisons,
         claims=claims,
-        runs=runs,
+        runs=run_frame(source, returns),
         leaderboard=leaderboard(
-            leading, policies.hand_written_returns(rows.tables), published, request.algo
+            leading, policies.hand_written_returns(source.tables), figures, request.algo
         ),
     )
 
 
-def _read(results: Results, request: Request) -> tuple[list[Rows], list[str]]:
-    """Returns the rows of each source, and notes."""
+def _named(one: Configuration) -> tuple[str, str]:
+    return one.source, one.algo
+
+
+def _read(
+    results: Results, request: Request
+) -> tuple[list[Source], list[tuple[Configuration, Configuration]], list[str]]:
+    """Returns each source, the pairs of the two sides of a comparison, and notes."""
     if request.compare is not None:
         sides = [sources.side(text, results, request) for text in request.compare]
-        return sides, _check_comparable(sides[0], sides[1], request)
+        return sides, *_compared(sides[0].configurations, sides[1].configurations, request)
     parts = sources.own_and_imported(results, request)
     if request.reference:
         parts.append(sources.reference(request, shipped_results()))
-    cells = [cell for part in parts for cell in part.cells]
+    configurations = [one for part in parts for one in part.configurations]
     if request.baseline is not None:
-        sources.check_baseline(request.baseline, cells)
+        sources.check_baseline(request.baseline, configurations)
     encoders = encoder_frame(parts[0].tables, request.task)
-    drawable = cells or len(encoders) or _has_states(results, request.task)
+    drawable = configurations or len(encoders) or _has_states(results, request.task)
     if parts[0].runs.empty and not drawable:
         raise sources.nothing_to_report(results, [p for part in parts for p in part.problems])
     if not drawable:
         raise sources.NothingYetError(
             f"No run has an episode yet; wait for them. {' '.join(parts[0].notes)}"
         )
-    return parts, []
+    return parts, [], []
 
 
 def _has_states(results: Results, task: str | None) -> bool:
@@ -182,69 +184,55 @@ def _has_states(results: Results, task: str | None) -> bool:
     return any(one.get("states") and task in (None, one.get("task")) for one in saved)
 
 
-def _check_comparable(one: Rows, other: Rows, request: Request) -> list[str]:
-    """Returns notes on configurations of two sides without a counterpart on the other.
+def _compared(
+    ours: Sequence[Configuration], theirs: Sequence[Configuration], request: Request
+) -> tuple[list[tuple[Configuration, Configuration]], list[str]]:
+    """Returns the pairs of two sides, and notes on configurations without a counterpart.
 
     Raises:
         RequestError: if none has a counterpart.
     """
     names = request.names_compared
-    ours, theirs = (of_kind(rows.cells, TRAINING) for rows in (one, other))
-    pairs = comparisons.across(ours, theirs, names)
-    notes = comparisons.near_misses(ours, theirs, pairs)
+    pairs = compare.across(ours, theirs, names)
+    notes = compare.left_out(of_kind(ours, TRAINING), of_kind(theirs, TRAINING), pairs)
     if not pairs:
         free = ", ".join([*sorted(names), "seeds and steps"])
+        why = [note for note in notes if "is not compared" in note][:1]
+        sides = " and ".join(request.compare or ())
         raise RequestError(
-            f"No runs of {' and '.join(request.compare or ())} can be compared: there must be "
-            f"runs of both that differ only in {free}. {notes[0] if notes else ''}".strip()
+            f"No runs of {sides} can be compared: there must be runs of both that differ only in "
+            f"{free}. {''.join(why)}".strip()
         )
-    return [*(note for cells in (ours, theirs) for note in comparisons.alone(cells, pairs)), *notes]
+    return pairs, notes
 
 
-def _leading(cells: Sequence[Cell], request: Request) -> ReturnsName:
+def _leading(configurations: Sequence[Configuration], request: Request) -> ReturnsName:
     """Returns the requested kind of return, or the other one if no run has it."""
-    kinds = {cell.kind.name for cell in cells}
+    kinds = {one.kind for one in configurations}
     return request.returns if request.returns in kinds or not kinds else kinds.pop()
 
 
-def _comparisons(parts: Sequence[Rows], request: Request) -> pd.DataFrame:
-    """Returns the comparisons of the two sides of the request, for both kinds of return."""
-    if request.compare is None:
-        return comparison_frame([])
-    found = [
-        comparisons.compare(one, other)
-        for kind in KINDS.values()
-        for one, other in comparisons.across(
-            of_kind(parts[0].cells, kind), of_kind(parts[1].cells, kind), request.names_compared
-        )
-    ]
-    return comparison_frame(found)
-
-
 def _claims(
-    rows: Rows, published: Sequence[PublishedCurve], request: Request
+    source: Source, published: pd.DataFrame, request: Request
 ) -> tuple[pd.DataFrame, list[str]]:
     """Returns the findings on the claims, if requested, and notes on untested ones."""
     if not request.claims:
         return claim_frame([]), []
-    cells = verified(rows.cells)
-    tested = [one for kind in KINDS.values() for one in examine.examine(of_kind(cells, kind))]
-    by_hand, notes = policies.findings(rows.tables, request.task)
-    curves = [
-        curve
-        for curve in published
-        if request.task in (None, curve.task) and request.algo in (None, curve.algo)
-    ]
-    found = [*tested, *by_hand, *published_claims.examine_published(curves)]
-    return claim_frame(sorted(found, key=lambda one: one.claim)), notes
+    runs = verified(source.configurations)
+    found = [finding for kind in KINDS for finding in examine(of_kind(runs, kind))]
+    by_hand, notes = policies.findings(source.tables, request.task)
+    for name in ("task", "algo"):
+        if (value := getattr(request, name)) is not None:
+            published = published[published[name] == value]
+    return claim_frame([*found, *by_hand, *examine_published(published)]), notes
 
 
-def _cell_notes(cells: Sequence[Cell]) -> list[str]:
+def _notes(configurations: Sequence[Configuration]) -> list[str]:
     """Returns the notes on configurations, a sentence each; equal notes are one sentence."""
     named: dict[str, list[str]] = {}
-    for cell in cells:
-        for note in cell.notes:
-            named.setdefault(note, []).append(cell.configuration)
+    for one in configurations:
+        for note in one.notes:
+            named.setdefault(note, []).append(one.configuration)
     return [
         f"{names[0] if len(names) == 1 else f'{len(names)} configurations, such as {names[0]}'}: "
         f"{note}."

@@ -5,8 +5,9 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from jbench.names import FULL, one_of
-from jbench.report.analysis.statistics import DECIDING_SEEDS
+from jbench.report.analysis.verdicts import judged
 from jbench.report.data.returns import steps, whole
+from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _OUTCOMES = {
     "higher": "reach higher final returns",
@@ -18,7 +19,9 @@ _OUTCOMES = {
 _MAX_WORDS = 30
 
 
-def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame) -> str:
+def headline(
+    verdicts: pd.DataFrame, configurations: pd.DataFrame, comparisons: pd.DataFrame
+) -> str:
     """Returns the headline, of at most 30 words.
 
     It names tasks where the answer depends on them.
@@ -26,6 +29,7 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame) -> str:
     Args:
         verdicts: of one kind of return.
         configurations: of the same kind of return.
+        comparisons: of the same kind of return; empty unless two sides are compared.
     """
     known = configurations[configurations["seeds"] > 0]
     if known.empty:
@@ -34,6 +38,8 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame) -> str:
         seeds, longest = int(known["seeds"].max()), steps(known["steps"].max())
         count = "one seed" if seeds == 1 else f"{seeds} seeds"
         return f"Too early to say: {count} of {longest} control steps decide nothing."
+    if len(comparisons):
+        return _on_sides(comparisons)
     against_full = verdicts[verdicts["against"] == FULL]
     if against_full.empty:
         return _best(known)
@@ -43,6 +49,22 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame) -> str:
     while len(_sentence(clauses).split()) > _MAX_WORDS and len(clauses) > 1:
         clauses.pop()
     return _sentence(clauses)
+
+
+def _on_sides(comparisons: pd.DataFrame) -> str:
+    """Returns how often the first of two sides reaches the higher return."""
+    first, other = comparisons[["a", "b"]].iloc[0]
+    enough = comparisons[["seeds_a", "seeds_b"]].min(axis=1) >= DECIDING_SEEDS
+    ends = comparisons[enough][["corrected_low", "corrected_high"]]
+    words = [judged(*pair) for pair in ends.itertuples(index=False)]
+    of = f"of {len(comparisons)} configurations" if len(comparisons) > 1 else "configuration"
+    found = [
+        f"{word} in {words.count(word)} {of}"
+        for word in ("higher", "lower", "similar")
+        if word in words
+    ]
+    answer = ", ".join(found) or "not shown to differ from it"
+    return f"The final return with {first}, compared with {other}, is {answer}."
 
 
 def _sentence(clauses: Sequence[str]) -> str:
@@ -91,12 +113,11 @@ def _outcome(rows: pd.DataFrame) -> str:
 def _best(configurations: pd.DataFrame) -> str:
     """Returns a sentence on the configurations with the highest median of each task."""
     best = configurations.loc[configurations.groupby("task", sort=False)["median"].idxmax()]
-    parts = [
-        f"{row['label']} reaches a median return of {whole(row['median'])} on {row['task']}"
-        for row in best.to_dict("records")
-    ]
-    text = f"{parts[0]}."
-    for part in parts[1:]:
-        if len(f"{text} {part}".split()) <= _MAX_WORDS:
-            text = f"{text} {part}."
+    text = ""
+    for row in best.to_dict("records"):
+        reached = (
+            f"{row['label']} reaches a median return of {whole(row['median'])} on {row['task']}"
+        )
+        if not text or len(f"{text} {reached}".split()) <= _MAX_WORDS:
+            text = f"{text} {reached}.".strip()
     return text

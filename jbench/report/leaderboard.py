@@ -1,21 +1,20 @@
 """The leaderboard: agents, hand-written policies and published curves, ranked on each task."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.names import FULL, HEURISTIC
-from jbench.report.analysis import statistics as st
 from jbench.report.configurations import configuration_frame
-from jbench.report.data import rows
-from jbench.report.data.cells import IMPORTED, OWN, display_name, in_order, of_kind
-from jbench.report.data.curves import FloatArray
-from jbench.report.data.published import PUBLISHED, PublishedCurve, read_published
-from jbench.report.data.returns import KINDS
+from jbench.report.data import sources
+from jbench.report.data.configuration import IMPORTED, OWN, display_name, in_order, of_kind
+from jbench.report.data.published import CURVE, PUBLISHED, SEQUENCE, read_published
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
+from jbench.statistics import FloatArray
+from jbench.statistics import bootstrap as st
 from jbench.store import Results, query
 
 HAND_WRITTEN = "hand-written"
@@ -40,23 +39,24 @@ def ranked_configurations(
     alone, parts = len(directories) == 1, []
     for name, results in directories.items():
         ours, theirs = (OWN, IMPORTED) if alone else (name, f"{name}: {IMPORTED}")
-        parts.append(rows.own(results, request, ours, strict=False))
-        parts.append(rows.imported(results, request, theirs))
-    kind = KINDS[request.returns]
-    cells = of_kind((cell for part in parts for cell in part.cells), kind)
+        parts.append(sources.own(results, request, ours, strict=False))
+        parts.append(sources.imported(results, request, theirs))
+    every = [one for part in parts for one in part.configurations]
     by_hand: dict[str, FloatArray] = {}
     for part in parts:
         for task, returns in hand_written_returns(part.tables).items():
             if request.task in (None, task) and len(returns) > len(by_hand.get(task, ())):
                 by_hand[task] = returns
     published = read_published(query.published())
-    curves = [(cell, cell.curve(request.order, request.window)) for cell in cells]
+    published = published[published["figure"] != SEQUENCE]
+    configurations = of_kind(every, request.returns)
+    curves = [(one, one.curve(request.order, request.window)) for one in configurations]
     frame = leaderboard(configuration_frame(curves, published), by_hand, published, request.algo)
     problems = [problem for part in parts for problem in part.problems]
     if frame.empty:
         what = "hand-written policy" if request.algo == HEURISTIC else "run"
         raise RequestError(
-            f"No {what} in {' and '.join(directories)} has {kind.name} returns to rank. "
+            f"No {what} in {' and '.join(directories)} has {request.returns} returns to rank. "
             f"{' '.join(problems)}".strip()
         )
     return frame, problems
@@ -65,7 +65,7 @@ def ranked_configurations(
 def leaderboard(
     configurations: pd.DataFrame,
     by_hand: Mapping[str, FloatArray],
-    published: Sequence[PublishedCurve],
+    published: pd.DataFrame,
     algo: str | None = None,
 ) -> pd.DataFrame:
     """Returns the entries by task and median, best first.
@@ -103,9 +103,9 @@ def leaderboard(
         if algo in (None, HEURISTIC)
     ]
     tasks = {*agents["task"], *(row["task"] for row in others)}
-    curves = [one for one in published if one.task in tasks and algo in (None, one.algo)]
-    others += _published(curves)
-    every: pd.DataFrame = pd.concat([agents, pd.DataFrame(others)], ignore_index=True)
+    theirs = _published(published[published["task"].isin(tasks)])
+    theirs = theirs[theirs["algo"] == display_name(algo)] if algo is not None else theirs
+    every: pd.DataFrame = pd.concat([agents, pd.DataFrame(others), theirs], ignore_index=True)
     every = every.reindex(columns=COLUMNS).sort_values("median", ascending=False, kind="stable")
     ranked = [_ranked(every[every["task"] == task]) for task in in_order(tasks)]
     integers = dict.fromkeys(("rank", "n", "steps_min", "steps"), "Int64")
@@ -128,24 +128,19 @@ def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
     return entries.assign(rank=pd.array(ranks, "Int64"))
 
 
-def _published(curves: Sequence[PublishedCurve]) -> list[dict[str, object]]:
+def _published(published: pd.DataFrame) -> pd.DataFrame:
     """Returns a row for each published algorithm and representation on the plain robot.
 
     Of several curves, the longest counts, or the best of several such.
     """
-    best: dict[tuple[str, str, str], tuple[float, float]] = {}
-    for curve in curves:
-        if not curve.sequence:
-            key = curve.task, curve.algo, curve.representation
-            end = float(curve.control_steps[-1]), float(curve.quantiles[50][-1])
-            best[key] = max(best.get(key, end), end)
-    return [
+    ends = published.groupby(CURVE).last().sort_values(["steps", "median"])
+    best = ends.groupby(CURVE[1:]).last().reset_index()
+    best = best.rename(columns={"representation": "observation"})
+    steps = best["steps"].round().astype(int)
+    return pd.DataFrame(
         {
-            "task": task,
-            "entry": PUBLISHED,
-            "algo": display_name(algo),
-            "observation": representation,
+            **{name: best[name] for name in ("task", "observation", "median")},
+            **{"algo": best["algo"].map(display_name), "entry": PUBLISHED},
+            **{"steps": steps, "steps_min": steps},
         }
-        | {"median": median, "steps_min": round(end), "steps": round(end)}
-        for (task, algo, representation), (end, median) in best.items()
-    ]
+    )

@@ -15,7 +15,8 @@ from markupsafe import Markup
 
 from jbench.paper.citation import CITATION
 from jbench.report import style
-from jbench.report.data.cells import OWN
+from jbench.report.analysis.claims import MARGIN
+from jbench.report.data.configuration import OWN
 from jbench.report.figures import charts, cleaned
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
@@ -26,7 +27,7 @@ from jbench.wording import counted
 
 _FIRST = ("comparisons", "representations")
 _NEXT = ("algorithms", "returns")
-_OPEN_TABLES = ("final_returns", "comparisons", "runs")
+_OPEN_TABLES = ("final_returns", "comparisons", "sequential_test", "runs")
 _FILTERED = ("task", "algo", "representation", "against", "returns", "status", "claim")
 _MOST_CHOICES = 40
 _LONG = 30  # rows from which a table has a height of its own
@@ -136,34 +137,28 @@ def _matrix(frames: Frames) -> dict[str, Any]:
     return {"baselines": baselines, "claims": _CLAIMS, "rows": rows}
 
 
-def _scale(rows: pd.DataFrame) -> tuple[float, float]:
-    """Returns the ends of the small axis of a claim; few intervals reach beyond it."""
-    neutral = float(rows["neutral"].iloc[0])
-    ends = pd.concat([rows["low"], rows["high"]]).replace([np.inf, -np.inf], np.nan)
-    reach = float((ends - neutral).abs().quantile(0.9)) if ends.notna().any() else 1.0
-    return neutral - reach, neutral + reach
+def _scale(rows: pd.DataFrame) -> float:
+    """Returns half of the width of the small axis of a claim; few intervals reach beyond it."""
+    ends = np.abs(rows[["low", "high"]].to_numpy(float).ravel())
+    known = ends[np.isfinite(ends)]
+    return float(np.quantile(known, 0.9)) if len(known) else 1.0
 
 
-def _verdict(row: Mapping[Any, Any], scale: tuple[float, float]) -> dict[str, Any]:
+def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
+    """Returns a verdict with the places of its intervals on a small axis, 120 wide."""
+
     def at(value: float) -> float:
-        low, high = scale
-        share = (min(max(value, low), high) - low) / ((high - low) or 1)
-        return round(4 + 112 * (0.5 if math.isnan(share) else share), 1)
+        share = min(max(value / (reach or 1), -1), 1)
+        return round(60 + 56 * (0 if math.isnan(share) else share), 1)
 
-    margin = None
-    if row["margin"] > 0:
-        left = at(row["neutral"] - row["margin"])
-        margin = left, round(at(row["neutral"] + row["margin"]) - left, 1)
-    form = "{:+.2f}" if abs(scale[1] - scale[0]) < 20 else "{:+.0f}"
-    if row["neutral"]:
-        form = form.replace("+", "")
-    value, low, high = (form.format(row[name]) for name in ("value", "low", "high"))
+    value, low, high = (f"{row[name]:+.0f}" for name in ("value", "low", "high"))
+    names = ("value", "low", "high", "corrected_low", "corrected_high")
     return {
-        **{name: at(row[name]) for name in ("value", "low", "high", "neutral")},
-        **{name: row[name] for name in ("mark", "verdict", "text")},
-        "numbers": f"{value} [{low}, {high}], n = {row['seeds']}",
+        **{name: at(row[name]) for name in names},
+        **{name: row[name] for name in ("mark", "verdict", "text", "corrected_by")},
+        "numbers": f"alone: {value} [{low}, {high}], n = {row['seeds']}",
         "state": _STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
-        "margin": margin,
+        "margin": (at(-MARGIN), at(MARGIN)) if row["claim"] == "a" else None,
     }
 
 

@@ -1,6 +1,5 @@
 """Policies beside the agents, random and hand-written, and what policies do (Figures 4 and 5)."""
 
-import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any, NamedTuple
@@ -11,11 +10,12 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
-from jbench.report.analysis import statistics as st
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import examine_heuristic
-from jbench.report.data.cells import in_order
-from jbench.report.data.curves import FloatArray
+from jbench.report.data.configuration import in_order
+from jbench.report.data.points import plain_evaluations
+from jbench.statistics import FloatArray
+from jbench.statistics import bootstrap as st
 from jbench.store import Record, Results
 
 BASELINES = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
@@ -87,28 +87,17 @@ def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray
     """
     if "policy_evaluations" not in tables:
         return {}
-    rows = tables["policy_evaluations"].to_pandas(use_threads=False)
-    chosen = _chosen(rows[(rows["policy"] == HEURISTIC) & (rows["status"] == "finished")])
+    rows = plain_evaluations(tables)
+    rows = rows[rows["policy"] == HEURISTIC].dropna(subset=["task", "episodes"])
+    chosen = rows.sort_values(["episodes", "created"]).drop_duplicates("task", keep="last")
     episodes = tables["policy_episodes"].to_pandas(use_threads=False)
-    returns = {}
-    for name, evaluation in chosen.items():
-        numbers = episodes["episode_return"][episodes["evaluation"] == evaluation].to_numpy(float)
-        returns[name] = numbers[np.isfinite(numbers)]
-    return returns
-
-
-def _chosen(rows: pd.DataFrame) -> dict[str, str]:
-    """Returns the id of the evaluation that counts, by task."""
-    plain = [
-        settings.get("augment") is None and settings.get("target_yaw") is None
-        for settings in map(json.loads, rows["settings"])
-    ]
-    ranked = (
-        rows[np.array(plain, bool)]
-        .dropna(subset=["task", "episodes"])
-        .sort_values(["episodes", "created"])
-    )
-    return dict(zip(ranked["task"], ranked["evaluation"], strict=True))
+    episodes = episodes[np.isfinite(episodes["episode_return"])]
+    returns = episodes.groupby("evaluation", observed=True)["episode_return"]
+    known = {str(name): values.to_numpy(float) for name, values in returns}
+    return {
+        task: known.get(evaluation, np.empty(0))
+        for task, evaluation in zip(chosen["task"], chosen["evaluation"], strict=True)
+    }
 
 
 class _States(NamedTuple):

@@ -9,9 +9,9 @@ import pandas as pd
 
 from jbench.names import kind_of
 from jbench.report.configurations import seed_frame
-from jbench.report.data.cells import display_name, shown_representation
-from jbench.report.data.divergence import divergence_of
-from jbench.report.data.rows import Rows
+from jbench.report.data.build import divergence
+from jbench.report.data.configuration import display_name, shown_representation
+from jbench.report.data.sources import Source
 from jbench.settings.alike import flatten
 from jbench.settings.run import RunSettings, parse_run
 from jbench.settings.variants import value_text
@@ -23,7 +23,7 @@ COLUMNS = [
 _RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
 
 
-def run_frame(rows: Rows, returns: str) -> pd.DataFrame:
+def run_frame(source: Source, returns: str) -> pd.DataFrame:
     """Returns a row per run, those without an episode included.
 
     Columns: source, run, the other columns `ID` (empty for a run in no configuration), seed, steps
@@ -31,30 +31,28 @@ def run_frame(rows: Rows, returns: str) -> pd.DataFrame:
     (when, or empty), settings (texts by name) and provenance (texts by name). Runs are in the order
     of their configurations and seeds.
     """
-    cells = [cell for cell in rows.cells if cell.kind.name == returns]
-    named = {(cell.source, run): cell for cell in [*rows.cells, *cells] for run in cell.runs}
-    seeds = seed_frame(cells)
-    finals = dict(zip(zip(seeds["source"], seeds["run"], strict=True), seeds["final"], strict=True))
+    lead = [one for one in source.configurations if one.kind == returns]
+    named = {(one.source, run): one for one in [*source.configurations, *lead] for run in one.runs}
+    finals = seed_frame(lead).set_index(["source", "run"])["final"].to_dict()
     found = []
-    for row in rows.runs.to_dict("records"):
+    for row in source.runs.to_dict("records"):
         key = str(row["source"]), str(row["run"])
-        cell, representation = named.get(key), str(row["representation"])
-        names = {"configuration": "", "label": "", "words": ""} | (cell.identity if cell else {})
-        names |= {"source": key[0], "run": key[1], "task": row["task"]}
-        names |= {"algo": display_name(str(row["algo"])), "kind": kind_of(representation)}
-        names |= {"representation": shown_representation(representation)}
-        divergence = divergence_of(row["diverged"])
+        one, representation = named.get(key), str(row["representation"])
+        diverged = divergence(row["diverged"])
         found.append(
             {
-                **names,
+                **(one.identity if one else {"configuration": "", "label": "", "words": ""}),
+                **{"source": key[0], "run": key[1], "task": row["task"]},
+                **{"algo": display_name(str(row["algo"])), "kind": kind_of(representation)},
+                "representation": shown_representation(representation),
                 **{"seed": row["seed"], "steps": row["steps"], "status": row["status"]},
                 **{"final": finals.get(key, np.nan), "day": str(row["created"] or "")[:10]},
-                "diverged": str(divergence) if divergence else "",
+                "diverged": diverged[1] if diverged else "",
                 "settings": dict(_texts(row["settings"])),
                 "provenance": provenance(row["provenance"]),
             }
         )
-    order = {cell.configuration: i for i, cell in enumerate(rows.cells)}
+    order = {one.configuration: i for i, one in enumerate(source.configurations)}
     found.sort(key=lambda row: (order.get(row["configuration"], -1), row["seed"]))
     return pd.DataFrame(found, columns=COLUMNS).astype({"steps": "Int64"})
 

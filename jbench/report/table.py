@@ -1,7 +1,7 @@
 """Tables: frames with the columns that people read, as text, Markdown, LaTeX and CSV."""
 
 import unicodedata
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,7 +47,7 @@ class Table:
     title: str
     caption: str
     frame: pd.DataFrame
-    columns: tuple[Column, ...]
+    columns: Sequence[Column]
 
     def rows(self) -> list[list[tuple[Any, str]]]:
         """Returns the value that sorts, and the clean text, of each cell of each row."""

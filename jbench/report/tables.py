@@ -4,9 +4,8 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from jbench.report.analysis.claims import CLAIMS
-from jbench.report.analysis.statistics import DECIDING_SEEDS
-from jbench.report.data.cells import OWN
+from jbench.report.analysis.claims import CLAIMS, MARGIN
+from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import SOLVED, ratio, signed, steps
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
@@ -21,8 +20,15 @@ from jbench.report.table import (
     plain,
     to_csv,
 )
+from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _INTERVAL = "In brackets: 95% interval."
+_FINAL = {
+    "evaluation": "Mean return of a run's last evaluation, in which the policy is deterministic.",
+    "training": "Mean return of a run's last 100 training episodes, exploration included, or of "
+    "its last quarter if that is shorter.",
+}
+_CLAIM = {"a": "final return", "b": "variability across seeds", "c": "speed"}
 
 DATA = (
     *("configurations", "seeds", "curves", "published", "baselines", "pairs", "profiles"),
@@ -36,6 +42,7 @@ def tables(frames: Frames) -> list[Table]:
     every = [
         _final_returns(frames),
         _verdicts(frames),
+        _decisions(frames),
         _comparisons(frames),
         _claims(frames),
         leaderboard_table(frames.leaderboard, frames.returns),
@@ -45,10 +52,7 @@ def tables(frames: Frames) -> list[Table]:
     return [table for table in every if len(table.frame)]
 
 
-_TASK, _ALGO = plain("task"), plain("algorithm", "algo")
-
-
-def _observation(row: Row) -> str:
+def _observed(row: Row) -> str:
     return ", ".join(filter(None, (row["representation"], row["words"])))
 
 
@@ -56,15 +60,22 @@ def _sourced(row: Row) -> str:
     return str(row["algo"]) if row["source"] == OWN else f"{row['source']}: {row['algo']}"
 
 
-def _steps(row: Row) -> str:
+def _range(row: Row) -> str:
     if missing(row["steps"]):
         return ""
     ends = dict.fromkeys((steps(row["steps_min"]), steps(row["steps"])))
     return "\N{EN DASH}".join(ends)
 
 
-def _reached(row: Row) -> str:
-    return "" if missing(row["reached"]) else f"{row['reached']} of {row['seeds']}"
+def _positive(value: float) -> str:
+    return str(value) if value else ""
+
+
+_TASK, _ALGO = plain("task"), plain("algorithm", "algo")
+_SOURCED = Column("algorithm", "algo", _sourced)
+_OBSERVED = Column("observation", "representation", _observed)
+_SEEDS = number("seeds", "seeds", str)
+_RANGE = Column("steps", "steps", _range, numeric=True)
 
 
 def _final_returns(frames: Frames) -> Table:
@@ -75,141 +86,108 @@ def _final_returns(frames: Frames) -> Table:
     policies = policies.assign(algo=policies["policy"].replace("random", "random actions"))
     policies = policies.rename(columns={"low": "median_low", "high": "median_high"})
     counts = dict.fromkeys(("seeds", "draws", "diverged", "reached", "steps_min", "steps"), "Int64")
-    agents, policies = (
-        one.reindex(columns=agents.columns).astype(counts) for one in (agents, policies)
-    )
-    rows = pd.concat([agents, policies], ignore_index=True)
+    both = [one.reindex(columns=agents.columns).astype(counts) for one in (agents, policies)]
     order = {task: i for i, task in enumerate(agents["task"].unique())}
+    rows = pd.concat(both, ignore_index=True)
     rows = rows.sort_values("task", key=lambda task: task.map(order), kind="stable")
-    return Table(
-        "final_returns",
-        f"Final {frames.returns} returns",
+
+    def reached(row: Row) -> str:
+        return "" if missing(row["reached"]) else f"{row['reached']} of {row['seeds']}"
+
+    columns = [
+        *(_TASK, _SOURCED, _OBSERVED, _SEEDS, number("draws", "draws", _positive), _RANGE),
+        *(number("diverged", "diverged", _positive), estimate("median", "median")),
+        *(estimate("IQM", "iqm"), estimate("over the run", "over_run"), estimate("s", "s")),
+        *(number("detectable", "detectable"), Column(f"reach {SOLVED}", "reached", reached, True)),
+        estimate(f"steps to {SOLVED}", "solved_steps", steps),
+        number("published median", "published"),
+    ]
+    caption = (
         f"{_FINAL[frames.returns]} IQM: mean without the lowest and highest quarter of seeds. s: "
         "standard deviation between agents, without that of the episodes. Detectable: smallest "
-        f"difference that these seeds would show. {_INTERVAL} Policies have 100 episodes.",
-        rows,
-        (
-            _TASK,
-            Column("algorithm", "algo", _sourced),
-            Column("observation", "representation", _observation),
-            number("seeds", "seeds", str),
-            number("draws", "draws", lambda value: str(value) if value else ""),
-            Column("steps", "steps", _steps, numeric=True),
-            number("diverged", "diverged", lambda value: str(value) if value else ""),
-            estimate("median", "median"),
-            estimate("IQM", "iqm"),
-            estimate("over the run", "over_run"),
-            estimate("s", "s"),
-            number("detectable", "detectable"),
-            Column(f"reach {SOLVED}", "reached", _reached, numeric=True),
-            estimate(f"steps to {SOLVED}", "solved_steps", steps),
-            number("published median", "published"),
-        ),
+        f"difference that these seeds would show. {_INTERVAL} Policies have 100 episodes."
     )
-
-
-_FINAL = {
-    "evaluation": "Mean return of a run's last evaluation, in which the policy is deterministic.",
-    "training": "Mean return of a run's last 100 training episodes, exploration included, or of "
-    "its last quarter if that is shorter.",
-}
-_CLAIM = {"a": "final return", "b": "variability across seeds", "c": "speed"}
+    return Table("final_returns", f"Final {frames.returns} returns", caption, rows, columns)
 
 
 def _verdicts(frames: Frames) -> Table:
     rows = frames.verdicts[frames.verdicts["returns"] == frames.returns]
-    return Table(
-        "verdicts",
-        "Does reduction help?",
+    columns = [
+        *(_TASK, _ALGO, _OBSERVED, plain("against")),
+        Column("of", "claim", lambda row: _CLAIM[row["claim"]]),
+        Column("verdict", "verdict", lambda row: f"{row['mark']} {row['text']}"),
+        *(estimate("difference", "value", signed, ("low", "high")), _SEEDS),
+        plain("corrected by", "corrected_by"),
+    ]
+    caption = (
         f"{frames.returns.capitalize()} returns at the last control step that every seed has "
-        "reached. Higher, lower, faster, slower and more or less variable: the 95% interval says "
-        "so; similar: the 90% interval of the difference lies within 50. Fewer than "
-        f"{DECIDING_SEEDS} seeds decide nothing.",
-        rows,
-        (
-            _TASK,
-            _ALGO,
-            Column("observation", "representation", _observation),
-            plain("against"),
-            Column("of", "claim", lambda row: _CLAIM[row["claim"]]),
-            Column("verdict", "verdict", lambda row: f"{row['mark']} {row['text']}"),
-            number("seeds", "seeds", str),
-        ),
+        "reached. A verdict rests on an interval that is corrected for the other comparisons; the "
+        f"95% interval of the difference alone is beside it. Similar: within {MARGIN:g}. Fewer "
+        f"than {DECIDING_SEEDS} seeds decide nothing."
     )
+    return Table("verdicts", "Does reduction help?", caption, rows, columns)
+
+
+def _decisions(frames: Frames) -> Table:
+    columns = [
+        *(_TASK, _ALGO, plain("observation", "representation"), plain("against")),
+        *(plain("final return is", "verdict"), _SEEDS),
+        estimate("difference", "difference", signed, ("low", "high")),
+        number("error spent", "spent", "{:.2%}".format),
+    ]
+    caption = (
+        "Difference of mean final evaluation returns of the first 5, 10, 15, … seeds, with its "
+        "repeated confidence interval. Of all planned comparisons together, one or more verdicts "
+        "are wrong with a probability of at most 5%."
+    )
+    return Table("sequential_test", "Sequential test", caption, frames.decisions, columns)
 
 
 def _comparisons(frames: Frames) -> Table:
-    return Table(
-        "comparisons",
-        "Comparison of two sides",
+    columns = [
+        *(_TASK, _ALGO, _OBSERVED, plain("returns"), plain("this", "a"), plain("against", "b")),
+        Column("seeds", "seeds_a", lambda row: f"{row['seeds_a']}, {row['seeds_b']}", True),
+        number("steps", "steps", steps),
+        estimate("probability", "p", ratio, ("p_low", "p_high")),
+        *(estimate("difference", "difference", signed, ("low", "high")), plain("verdict", "text")),
+    ]
+    caption = (
         "Final returns at the last control step that every seed of both sides has reached: "
         "probability that a run of the first ends above one of the second, and difference of the "
-        f"interquartile means. {_INTERVAL}",
-        frames.comparisons,
-        (
-            _TASK,
-            _ALGO,
-            Column("observation", "representation", _observation),
-            plain("returns"),
-            plain("this", "a"),
-            plain("against", "b"),
-            Column("seeds", "seeds_a", lambda row: f"{row['seeds_a']}, {row['seeds_b']}", True),
-            number("steps", "steps", steps),
-            estimate("probability", "p", ratio),
-            estimate("difference", "difference", signed, ("low", "high")),
-            plain("verdict", "text"),
-        ),
+        f"interquartile means. {_INTERVAL} The verdict is corrected for the number of rows."
     )
+    return Table("comparisons", "Comparison of two sides", caption, frames.comparisons, columns)
 
 
 def _claims(frames: Frames) -> Table:
-    tests = " ".join(f"({letter}) {claim.text} {claim.test}" for letter, claim in CLAIMS.items())
-    return Table(
-        "claims",
-        "The paper's claims",
-        f"{tests} In brackets: 95% interval, 90% for (a).",
-        frames.claims,
-        (
-            Column("claim", "claim", lambda row: f"({row['claim']})"),
-            plain("runs", "source"),
-            plain("returns"),
-            plain("compared"),
-            number("seeds", "seeds", str),
-            plain("verdict", "text"),
-            number("by episodes alone", "by_episodes", ratio),
-            Column("seeds that would decide", "seeds_needed", _needed, True),
-            plain("remark"),
-        ),
-    )
+    def needed(row: Row) -> str:
+        known = not missing(row["seeds_needed"])
+        return f"{row['seeds_needed']:,} ({row['seeds_needed_by']})" if known else ""
 
-
-def _needed(row: Row) -> str:
-    if missing(row["seeds_needed"]):
-        return ""
-    return f"{row['seeds_needed']:,} ({row['seeds_needed_by']})"
+    columns = [
+        Column("claim", "claim", lambda row: f"({row['claim']})"),
+        *(plain("runs", "source"), plain("returns"), plain("compared"), _SEEDS),
+        *(plain("verdict", "text"), number("by episodes alone", "by_episodes", ratio)),
+        *(Column("seeds that would decide", "seeds_needed", needed, True), plain("remark")),
+    ]
+    tests = " ".join(f"({letter}) {text} {test}" for letter, (text, test) in CLAIMS.items())
+    caption = f"{tests} In brackets: 95% interval, 90% for (a)."
+    return Table("claims", "The paper's claims", caption, frames.claims, columns)
 
 
 def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
     """Returns the leaderboard by one kind of return."""
-    return Table(
-        "leaderboard",
-        f"Leaderboard by final {returns} return",
+    columns = [
+        *(_TASK, number("rank", "rank", str), plain("entry"), _ALGO, plain("observation")),
+        *(estimate("median", "median", ends=("low", "high")), number("n", "n", str), _RANGE),
+    ]
+    caption = (
         f"{_FINAL[returns]} Medians. {_INTERVAL} Entries whose intervals cross share a rank; those "
         f"with fewer than {DECIDING_SEEDS} seeds have none. Published medians are training returns "
         "at the end of the paper's curves. Entries may have been trained for different numbers of "
-        "control steps.",
-        frame,
-        (
-            _TASK,
-            number("rank", "rank", str),
-            plain("entry"),
-            _ALGO,
-            plain("observation"),
-            estimate("median", "median", ends=("low", "high")),
-            number("n", "n", str),
-            Column("steps", "steps", _steps, numeric=True),
-        ),
+        "control steps."
     )
+    return Table("leaderboard", f"Leaderboard by final {returns} return", caption, frame, columns)
 
 
 def _encoders(frames: Frames) -> Table:
@@ -221,55 +199,36 @@ def _encoders(frames: Frames) -> Table:
         "pca_heuristic": "heuristic's: by PCA",
         **{name: f"R² of {text}" for name, text in PREDICTED.items()},
     }
-    return Table(
-        "encoders",
-        "What encoders lose",
+    columns = [
+        *(_TASK, plain("encoder", "representation"), plain("settings")),
+        *(number("latents", "latents", str), _SEEDS),
+        *(number(title, key, ratio) for key, title in numbers.items()),
+    ]
+    caption = (
         "Unexplained fraction of the variance of the scaled features, on held-out episodes and on "
         "the hand-written policy's; the fractions of ddae and planar do not compare with others. "
-        "R²: the next control step, predicted from latents and action.",
-        frames.encoders,
-        (
-            _TASK,
-            plain("encoder", "representation"),
-            plain("settings"),
-            number("latents", "latents", str),
-            number("seeds", "seeds", str),
-            *(number(title, key, ratio) for key, title in numbers.items()),
-        ),
+        "R²: the next control step, predicted from latents and action."
     )
+    return Table("encoders", "What encoders lose", caption, frames.encoders, columns)
 
 
 def _runs(frames: Frames) -> Table:
-    return Table(
-        "runs",
-        "Runs",
-        f"{_FINAL[frames.returns]}",
-        frames.runs,
-        (
-            _TASK,
-            Column("algorithm", "algo", _sourced),
-            Column("observation", "representation", _observation),
-            number("seed", "seed", str),
-            number("steps", "steps", steps),
-            number("final return", "final"),
-            Column(
-                "status", "status", lambda row: "diverged" if row["diverged"] else row["status"]
-            ),
-            plain("day"),
-            plain("run"),
-        ),
-    )
+    def status(row: Row) -> str:
+        return "diverged" if row["diverged"] else str(row["status"])
+
+    columns = [
+        *(_TASK, _SOURCED, _OBSERVED, number("seed", "seed", str), number("steps", "steps", steps)),
+        *(number("final return", "final"), Column("status", "status", status)),
+        *(plain("day"), plain("run")),
+    ]
+    return Table("runs", "Runs", _FINAL[frames.returns], frames.runs, columns)
 
 
 def files(frames: Frames) -> Iterator[tuple[str, str]]:
     """Yields the name and the text of each file of tables."""
     for table in tables(frames):
-        numbers = (
-            table.frame.drop(columns=["settings", "provenance"])
-            if table.name == "runs"
-            else table.frame
-        )
-        yield f"{table.name}.csv", to_csv(numbers)
+        numbers = table.frame.drop(columns=["settings", "provenance"], errors="ignore")
+        yield f"{table.name}.csv", to_csv(table.frame if table.name == "encoders" else numbers)
         for ending, write in WRITERS.items():
             if table.name != "runs":
                 yield f"{table.name}.{ending}", write(table)

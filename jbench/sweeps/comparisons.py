@@ -7,12 +7,12 @@ from pydantic import BeforeValidator
 
 from jbench.errors import RequestError
 from jbench.names import kind_of, known
-from jbench.report.analysis.reduction import BASELINES
+from jbench.report.analysis.verdicts import BASELINES
 from jbench.settings.alike import SEED, alike, with_implied
 from jbench.settings.base import Count, Settings, validated, whole
+from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.matrix_file import COMPARISON, named, read_content
-from jbench.sweeps.sequential import BLOCK, ERROR_RATE
 
 Claim = Literal["a", "c"]
 """What is compared: the final return (a), or the mean return over the run (c)."""

@@ -11,13 +11,13 @@ import numpy as np
 
 from jbench.errors import WorkError
 from jbench.report.analysis.claims import MARGIN
-from jbench.report.data.curves import FloatArray, final_returns
+from jbench.report.data.curves import final_returns
 from jbench.settings.run import RunSettings
+from jbench.statistics import FloatArray, sequential
+from jbench.statistics.step_down import Decision, decide
 from jbench.store import Record, Results
-from jbench.sweeps import sequential
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.comparisons import Claim, Comparison
-from jbench.sweeps.step_down import Decision, decide
 from jbench.training.status import run_status
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import of_kind
+from jbench.report.data.build import build, usable_runs
+from jbench.report.data.configuration import of_kind
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
 from jbench.store import Results, query, schema
@@ -130,16 +130,16 @@ class FabricatedResults:
         summary = {**manifest["summary"], "diverged": diverged}
         path.write_text(json.dumps({**manifest, "summary": summary}))
 
-    def cells(self, kind=TRAINING):
-        """Returns the cells of all runs, and notes on runs that belong to no cell."""
+    def configurations(self, kind=TRAINING):
+        """Returns the configurations of all runs, and notes on runs that belong to none."""
         tables = query.load(self.results).tables
         runs = usable_runs(tables["runs"])[0]
-        cells, notes = build_cells(runs, tables["episodes"], tables["evaluations"])
+        cells, notes = build(runs, tables["episodes"], tables["evaluations"])
         return of_kind(cells, kind), notes
 
     def curves(self, order="quantile-first", window=100, kind=TRAINING):
         """Returns the curves of all runs."""
-        return [cell.curve(order, window) for cell in self.cells(kind)[0]]
+        return [cell.curve(order, window) for cell in self.configurations(kind)[0]]
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import ID, in_order, shown_representation
+from jbench.report.data.build import build, usable_runs
+from jbench.report.data.configuration import ID, in_order, shown_representation
 from jbench.report.data.returns import EVALUATION
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.alike import alike, comparable, flatten
@@ -17,7 +17,7 @@ from jbench.store import query
 def test_cell_groups_seeds_of_one_setting(fabric):
     fabric.run([1, 2, 3], seed=4)
     fabric.run([5, 6, 7], seed=2)
-    (cell,), notes = fabric.cells()
+    (cell,), notes = fabric.configurations()
     assert (cell.task, cell.algo, cell.representation) == ("face_direction", "td3", "full")
     assert cell.seeds.tolist() == [2, 4]
     assert cell.returns.tolist() == [[5, 6, 7], [1, 2, 3]]
@@ -36,7 +36,7 @@ def test_cells_follow_order_of_paper_with_full_first(fabric):
         ("face_direction", "ddpg", "full"),
     ):
         fabric.run([1], task=task, algo=algo, representation=representation)
-    assert [(c.task, c.algo, c.representation) for c in fabric.cells()[0]] == [
+    assert [(c.task, c.algo, c.representation) for c in fabric.configurations()[0]] == [
         ("face_direction", "ddpg", "full"),
         ("face_direction", "ddpg", "dae12"),
         ("face_direction", "td3", "full"),
@@ -52,7 +52,7 @@ def test_longest_run_of_seed_is_used_and_noted(fabric):
     fabric.run([3] * 5, seed=1, steps=5000)
     # This run was to be the longest but stopped early: recorded episodes count, not `steps`.
     fabric.run([4], seed=1, steps=9000, status="unfinished")
-    (cell,), _ = fabric.cells()
+    (cell,), _ = fabric.configurations()
     assert cell.returns.tolist() == [[2] * 5, [3] * 5]
     notes = [note for note in cell.notes if "longest" in note]
     assert notes == [
@@ -66,7 +66,7 @@ def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
     fabric.run([1] * 4, seed=0)
     fabric.run([2] * 2, seed=1, status="failed", steps=4000)
     fabric.run([3] * 3, seed=2, status="unfinished", steps=4000)
-    (cell,), _ = fabric.cells()
+    (cell,), _ = fabric.configurations()
     assert cell.lengths.tolist() == [4, 2, 3]
     np.testing.assert_equal(cell.returns[1], [2, 2, np.nan, np.nan])
     np.testing.assert_equal(cell.control_steps[2], [1000, 2000, 3000, np.nan])
@@ -81,14 +81,14 @@ def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
 def test_few_seeds_are_noted(fabric, seeds, printed):
     for seed in range(seeds):
         fabric.run([1.0], seed=seed)
-    (cell,), _ = fabric.cells()
+    (cell,), _ = fabric.configurations()
     assert [note.split(":")[0] for note in cell.notes] == ([printed] if printed else [])
 
 
 def test_seeds_with_evaluations_only_are_noted(fabric):
     fabric.run([], 0, evaluated={1000: 5.0}, steps=2000, status="unfinished")
     fabric.run([], 1, evaluated={1000: 5.0, 2000: 6.0}, steps=2000)
-    (cell,), _ = fabric.cells(EVALUATION)
+    (cell,), _ = fabric.configurations(EVALUATION)
     assert [note.split(":")[0] for note in cell.notes] == [
         "only 2 seeds",
         "seed 0 unfinished after 1 evaluation",
@@ -99,7 +99,7 @@ def test_seeds_with_evaluations_only_are_noted(fabric):
 def test_non_finite_returns_are_noted(fabric):
     for seed, returns in enumerate(([1, np.nan, 2], [np.inf, -np.inf, 3], [4])):
         fabric.run(returns, seed=seed)
-    (cell,), _ = fabric.cells()
+    (cell,), _ = fabric.configurations()
     np.testing.assert_equal(cell.returns[:2], [[1, np.nan, 2], [np.nan, np.nan, 3]])
     assert [note for note in cell.notes if "not finite" in note] == [
         "1 return of seed 0 is not finite and left out",
@@ -109,7 +109,7 @@ def test_non_finite_returns_are_noted(fabric):
 
 def test_run_without_episodes_is_skipped_and_noted(fabric):
     fabric.run([], status="unfinished", steps=1000)
-    cells, notes = fabric.cells()
+    cells, notes = fabric.configurations()
     assert cells == []
     assert notes == ["The run face_direction/r0001 (unfinished) has no episodes yet."]
 
@@ -128,8 +128,8 @@ def test_episodes_are_aligned_by_index_not_row_order(fabric):
     fabric.run([4, 5], seed=1)
     tables = query.load(fabric.results).tables
     shuffled = tables["episodes"].take(pa.array([4, 1, 2, 3, 0]))
-    (cell,), _ = fabric.cells()
-    again, _ = build_cells(usable_runs(tables["runs"])[0], shuffled, tables["evaluations"])
+    (cell,), _ = fabric.configurations()
+    again, _ = build(usable_runs(tables["runs"])[0], shuffled, tables["evaluations"])
     np.testing.assert_equal(again[0].returns, cell.returns)
     np.testing.assert_equal(again[0].returns, [[1, 2, 3], [4, 5, np.nan]])
 
@@ -195,7 +195,7 @@ class TestVariants:
     def test_each_variant_is_cell_labeled_by_its_differences(self, fabric):
         for rate in (1e-3, 1e-4, 1e-5):
             fabric.run([1], hyperparameters={"learning_rate": rate, "batch_size": 256})
-        cells, _ = fabric.cells()
+        cells, _ = fabric.configurations()
         assert {cell.words for cell in cells} == {
             "learning_rate=1e-05",
             "learning_rate=1e-04",
@@ -212,7 +212,7 @@ class TestVariants:
             ("move_to_pose", "batched", 0.01),
         ):
             fabric.run([1], task=task, engine=engine, hyperparameters={"learning_rate": rate})
-        assert [(cell.task, cell.label) for cell in fabric.cells()[0]] == [
+        assert [(cell.task, cell.label) for cell in fabric.configurations()[0]] == [
             ("face_direction", "TD3 full, learning_rate=1e-04"),
             ("face_direction", "TD3 full, stable-baselines3, learning_rate=1e-04"),
             ("move_to_pose", "TD3 full, learning_rate=0.01"),
@@ -221,12 +221,14 @@ class TestVariants:
 
     def test_engine_of_only_variant_is_named(self, fabric):
         fabric.run([1], engine="sb3")
-        assert [cell.label for cell in fabric.cells()[0]] == ["TD3 full, stable-baselines3"]
+        assert [cell.label for cell in fabric.configurations()[0]] == [
+            "TD3 full, stable-baselines3"
+        ]
 
     def test_different_evaluations_are_named_only_within_task(self, fabric):
         for task, every in (("face_direction", 10), ("face_direction", 20), ("move_to_pose", 30)):
             fabric.run([1], task=task, evaluate_every=every)
-        assert [cell.label for cell in fabric.cells()[0]] == [
+        assert [cell.label for cell in fabric.configurations()[0]] == [
             "TD3 full, evaluate_every=10",
             "TD3 full, evaluate_every=20",
             "TD3 full",
@@ -307,7 +309,7 @@ def test_size_that_follows_from_task_is_not_in_name(fabric):
     for task, name in (("face_direction", "scaled16"), ("move_in_direction", "scaled19")):
         fabric.run([1], task=task, representation=name)
     fabric.run([1], representation="dae12")
-    found = [cell.identity for cell in fabric.cells()[0]]
+    found = [cell.identity for cell in fabric.configurations()[0]]
     assert [(one["representation"], one["kind"]) for one in found] == [
         ("dae12", "dae"),
         ("scaled", "scaled"),

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from jbench.report.analysis import examine, statistics
-from jbench.report.analysis.claims import SeedsNeeded
-from jbench.report.analysis.statistics import Estimate
+from jbench.report.analysis import examine
+from jbench.report.analysis.claims import SeedsNeeded, decide
 from jbench.report.frames import frames
 from jbench.report.request import Request
+from jbench.statistics.bootstrap import Estimate
 
 
 def learn(fabric, finals, *, algo="ddpg", task="face_direction", **more):
@@ -17,7 +17,7 @@ def learn(fabric, finals, *, algo="ddpg", task="face_direction", **more):
 
 
 def findings(fabric, letter):
-    return [f for f in examine.examine(fabric.cells()[0]) if f.claim == letter]
+    return [f for f in examine.examine(fabric.configurations()[0]) if f.claim == letter]
 
 
 NARROW = 700 + np.linspace(-10, 10, 10)
@@ -150,8 +150,7 @@ def test_published_findings_are_filtered_by_algorithm(fabric):
 def test_seeds_needed_for_ratio_use_its_logarithm():
     # ln 0.8 = -0.223 of a standard error of 0.2 / 0.8 = 0.25: (2.8016 * 0.25 / 0.223)^2 = 9.85.
     effect = Estimate(0.8, 0.5, 1.2, 0.2)
-    assert examine.decide(effect, 10, 1.0, logarithmic=True) == (
+    assert decide(effect, 10, 1.0, logarithmic=True) == (
         "undecided",
         SeedsNeeded(99, "80% power"),
     )
-    assert statistics.MIN_SEEDS == 3

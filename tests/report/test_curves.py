@@ -10,6 +10,7 @@ from jbench.report.data.curves import (
     learning_curve,
     moving_average,
     quantiles_across_seeds,
+    steps_to_threshold,
 )
 
 NAN = np.nan
@@ -179,19 +180,13 @@ def test_final_return_averages_last_quarter_capped_at_100():
     assert control_steps.tolist() == [950_500, 11_000, 3_000]
 
 
-@pytest.mark.parametrize("lengths", [(5000, 5000), (4990, 4700), (401, 399), (130, 7), (3, 1)])
-def test_final_returns_equal_means_over_whole_rows_exactly(lengths):
-    rng = np.random.default_rng(0)
-    arrays = cell(*(rng.normal(500, 99, size=length) for length in lengths))
-    returns, centers = final_returns(*arrays)
-    for row, length in enumerate(lengths):
-        last = np.arange(arrays[0].shape[1]) >= length - min(100, max(1, length // 4))
-        for found, values in ((returns, arrays[0]), (centers, arrays[1])):
-            whole = np.where(last, values[row], NAN)
-            assert found[row] == moving_average(whole, len(whole))[0]
-
-
 def test_final_return_ignores_nan_and_is_nan_without_returns():
     returns, _ = final_returns(*cell([0] * 6 + [NAN, 4], [0] * 6 + [NAN, NAN]))
     assert returns[0] == 4.0
     assert np.isnan(returns[1])
+
+
+def test_steps_to_threshold_are_infinite_if_never_reached():
+    returns = np.array([[1.0, 5.0, 9.0], [9.0, 1.0, NAN], [1.0, 2.0, 3.0]])
+    steps = steps_to_threshold(returns, np.tile([10.0, 20.0, 30.0], (3, 1)), 5.0)
+    assert steps.tolist() == [20.0, 10.0, np.inf]

@@ -14,7 +14,7 @@ def test_diverged_seed_counts_with_zero_until_end_of_others(fabric):
     fabric.run(FLAT, 0, evaluated=LAST)
     fabric.run(FLAT[:12], 1, steps=40_000, diverged=12_400)
     fabric.run(FLAT, 2, evaluated=LAST)
-    (cell,), _ = fabric.cells()
+    (cell,), _ = fabric.configurations()
     assert cell.returns[1].tolist() == [500.0] * 12 + [0.0] * 28
     assert cell.lengths.tolist() == [40] * 3
     assert cell.steps.tolist() == [40_000] * 3
@@ -25,21 +25,21 @@ def test_diverged_seed_counts_with_zero_until_end_of_others(fabric):
     (curve,) = fabric.curves(window=1)
     assert curve.quantile(10)[-1] == 100  # of 0, 500 and 500
     assert curve.seeds.tolist() == [3] * 40
-    (cell,), _ = fabric.cells(EVALUATION)
+    (cell,), _ = fabric.configurations(EVALUATION)
     assert cell.returns.tolist() == [[400, 600], [0, 0], [400, 600]]
 
 
 def test_evaluations_before_divergence_are_kept(fabric):
     fabric.run(FLAT, 0, evaluated=LAST)
     fabric.run(FLAT[:30], 1, steps=40_000, diverged=30_000, evaluated={20_000: 400.0})
-    (cell,), _ = fabric.cells(EVALUATION)
+    (cell,), _ = fabric.configurations(EVALUATION)
     assert cell.returns.tolist() == [[400, 600], [400, 0]]
 
 
 def test_cell_whose_seeds_all_diverged_counts_until_requested_steps(fabric):
     fabric.run(FLAT[:10], 0, steps=40_000, diverged=10_300)
     fabric.run([], 1, steps=40_000, diverged=200)
-    (cell,), notes = fabric.cells()
+    (cell,), notes = fabric.configurations()
     assert notes == []
     assert cell.returns.tolist() == [[500.0] * 10 + [0.0] * 30, [0.0] * 40]
     assert cell.control_steps[1, -1] == 40_000
@@ -51,7 +51,7 @@ def test_seeds_diverged_before_first_evaluation_have_zero_evaluations(fabric):
         more = {"steps": 40_000, "diverged": 1100, "evaluate_episodes": 5}
         fabric.run(FLAT[:1], seed, **more)
         fabric.run(FLAT[:1], seed, **{**more, "evaluate_episodes": 0}, algo="sac")
-    (cell,), _ = fabric.cells(EVALUATION)
+    (cell,), _ = fabric.configurations(EVALUATION)
     assert cell.algo == "td3"
     assert scores_of(cell).final.tolist() == [0, 0, 0]
     assert cell.control_steps.tolist() == [[40_000]] * 3
@@ -82,6 +82,6 @@ def test_frames_count_diverged_seeds_and_note_their_treatment(fabric):
 def test_invalid_divergence_entry_is_tolerated(fabric):
     for seed, printed in enumerate(("x", -1, [2], True, 1 << 80)):
         fabric.run(FLAT, seed, diverged=printed)
-    (cell,), _ = fabric.cells()
+    (cell,), _ = fabric.configurations()
     assert cell.diverged.all()
     assert np.isfinite(cell.returns).all()

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.data.cells import display_name, shown_representation
+from jbench.report.data.configuration import display_name, shown_representation
 from jbench.report.frames import frames
 from tests.report.conftest import FabricatedResults
 from tests.report.golden import cases

@@ -9,7 +9,7 @@ import pytest
 
 import jbench
 from jbench.cli import main
-from jbench.report.data.cells import IMPORTED
+from jbench.report.data.configuration import IMPORTED
 from jbench.report.frames import frames
 from jbench.report.request import Request
 from jbench.store import Results

@@ -8,7 +8,6 @@ import pytest
 
 from jbench.cli import main
 from jbench.report.configurations import CONFIGURATIONS
-from jbench.report.data.published import PublishedCurve
 from jbench.report.leaderboard import leaderboard
 
 
@@ -34,26 +33,30 @@ def test_entries_with_overlapping_intervals_share_rank():
             (600, 500, 680, 6),
         ),
         {},
-        [],
+        curves(),
     )
     ranks = [None if rank is pd.NA else rank for rank in found["rank"]]
     assert ranks == [1, 2, 2, 2, None, None, 5, 5]
 
 
-def curve(median, steps, figure="fig9"):
-    points = np.array([1000.0, steps])
-    return PublishedCurve(
-        figure, "face_direction", "ddpg", "full", points, {50: np.array([0.0, median])}
-    )
+def curves(*ends):
+    """Returns published curves with these figures, last medians and steps."""
+    names = {"task": "face_direction", "algo": "ddpg", "representation": "full"}
+    found = [
+        {**names, "figure": figure, "median": value, "steps": at}
+        for figure, median, steps in ends
+        for value, at in ((0.0, 1000.0), (median, steps))
+    ]
+    columns = ["figure", "task", "algo", "representation", "steps", "median"]
+    return pd.DataFrame(found, columns=columns)
 
 
 def test_published_curves_and_hand_written_policies_are_separate_entries():
     by_hand = {"face_direction": np.arange(100.0)}
-    published = [curve(700.0, 3e6), curve(650.0, 5e6), curve(640.0, 5e6, "fig8")]
-    published.append(curve(990.0, 9e6, "augmented-sac"))
+    published = curves(("Figure 7", 700.0, 3e6), ("Figure 9", 650, 5e6), ("Figure 8", 640, 5e6))
     none = configurations()
     best, other = leaderboard(none, by_hand, published).to_dict("records")
-    # The longest curve counts; a curve on a sequence of robots is no entry.
+    # The longest curve counts.
     assert (best["entry"], best["median"], best["steps"]) == ("published", 650.0, 5e6)
     assert pd.isna(best["rank"])
     assert (other["entry"], other["median"], other["n"]) == ("hand-written", 49.5, 100)

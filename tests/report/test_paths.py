@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.report.data.paths import COLUMNS, run_paths
+from jbench.report.data.sources import PATHS, run_paths
 from jbench.report.frames import frames
 from jbench.store import schema
 from tests.report.conftest import evaluations
@@ -21,7 +21,7 @@ def path(run, evaluation, x, **more):
 
 
 def read(*paths, evaluated=None):
-    table = pa.concat_tables([schema.PATHS.empty_table(), *paths]).select(COLUMNS)
+    table = pa.concat_tables([schema.PATHS.empty_table(), *paths]).select(PATHS)
     return run_paths(table, evaluations("a", evaluated or {}))
 
 

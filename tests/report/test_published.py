@@ -3,7 +3,7 @@
 import pytest
 
 from jbench.names import ALGORITHMS, TASKS
-from jbench.report.data.published import best_median
+from jbench.report.data.published import SEQUENCE, best_median
 
 # Medians and [q10, q90] at about 5e6 steps, DDPG, PPO, SAC and TD3.
 END = {
@@ -15,36 +15,38 @@ END = {
 }
 
 
+def curve(published, figure, task, algo):
+    return published[(published[["figure", "task", "algo"]] == [figure, task, algo]).all(axis=1)]
+
+
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("algo", ALGORITHMS)
 def test_final_quantiles_of_figure_9(published, task, algo):
-    (curve,) = [c for c in published if (c.figure, c.task, c.algo) == ("fig9", task, algo)]
-    median, q10, q90 = END[task][ALGORITHMS.index(algo)]
-    assert curve.representation == "full"
-    assert curve.quantiles[50][-1] == pytest.approx(median, abs=0.6)
-    assert curve.quantiles[10][-1] == pytest.approx(q10, abs=0.6)
-    assert curve.quantiles[90][-1] == pytest.approx(q90, abs=0.7)
-    assert curve.median_at(curve.control_steps[-1]) == curve.quantiles[50][-1]
+    last = curve(published, "Figure 9", task, algo).iloc[-1]
+    assert (last["representation"], last["seeds"], last["source"]) == ("full", 10, "published")
+    ends = END[task][ALGORITHMS.index(algo)]
+    assert last[["median", "q10", "q90"]].tolist() == pytest.approx(ends, abs=0.7)
 
 
 def test_early_medians_of_face_direction(published):
     for algo, median in (("td3", 945), ("sac", 943), ("ddpg", 814)):
         found, figure = best_median(published, "face_direction", algo, "full", 0.5e6)
-        assert (round(found), figure) == (median, "fig9")
+        assert (round(found), figure) == (median, "Figure 9")
 
 
 def test_best_median_of_several_figures_is_used(published):
     # DDPG with the full observation ended at 632 in Figure 9, and at 295 in Figure 8.
     value, figure = best_median(published, "move_in_direction", "ddpg", "full", 4.95e6)
-    assert (round(value), figure) == (632, "fig9")
+    assert (round(value), figure) == (632, "Figure 9")
     value, figure = best_median(published, "move_in_direction", "ddpg", "dae12", 4.95e6)
-    assert (round(value), figure) == (392, "fig8")
+    assert (round(value), figure) == (392, "Figure 8")
 
 
 def test_median_is_interpolated_between_points(published):
-    (curve,) = [c for c in published if (c.figure, c.task, c.algo) == ("fig9", TASKS[1], "td3")]
-    x, y = curve.control_steps[:2], curve.quantiles[50][:2]
-    assert curve.median_at(x[0] + 0.25 * (x[1] - x[0])) == pytest.approx(0.75 * y[0] + 0.25 * y[1])
+    first = curve(published, "Figure 9", TASKS[1], "td3").iloc[:2]
+    x, y = first["steps"].tolist(), first["median"].tolist()
+    found, _ = best_median(published, TASKS[1], "td3", "full", x[0] + 0.25 * (x[1] - x[0]))
+    assert found == pytest.approx(0.75 * y[0] + 0.25 * y[1])
 
 
 def test_no_median_beyond_ends_of_curve(published):
@@ -56,7 +58,13 @@ def test_no_median_beyond_ends_of_curve(published):
     assert best_median(published, "move_to_pose", "sac", "dae12", 1e6) is None
 
 
-def test_augmented_robots_and_estimated_bands_are_excluded(published):
-    assert {curve.figure for curve in published} == {"fig7", "fig8", "fig9"}
-    quantiles = {curve.figure: set(curve.quantiles) for curve in published}
-    assert quantiles == {"fig7": {50}, "fig8": {25, 50, 75}, "fig9": {10, 50, 90}}
+def test_curve_on_augmented_robots_is_apart_and_estimated_bands_are_excluded(published):
+    sac = published[published["figure"] == SEQUENCE]
+    task = sac["task"].iloc[0]
+    assert best_median(published, task, "sac", "full", sac["steps"].iloc[0], sequence=True)
+    quantiles = ["q10", "q25", "median", "q75", "q90"]
+    known = published.groupby("figure")[quantiles].agg(lambda one: one.notna().any())
+    shown = {figure: [q for q in quantiles if row[q]] for figure, row in known.iterrows()}
+    assert shown["Figure 7"] == ["median"]
+    assert shown["Figure 8"] == ["q25", "median", "q75"]
+    assert shown["Figure 9"] == ["q10", "median", "q90"]

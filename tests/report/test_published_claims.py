@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbench.report.analysis.published_claims import examine_published
+from jbench.report.analysis.examine import examine_published
 
 
 def findings_of(published, claim, *words):

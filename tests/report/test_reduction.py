@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.analysis import reduction
+from jbench.report.analysis.compare import return_frame
+from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.encoders import prediction_frame
 from jbench.report.frames import frames
 
@@ -28,7 +29,8 @@ def learn(fabric, finals=FINALS, steps=80, **settings):
 
 def verdicts(fabric):
     """Returns the verdicts by representation, baseline and claim."""
-    rows = reduction.verdicts(fabric.cells()[0])
+    configurations = fabric.configurations()[0]
+    rows = verdict_frame(configurations, decision_frame(configurations)).to_dict("records")
     return {(row["representation"], row["against"], row["claim"]): row for row in rows}
 
 
@@ -58,7 +60,7 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
 def test_verdict_on_return_says_by_how_much(fabric):
     learn(fabric, {name: FINALS[name] for name in ("full", "planar12", "scaled16")})
     found = verdicts(fabric)
-    assert found["planar", "full", "a"]["text"] == "higher by 191 to 209; by more than 50: yes"
+    assert found["planar", "full", "a"]["text"] == "higher by 190 to 210; by more than 50: yes"
     assert found["scaled", "full", "a"]["text"].startswith("similar: higher by 1")
     assert found["planar", "full", "c"]["text"].startswith(
         "faster: mean return over the run higher"
@@ -93,15 +95,15 @@ def test_cells_with_other_differences_are_not_compared(fabric):
     learn(fabric, {"full": FINALS["full"]})
     for seed, final in enumerate(FINALS["planar12"]):
         fabric.run([0.0, final], seed, representation="planar12", engine="batched")
-    cells = fabric.cells()[0]
-    assert list(reduction.verdicts(cells)) == []
-    assert list(reduction.final_returns(cells)) == []
+    assert verdicts(fabric) == {}
+    assert return_frame(fabric.configurations()[0]).empty
 
 
 def test_final_returns_are_those_at_common_step(fabric):
     learn(fabric)
     learn(fabric, {"random12": 500 + CLOSE}, steps=20)
-    found = {row["representation"]: row for row in reduction.final_returns(fabric.cells()[0])}
+    rows = return_frame(fabric.configurations()[0]).to_dict("records")
+    found = {row["representation"]: row for row in rows}
     assert {*found} == {"full", "scaled", "planar", "dae12", "pca4"}  # random12 has not reached it
     assert {row["steps"] for row in found.values()} == {80_000}
     # The interquartile mean of final returns that are symmetric about 800.
@@ -119,7 +121,7 @@ def test_returns_stand_beside_r2_of_predictions(fabric):
             for name, value in r2.items()
         ]
     )
-    cells = fabric.cells()[0]
+    cells = fabric.configurations()[0]
     found = prediction_frame(cells, table)
     assert found["quantity"].unique().tolist() == [
         *("yaw rate", "forward speed", "tilt rate", "reward")

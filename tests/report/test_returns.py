@@ -3,7 +3,7 @@
 import numpy as np
 import pyarrow as pa
 
-from jbench.report.analysis.comparisons import compare
+from jbench.report.analysis.compare import compare
 from jbench.report.analysis.examine import examine
 from jbench.report.analysis.scores import scores_of, statistics
 from jbench.report.data.returns import EVALUATION, TRAINING
@@ -24,7 +24,7 @@ class TestCells:
     def test_point_is_evaluation_at_its_control_steps(self, fabric):
         for seed in range(3):
             fabric.run(FLAT, seed, evaluated=evaluated(900.0 + 10 * seed))
-        (cell,), _ = fabric.cells(EVALUATION)
+        (cell,), _ = fabric.configurations(EVALUATION)
         assert cell.control_steps.tolist() == [[*RISING]] * 3
         # Each evaluation has two episodes, 5 above and 5 below its mean.
         assert cell.returns[:, 0].tolist() == [100, 100, 100]
@@ -33,7 +33,7 @@ class TestCells:
         (curve,) = fabric.curves(kind=EVALUATION)
         assert curve.control_steps.tolist() == [*RISING]
         assert curve.quantile(50).tolist() == [100, 300, 600, 910]
-        (training,), _ = fabric.cells(TRAINING)
+        (training,), _ = fabric.configurations(TRAINING)
         assert scores_of(training).final.tolist() == [500] * 3
         assert training.key == cell.key
 
@@ -41,7 +41,7 @@ class TestCells:
         fabric.run(FLAT, 0, evaluated={10_000: 1.0, 30_000: 3.0})
         fabric.run(FLAT, 1, evaluated={20_000: 20.0, 30_000: 30.0})
         fabric.run(FLAT, 2)
-        (cell,), _ = fabric.cells(EVALUATION)
+        (cell,), _ = fabric.configurations(EVALUATION)
         assert cell.seeds.tolist() == [0, 1]
         np.testing.assert_equal(cell.returns, [[1, np.nan, 3], [np.nan, 20, 30]])
         assert scores_of(cell).final.tolist() == [3, 30]
@@ -54,7 +54,7 @@ class TestCells:
     def test_nan_evaluation_is_ignored_and_noted(self, fabric):
         for seed, last in enumerate((np.nan, 910.0)):
             fabric.run(FLAT, seed, evaluated=evaluated(last))
-        (cell,), _ = fabric.cells(EVALUATION)
+        (cell,), _ = fabric.configurations(EVALUATION)
         assert scores_of(cell).final.tolist() == [910]
         assert cell.notes == ("1 evaluation of seed 0 is not finite and left out",)
 
@@ -82,7 +82,7 @@ class TestStatistics:
     def test_evaluations_have_same_statistics_as_training(self, fabric):
         for seed in range(3):
             fabric.run(FLAT, seed, evaluated=evaluated(900.0 + 10 * seed))
-        (cell,), _ = fabric.cells(EVALUATION)
+        (cell,), _ = fabric.configurations(EVALUATION)
         row = statistics(cell, cell.curve())
         assert (row["median"], row["median_low"], row["median_high"]) == (910, 900, 920)
         assert row["solved_steps"] == 40_000
@@ -92,7 +92,7 @@ class TestStatistics:
             fabric.run(FLAT, seed, evaluated=evaluated(950.0))
             short = {10_000: 150.0, 20_000: 350.0}
             fabric.run(FLAT[:20], seed, representation="dae12", evaluated=short)
-        full, encoded = fabric.cells(EVALUATION)[0]
+        full, encoded = fabric.configurations(EVALUATION)[0]
         one = compare(encoded, full)
         assert one.control_steps == 20_000
         assert one.difference.value == 50
@@ -113,7 +113,9 @@ class TestFrames:
         for seed, final in enumerate((700.0, 800.0, 1000.0)):
             fabric.run(np.full(40, final), seed)
             fabric.run(FLAT, seed, algo="sac", evaluated=evaluated(400.0 + seed))
-        needed = {f.compared.split()[1]: f.seeds_needed for f in examine(fabric.cells()[0])}
+        needed = {
+            f.compared.split()[1]: f.seeds_needed for f in examine(fabric.configurations()[0])
+        }
         # The median of TD3 is 100 below 900 with a large spread; all seeds of SAC are equal.
         assert needed["TD3"].rule == "80% power"
         assert needed["TD3"].seeds > 6

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from jbench.report.analysis.comparisons import compare, pairs
+from jbench.report.analysis.compare import compare, pair_frame
 from jbench.report.analysis.scores import scores_of, statistics
 from jbench.report.configurations import configuration_frame
-from jbench.report.data.published import best_at_end
 from jbench.report.data.returns import EVALUATION, TRAINING
 
 
@@ -19,7 +18,7 @@ def flat(fabric, finals, episodes=40, **settings):
 
 
 def summarized(fabric, window=4, kind=TRAINING):
-    return [statistics(cell, cell.curve(window=window)) for cell in fabric.cells(kind)[0]]
+    return [statistics(cell, cell.curve(window=window)) for cell in fabric.configurations(kind)[0]]
 
 
 def test_location_and_spread_match_hand_computed_values(fabric):
@@ -78,7 +77,7 @@ def test_one_or_two_seeds_have_no_interval(fabric):
 def test_nan_returns_are_ignored_in_means_and_counts(fabric):
     fabric.run([np.nan, 200.0, 400.0, 600.0], 0)
     fabric.run([100.0, 200.0, 300.0, np.nan], 1)
-    (cell,) = fabric.cells()[0]
+    (cell,) = fabric.configurations()[0]
     # The last quarter of seed 1 is NaN; the area of seed 0 is the mean of three numbers.
     found = scores_of(cell, 4000)
     assert (found.final.tolist(), found.area.tolist()) == ([600.0], [400.0])
@@ -111,7 +110,7 @@ def test_frame_says_what_is_solved(fabric, published):
     flat(fabric, [950, 960, 970, 980, 990, 995])
     flat(fabric, [300, 310, 320, 330, 340, 350], algo="sac")
     flat(fabric, [950, 960, 970], algo="ddpg")
-    cells = fabric.cells()[0]
+    cells = fabric.configurations()[0]
     frame = configuration_frame([(cell, cell.curve()) for cell in cells], published)
     assert dict(zip(frame["algo"], frame["solved"], strict=True)) == {
         "DDPG": "undecided",
@@ -121,25 +120,21 @@ def test_frame_says_what_is_solved(fabric, published):
     assert frame["published_figure"].tolist() == [None] * 3  # which begins later
 
 
-def test_best_published_median_is_that_at_end(published):
-    assert best_at_end(published, "move_to_pose") == pytest.approx(232, abs=0.5)
-    assert best_at_end(published, "my_task") is None
-
-
 class TestComparisons:
     def test_configurations_trained_equally_long_are_paired(self, fabric):
         for representation in ("full", "dae12"):
             flat(fabric, range(100, 700, 100), representation=representation)
         flat(fabric, range(100, 700, 100), algo="sac", episodes=80)
         flat(fabric, [1, 2, 3, 4, 5], algo="ddpg")
-        found = list(pairs(fabric.cells()[0]))
-        assert [(one.label, other.label) for one, other, _ in found] == [("TD3 full", "TD3 dae12")]
-        assert found[0][2].value == 0.5
+        found = pair_frame(fabric.configurations()[0])
+        assert list(found["a_label"]) == ["TD3 full", "TD3 dae12"]
+        assert list(found["p"]) == [0.5, 0.5]
+        assert not found["decided"].any()
 
     def test_comparison_matches_hand_computed_values(self, fabric):
         flat(fabric, [10, 20, 30, 40])
         flat(fabric, [25, 30, 50, 60], representation="dae12")
-        full, encoded = fabric.cells()[0]
+        full, encoded = fabric.configurations()[0]
         one = compare(encoded, full)
         # Of 16 pairs: 25 is above two, 30 above two with one tie, 50 and 60 above all.
         assert one.improvement.value == pytest.approx((2 + 2.5 + 4 + 4) / 16)
@@ -152,7 +147,7 @@ class TestComparisons:
         for seed in range(3):
             fabric.run(ramp, seed)
             fabric.run(np.zeros(20), seed, representation="dae12")
-        full, encoded = fabric.cells()[0]
+        full, encoded = fabric.configurations()[0]
         one = compare(full, encoded)
         assert one.control_steps == 20_000
         # The last quarter of the first 20 episodes is 15 to 19, with mean 17.

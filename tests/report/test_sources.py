@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jbench.errors import RequestError
-from jbench.report.data import rows
+from jbench.report.data import sources
 from jbench.report.frames import frames
 from jbench.report.request import Request
 from jbench.store import Results
@@ -141,21 +141,21 @@ class TestReference:
             fabric.run(FLAT, seed)
             shipped.run(FLAT, seed)
         shipped.run(FLAT, algo="sac")
-        found = rows.reference(Request(), shipped.results)
-        assert [(c.source, c.algo, len(c.seeds)) for c in found.cells] == [
+        found = sources.reference(Request(), shipped.results)
+        assert [(c.source, c.algo, len(c.seeds)) for c in found.configurations] == [
             ("reference", "sac", 1),
             ("reference", "td3", 2),
         ]
-        assert rows.reference(Request(algo="td3"), shipped.results).cells != []
-        assert rows.reference(Request(algo="ppo"), shipped.results).cells == []
+        assert sources.reference(Request(algo="td3"), shipped.results).configurations != []
+        assert sources.reference(Request(algo="ppo"), shipped.results).configurations == []
         # The date selects the user's own runs.
         later = Request(since="2999-01-01")
-        assert len(rows.reference(later, shipped.results).cells) == 2
+        assert len(sources.reference(later, shipped.results).configurations) == 2
 
     def test_missing_reference_runs_are_noted(self, tmp_path):
         for directory in (tmp_path / "nowhere", tmp_path):
-            found = rows.reference(Request(), Results(directory))
-            assert found.cells == []
+            found = sources.reference(Request(), Results(directory))
+            assert found.configurations == []
             assert "ships no reference runs" in found.notes[-1]
 
     def test_shipped_runs_are_never_mixed_with_own_runs(self, fabric):

@@ -1,17 +1,19 @@
 """The paper's claims, each with a test that was fixed before looking at data.
 
-A claim is tested on every pair of cells to which it applies (`examine.py`). The statistic, the
-value that would refute it and the margin are the same for our runs, for the published curves, and
-for both kinds of return.
+A claim is tested on every pair of configurations to which it applies (`examine.py`). The statistic,
+the value that would refute it and the margin are the same for our runs, for the published curves,
+and for both kinds of return.
 """
 
-import math
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
 
 from jbench.names import ReturnsName
-from jbench.report.analysis import statistics as st
-from jbench.report.data.cells import OWN
+from jbench.report.data.configuration import OWN
+from jbench.report.data.returns import SOLVED, ratio, signed, whole
+from jbench.statistics import bootstrap as st
 
 Verdict = Literal["supported", "contradicted", "undecided"]
 
@@ -30,71 +32,59 @@ HARDER, EASIER = "move_in_direction", "face_direction"
 RANDOM_RETURNS = {EASIER: 220.0, HARDER: 303.0}
 """Median return of random actions in 100 episodes (`jbench evaluate --policy random`)."""
 
-_EPISODES_VARY = (
-    "The deviation includes the variation of the episodes that a final return averages, so the "
-    "95% interval of the difference of the agents' own deviations has to exclude 0 as well; beside "
-    "the ratio is the one that episodes alone would cause if all agents of a cell had the same "
-    "expected return."
+COLUMNS = [
+    *("claim", "statement", "test", "source", "returns", "compared", "seeds", "steps"),
+    *("effect", "low", "high", "by_episodes", "verdict", "seeds_needed", "seeds_needed_by"),
+    *("remark", "text"),
+]
+
+_AGENTS = (
+    "and that of the difference of the agents' own deviations, without their episodes, excludes 0"
 )
 
-
-@dataclass(frozen=True)
-class Claim:
-    """A claim of the paper, and the description of its test."""
-
-    text: str
-    test: str
-
-
 CLAIMS = {
-    "a": Claim(
+    "a": (
         "With the reduced order the reward is similar.",
-        "The interquartile means of the final returns differ by less than 50: the 90% interval "
-        "of the difference lies within that margin (two one-sided tests at 5%).",
+        "The 90% interval of the difference of interquartile means of final returns lies within "
+        "50.",
     ),
-    "b": Claim(
+    "b": (
         "With the reduced order the training varies less between seeds.",
-        "The standard deviation of the final return across seeds is smaller: the 95% interval "
-        f"of its ratio, reduced to full, lies below 1. {_EPISODES_VARY}",
+        f"The 95% interval of the ratio of standard deviations lies below 1, {_AGENTS}.",
     ),
-    "c": Claim(
+    "c": (
         "With the reduced order learning is slightly faster.",
-        "The mean return over the whole run, the area under the learning curve, is larger: the "
-        "95% interval of the difference of interquartile means lies above 0.",
+        "The 95% interval of the difference of mean returns over the run lies above 0.",
     ),
-    "d": Claim(
+    "d": (
         "The gain of the reduced order is larger for the harder task.",
-        "What (c) gains on move_in_direction less what it gains on face_direction: the 95% "
-        "interval lies above 0. There is no verdict if (c) gains nothing on move_in_direction, or "
-        "if both medians of a task are within 50 of that of random actions.",
+        "The 95% interval of the gain of (c) on move_in_direction less that on face_direction lies "
+        "above 0; no verdict if nothing is gained, or if agents are close to random actions.",
     ),
-    "e": Claim(
+    "e": (
         "Off-policy algorithms reach higher medians than PPO.",
-        "The difference of the median final returns: the 95% interval lies above 0.",
+        "The 95% interval of the difference of median final returns lies above 0.",
     ),
-    "f": Claim(
+    "f": (
         "Off-policy algorithms vary more between seeds than PPO.",
-        "The standard deviation of the final return across seeds is larger: the 95% interval "
-        f"of its ratio to PPO's lies above 1. {_EPISODES_VARY}",
+        f"The 95% interval of the ratio of standard deviations lies above 1, {_AGENTS}.",
     ),
-    "g": Claim(
+    "g": (
         "The task is solved.",
-        "The median final return across seeds is 900 or more: the 95% interval lies there.",
+        "The 95% interval of the median final return lies at 900 or more.",
     ),
-    "h": Claim(
+    "h": (
         "The hand-written policy solves the task.",
-        "The median return of its episodes is 900 or more: the 95% interval lies there. The "
-        "policy is deterministic, so here episodes are the unit of replication.",
+        "As (g), for the episodes of the policy.",
     ),
 }
-"""Claims by their letters."""
+"""Claims and their tests by letter."""
 
 
 class SeedsNeeded(NamedTuple):
-    """Number of seeds that would decide a comparison, if the effect is as currently estimated.
+    """Seeds per configuration that would decide a comparison, if the effect is as now estimated.
 
     Attributes:
-        seeds: number of seeds per cell.
         rule: origin of the number: a power of 80%, or the rule that fewer than six decide nothing.
     """
 
@@ -102,20 +92,19 @@ class SeedsNeeded(NamedTuple):
     rule: Literal["80% power", "six-seed rule"]
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """Result of one comparison that tests a claim.
 
     Attributes:
         claim: letter of the claim.
-        compared: names of the cells.
+        compared: names of the configurations.
         effect: the claim's statistic with the deciding interval.
-        seeds: smallest number of seeds of the cells; for (h), number of episodes.
+        seeds: smallest number of seeds of the configurations; for (h), number of episodes.
         seeds_needed: seeds that would decide it; None if it is decided or no number is known.
-        control_steps: at which cells are compared; None for (h).
+        steps: control steps at which configurations are compared; None for (h).
         source: `own`, another source, or the figure of the paper.
         by_episodes: for (b) and (f), the effect that episodes alone would cause if all agents of a
-            cell had the same expected return; NaN if unknown.
+            configuration had the same expected return; NaN if unknown.
     """
 
     claim: str
@@ -125,7 +114,80 @@ class Finding:
     verdict: Verdict
     seeds_needed: SeedsNeeded | None
     returns: ReturnsName
-    control_steps: int | None = None
+    steps: int | None = None
     source: str = OWN
     remark: str = ""
-    by_episodes: float = math.nan
+    by_episodes: float = np.nan
+
+
+def decide(
+    effect: st.Estimate, seeds: int, boundary: float, *, logarithmic: bool = False
+) -> tuple[Verdict, SeedsNeeded | None]:
+    """Returns the verdict on a claim that an effect is above a boundary, and the seeds needed.
+
+    Args:
+        effect: with its 95% interval.
+        seeds: number of seeds per group.
+        boundary: the claim holds above it.
+        logarithmic: whether the effect is a ratio, for which distances are logarithmic.
+    """
+    enough = seeds >= st.DECIDING_SEEDS
+    if enough and effect.low > boundary:
+        return "supported", None
+    if enough and effect.high < boundary:
+        return "contradicted", None
+    distance, error = effect.value - boundary, effect.standard_error
+    if logarithmic and effect.value > 0:
+        distance, error = np.log(effect.value / boundary), error / effect.value
+    return "undecided", _needed(distance, error, seeds)
+
+
+def decide_solved(median: st.Estimate, seeds: int) -> tuple[Verdict, SeedsNeeded | None]:
+    """Returns the verdict on a median return of `SOLVED` or more, and the seeds needed."""
+    return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task
+
+
+def decide_similar(
+    inner: st.Estimate, outer: st.Estimate, seeds: int
+) -> tuple[Verdict, SeedsNeeded | None]:
+    """Returns the verdict on a claim that two groups are similar, and the seeds needed.
+
+    Args:
+        inner: the difference with its 90% interval (two one-sided tests at 5%).
+        outer: the difference with its 95% interval.
+        seeds: number of seeds per group.
+    """
+    enough = seeds >= st.DECIDING_SEEDS
+    if enough and inner.low > -MARGIN and inner.high < MARGIN:
+        return "supported", None
+    if enough and (outer.low > MARGIN or outer.high < -MARGIN):
+        return "contradicted", None
+    return "undecided", _needed(MARGIN - abs(inner.value), inner.standard_error, seeds)
+
+
+def _needed(distance: float, standard_error: float, seeds: int) -> SeedsNeeded | None:
+    """Returns the seeds needed according to `seeds_to_decide`, but at least six."""
+    by_power = st.seeds_to_decide(distance, standard_error, seeds)
+    if by_power is None:
+        return None
+    if seeds < st.DECIDING_SEEDS and by_power <= st.DECIDING_SEEDS:
+        return SeedsNeeded(st.DECIDING_SEEDS, "six-seed rule")
+    return SeedsNeeded(by_power, "80% power")
+
+
+def claim_frame(findings: list[Finding]) -> pd.DataFrame:
+    """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
+    rows = map(_row, sorted(findings, key=lambda one: one.claim))
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
+
+
+def _row(one: Finding) -> dict[str, Any]:
+    value, low, high, _ = one.effect
+    form = ratio if one.claim in "bf" else whole if one.claim in "gh" else signed
+    effect = "unknown" if np.isnan(value) else form(value)
+    interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
+    needed, rule = one.seeds_needed or (None, "")
+    row = {name: getattr(one, name) for name in COLUMNS if name in Finding._fields}
+    row |= {"effect": value, "low": low, "high": high, "text": f"{one.verdict}: {effect}{interval}"}
+    row |= {"seeds_needed": needed, "seeds_needed_by": rule}
+    return row | dict(zip(("statement", "test"), CLAIMS[one.claim], strict=True))

@@ -1,15 +1,21 @@
-"""Tests the paper's claims on every pair of cells to which they apply."""
+"""Tests the paper's claims on every pair of configurations, and on its own curves.
 
-import math
+The paper's curves give only medians and bands. With ten seeds, the band from the 10th to the 90th
+percentile covers the second to the ninth of them (numpy's linear method puts the 10th percentile
+between the first and the second). It therefore contains the population median with a probability of
+1 - 22/1024 = 97.9% for any distribution, and serves as a confidence interval of the median. If two
+such bands do not overlap, the order of the medians is known with 95.7%. A quartile band covers the
+fourth to the seventh seed: 65.6%, too little for a verdict. The uncertainty of a band's width is
+unknown.
+"""
+
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from jbench.names import FULL
-from jbench.report.analysis import statistics as st
-from jbench.report.analysis.agents import difference
 from jbench.report.analysis.claims import (
     EASIER,
     HARDER,
@@ -19,42 +25,48 @@ from jbench.report.analysis.claims import (
     RANDOM_RETURNS,
     REDUCED,
     Finding,
-    SeedsNeeded,
     Verdict,
+    decide,
+    decide_similar,
+    decide_solved,
 )
-from jbench.report.analysis.comparisons import algorithm_pairs
 from jbench.report.analysis.scores import Scores, compared_scores
-from jbench.report.data.cells import Cell, shown_representation
-from jbench.report.data.curves import FloatArray
-from jbench.report.data.returns import EVALUATION, SOLVED, steps
+from jbench.report.data.configuration import Configuration, differing_in
+from jbench.report.data.published import CURVE
+from jbench.report.data.returns import EVALUATION, TRAINING, steps
+from jbench.statistics import FloatArray
+from jbench.statistics import bootstrap as st
+from jbench.statistics.agents import difference
 
-# Quantiles of the normal distribution, for a two-sided test at 5% and for a power of 80%.
-_SIGNIFICANCE, _POWER = 1.959964, 0.841621
-_MAX_SEEDS = 1_000_000  # limit of a recommendation
+_BAND = "the interval is the 10-90 band, which contains the population median with 97.9%"
+_NO_WIDTH = "the uncertainty of a published band's width is unknown"
+_QUARTILES = (
+    "only medians and quartile bands are published, which give no 95% interval (a quartile band "
+    "contains the median with only 65.6%)"
+)
+_ONE_SEED = "only one seed each is published"
+_PRINTED_STEPS = "PPO's steps are taken as printed"
+_OPPOSITE: dict[Verdict, Verdict] = {"supported": "contradicted", "contradicted": "supported"}
+_IQM = st.difference(st.interquartile_mean)
 
 
-def examine(cells: Sequence[Cell]) -> list[Finding]:
-    """Returns findings on the claims (a) to (g) in order, from cells of one kind of return.
+def examine(configurations: Sequence[Configuration]) -> list[Finding]:
+    """Returns findings on the claims (a) to (g), from configurations of one kind of return.
 
-    Two cells are compared if they have the same source, use the plain robot, and differ only in
+    Two of them are compared if they have the same source, use the plain robot, and differ only in
     what the claim is about; each pair at the last control step that every seed of both has reached.
     """
-    findings = []
-    for source in dict.fromkeys(cell.source for cell in cells):
-        plain = [cell for cell in cells if cell.source == source and not cell.robots]
-        found = [*_of_representation(plain), *_of_algorithms(plain), *map(_solved, plain)]
-        findings += [replace(finding, source=source) for finding in found]
-    return sorted(findings, key=lambda finding: finding.claim)
-
-
-def _solved(cell: Cell) -> Finding:
-    (scores,) = compared_scores(cell)
-    return _solves("g", cell.name, scores.final, **_common(cell))
+    plain = [one for one in configurations if not one.robots]
+    found = [*_on_representations(plain), *_on_algorithms(plain)]
+    for one in plain:
+        (scores,) = compared_scores(one)
+        found.append(_solves("g", one.name, scores.final, **_common(one)))
+    return found
 
 
 def examine_heuristic(task: str, returns: FloatArray) -> Finding:
     """Returns the finding on claim (h) from returns (episodes,) of a task's hand-written policy."""
-    return _solves("h", task, returns, returns=EVALUATION.name)
+    return _solves("h", task, returns, returns=EVALUATION)
 
 
 def _solves(letter: str, compared: str, values: FloatArray, **more: Any) -> Finding:
@@ -63,121 +75,63 @@ def _solves(letter: str, compared: str, values: FloatArray, **more: Any) -> Find
     return Finding(letter, compared, effect, len(values), *verdict, **more)
 
 
-def _common(*cells: Cell) -> dict[str, Any]:
-    """Returns the fields that all findings on the same cells share."""
-    common = int(min(cell.last_step for cell in cells))
-    return {"returns": cells[0].kind.name, "control_steps": common, "remark": _cut(*cells)}
+def _common(*compared: Configuration) -> dict[str, Any]:
+    """Returns the fields that all findings on the same configurations share."""
+    common = min(one.last_step for one in compared)
+    first = compared[0]
+    more = {"steps": int(common), "remark": _cut(*compared)}
+    return {"returns": first.kind, "source": first.source, **more}
 
 
-def _cut(*cells: Cell) -> str:
+def _cut(*compared: Configuration) -> str:
     """Returns a remark if some seeds have fewer control steps than others; else an empty text."""
-    common, longest = min(cell.last_step for cell in cells), max(cell.longest for cell in cells)
+    common, longest = min(one.last_step for one in compared), max(one.longest for one in compared)
     if common == longest:
         return ""
     return f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
 
 
-def decide(
-    effect: st.Estimate, seeds: int, boundary: float, *, logarithmic: bool = False
-) -> tuple[Verdict, SeedsNeeded | None]:
-    """Returns the verdict on a claim that an effect is above a boundary, and the seeds needed.
-
-    Args:
-        effect: with its 95% interval.
-        seeds: number of seeds per group.
-        boundary: the claim holds above it.
-        logarithmic: whether the effect is a ratio, for which distances are logarithmic.
-    """
-    enough = seeds >= st.DECIDING_SEEDS
-    if enough and effect.low > boundary:
-        return "supported", None
-    if enough and effect.high < boundary:
-        return "contradicted", None
-    distance, error = effect.value - boundary, effect.standard_error
-    if logarithmic and effect.value > 0:
-        distance, error = np.log(effect.value / boundary), error / effect.value
-    return "undecided", _needed(distance, error, seeds)
-
-
-def decide_solved(median: st.Estimate, seeds: int) -> tuple[Verdict, SeedsNeeded | None]:
-    """Returns the verdict on a median return of `SOLVED` or more, and the seeds needed."""
-    return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task
-
-
-def _needed(distance: float, standard_error: float, seeds: int) -> SeedsNeeded | None:
-    """Returns the seeds needed according to `seeds_to_decide`, but at least six."""
-    by_power = seeds_to_decide(distance, standard_error, seeds)
-    if by_power is None:
-        return None
-    if seeds < st.DECIDING_SEEDS and by_power <= st.DECIDING_SEEDS:
-        return SeedsNeeded(st.DECIDING_SEEDS, "six-seed rule")
-    return SeedsNeeded(by_power, "80% power")
-
-
-def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int | None:
-    """Returns the seeds per group that decide a comparison with a power of 80% at 5%, two-sided.
-
-    The standard error falls with the root of the number of seeds; the true effect is assumed to
-    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
-
-    Args:
-        distance: of the effect from the deciding value.
-        standard_error: of the effect at the present number of seeds.
-        seeds: present number of seeds per group.
-
-    Returns:
-        None if the distance is 0 or unknown, or if more than a million seeds were needed.
-    """
-    if not (np.isfinite(distance) and np.isfinite(standard_error)) or distance == 0:
-        return None
-    root = abs((_SIGNIFICANCE + _POWER) * standard_error / distance)
-    if root > np.sqrt(_MAX_SEEDS / seeds):
-        return None
-    return max(st.MIN_SEEDS, int(np.ceil(seeds * root**2)))
-
-
-def decide_similar(
-    inner: st.Estimate, outer: st.Estimate, seeds: int
-) -> tuple[Verdict, SeedsNeeded | None]:
-    """Returns the verdict on a claim that two groups are similar, and the seeds needed.
-
-    Args:
-        inner: the difference with its 90% interval.
-        outer: the difference with its 95% interval.
-        seeds: number of seeds per group.
-    """
-    enough = seeds >= st.DECIDING_SEEDS
-    if enough and inner.low > -MARGIN and inner.high < MARGIN:
-        return "supported", None
-    if enough and (outer.low > MARGIN or outer.high < -MARGIN):
-        return "contradicted", None
-    return "undecided", _needed(MARGIN - abs(inner.value), inner.standard_error, seeds)
-
-
-def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
+def _on_representations(plain: Sequence[Configuration]) -> Iterator[Finding]:
     """Yields findings on (a) to (d): the reduced order against the full observation."""
-    pairs = [(reduced, full) for full in cells for reduced in cells if _reduces(reduced, full)]
+    pairs = [
+        (reduced, full)
+        for group in differing_in(plain, "representation")
+        for full in group
+        for reduced in group
+        if (full.representation, reduced.representation) == (FULL, REDUCED)
+    ]
     for reduced, full in pairs:
-        yield from reduction_findings(full, reduced)
-    for harder, easier in ((h, e) for h in pairs for e in pairs if _harder(h[1], e[1])):
-        scores = [*compared_scores(*harder), *compared_scores(*easier)]
-        effect = st.estimate(_gain_of_gains, *([one.area] for one in scores))
-        seeds = min(len(one.area) for one in scores)
-        full = harder[1]
-        compared = ", ".join(filter(None, (full.algo, full.words)))
-        untested = _no_gain_to_compare(scores)
-        verdict, needed = decide(effect, seeds, 0)
-        yield Finding(
-            "d",
-            f"{compared}: {HARDER} against {EASIER}",
-            effect,
-            seeds,
-            "undecided" if untested else verdict,
-            None if untested else needed,
-            returns=full.kind.name,
-            control_steps=min(one.control_steps for one in scores),
-            remark="; ".join(filter(None, (untested, _cut(*harder), _cut(*easier)))),
-        )
+        ours, theirs = compared_scores(reduced, full)
+        compared, more = f"{reduced.name} against {FULL}", _common(full, reduced)
+        seeds = min(len(theirs.final), len(ours.final))
+        statistics = [_IQM, st.ratio(st.standard_deviation)]
+        similar, spread = st.samples(statistics, [ours.final], [theirs.final])
+        inner, outer = similar.estimate(0.9), similar.estimate()
+        faster = st.estimate(_IQM, [ours.area], [theirs.area])
+        yield Finding("a", compared, inner, seeds, *decide_similar(inner, outer, seeds), **more)
+        yield _on_variability("b", compared, spread.estimate(), ours, theirs, more)
+        yield Finding("c", compared, faster, seeds, *decide(faster, seeds, 0), **more)
+    for harder, full in pairs:
+        for easier, other in pairs:
+            named = (full.task, other.task) == (HARDER, EASIER)
+            if named and full.comparable("task") == other.comparable("task"):
+                yield _on_gain((harder, full), (easier, other))
+
+
+def _on_gain(
+    harder: tuple[Configuration, Configuration], easier: tuple[Configuration, Configuration]
+) -> Finding:
+    scores = [*compared_scores(*harder), *compared_scores(*easier)]
+    effect = st.estimate(_gain_of_gains, *([one.area] for one in scores))
+    seeds = min(len(one.area) for one in scores)
+    full = harder[1]
+    name = ", ".join(filter(None, (full.algo, full.words)))
+    untested = _no_gain_to_compare(scores)
+    verdict, needed = decide(effect, seeds, 0)
+    more = _common(*harder) | {"steps": min(one.control_steps for one in scores)}
+    more["remark"] = "; ".join(filter(None, (untested, _cut(*harder), _cut(*easier))))
+    result = ("undecided", None) if untested else (verdict, needed)
+    return Finding("d", f"{name}: {HARDER} against {EASIER}", effect, seeds, *result, **more)
 
 
 def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
@@ -192,105 +146,135 @@ def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
             return (
                 f"no verdict, on {task} both are within {MARGIN:g} of random actions ({random:g})"
             )
-    gain = _gain([scores[0].area], [scores[1].area])
+    gain = _IQM([scores[0].area], [scores[1].area])
     return "" if gain > 0 else f"no verdict, nothing is gained on {HARDER} ({gain:+.0f})"
 
 
-def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
-    """Returns findings on (a), (b) and (c) from two cells that differ in their representation."""
-    ours, theirs = compared_scores(reduced, baseline)
-    compared = f"{reduced.name} against {shown_representation(baseline.representation)}"
-    seeds = min(len(theirs.final), len(ours.final))
-    more = _common(baseline, reduced)
-    iqm = st.difference(st.interquartile_mean)
-    final = [ours.final], [theirs.final]
-    inner = st.estimate(iqm, *final, confidence=0.9)
-    outer, spread = st.estimates([iqm, st.ratio(st.standard_deviation)], *final)
-    faster = st.estimate(iqm, [ours.area], [theirs.area])
-    return [
-        Finding("a", compared, inner, seeds, *decide_similar(inner, outer, seeds), **more),
-        _on_variability("b", compared, spread, (ours, theirs), more),
-        Finding("c", compared, faster, seeds, *decide(faster, seeds, 0), **more),
-    ]
+def _gain_of_gains(*strata: st.Strata) -> FloatArray:
+    return _IQM(*strata[:2]) - _IQM(*strata[2:])
 
 
-def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
-    """Yields findings on (e) and (f): off-policy algorithms against PPO."""
-    for one, two in algorithm_pairs(cells):
-        ppo, other = (one, two) if one.algo == ON_POLICY else (two, one)
-        if ppo.algo != ON_POLICY or other.algo not in OFF_POLICY:
-            continue
-        ours, theirs = compared_scores(other, ppo)
-        compared = f"{other.name} against {ON_POLICY}"
-        seeds = min(len(theirs.final), len(ours.final))
-        more = _common(ppo, other)
-        statistics = [st.difference(st.median), st.ratio(st.standard_deviation)]
-        higher, wider = st.estimates(statistics, [ours.final], [theirs.final])
-        yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0), **more)
-        yield _on_variability("f", compared, wider, (ours, theirs), more)
+def _on_algorithms(plain: Sequence[Configuration]) -> Iterator[Finding]:
+    """Yields findings on (e) and (f): off-policy algorithms against PPO.
+
+    If both have variants, each is only compared with the first variant of the other algorithm.
+    """
+    for group in differing_in(plain, "algo"):
+        firsts = {one.algo: one for one in reversed(group)}
+        for other in (one for one in group if one.algo in OFF_POLICY):
+            for ppo in (one for one in group if one.algo == ON_POLICY):
+                if other is not firsts[other.algo] and ppo is not firsts[ON_POLICY]:
+                    continue
+                ours, theirs = compared_scores(other, ppo)
+                compared, more = f"{other.name} against {ON_POLICY}", _common(ppo, other)
+                seeds = min(len(theirs.final), len(ours.final))
+                statistics = [st.difference(st.median), st.ratio(st.standard_deviation)]
+                drawn = st.samples(statistics, [ours.final], [theirs.final])
+                higher, wider = (sample.estimate() for sample in drawn)
+                yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0), **more)
+                yield _on_variability("f", compared, wider, ours, theirs, more)
 
 
 def _on_variability(
     letter: str,
     compared: str,
     ratio: st.Estimate,
-    scores: tuple[Scores, Scores],
+    ours: Scores,
+    theirs: Scores,
     more: dict[str, Any],
 ) -> Finding:
     """Returns the finding that the first agents vary less (b) or more (f) than the second ones.
 
     It is undecided if the variation of the episodes may explain the ratio.
     """
-    ours, theirs = scores
     seeds = min(len(ours.final), len(theirs.final))
     verdict, needed = decide(ratio, seeds, 1.0, logarithmic=True)
-    agents = difference(ours.agents, theirs.agents)
-    shown = {"supported": agents.low > 0, "contradicted": agents.high < 0}
-    remark = more["remark"]
-    if not shown.get(verdict, True):
-        interval = f"{agents.value:+.0f} [{agents.low:+.0f}, {agents.high:+.0f}]"
-        known = math.isfinite(agents.value)
-        reason = f"difference {interval}" if known else "unknown"
-        verdict, remark = (
-            "undecided",
-            "; ".join(filter(None, (f"of the agents alone: {reason}", remark))),
-        )
+    value, low, high = difference(ours.agents, theirs.agents)
+    if not {"supported": low > 0, "contradicted": high < 0}.get(verdict, True):
+        interval = f"difference {value:+.0f} [{low:+.0f}, {high:+.0f}]"
+        reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
+        verdict = "undecided"
+        more = {**more, "remark": "; ".join(filter(None, (reason, more["remark"])))}
     if letter == "b":
-        verdict = _opposite(verdict)
-    alone = _ratio_by_episodes(ours, theirs)
-    more = {**more, "remark": remark}
+        verdict = _OPPOSITE.get(verdict, verdict)
+    alone = _ratio(ours.deviation_by_episodes, theirs.deviation_by_episodes)
     return Finding(letter, compared, ratio, seeds, verdict, needed, by_episodes=alone, **more)
 
 
-def _ratio_by_episodes(ours: Scores, theirs: Scores) -> float:
-    """Returns the ratio of the standard deviations that episodes alone would cause."""
-    theirs_alone = theirs.deviation_by_episodes
-    return ours.deviation_by_episodes / theirs_alone if theirs_alone > 0 else math.nan
+def examine_published(published: pd.DataFrame) -> list[Finding]:
+    """Returns findings on the claims (a) to (g) from the published training returns.
+
+    Returns at the end of training are compared; for (c) and (d), the mean of the median over
+    training.
+
+    Args:
+        published: see `read_published`.
+    """
+    ends = published.groupby(CURVE).last().reset_index()
+    ends["name"] = ends["task"] + " " + ends["algo"] + " " + ends["representation"]
+    curves = published.groupby(CURVE)[["steps", "median"]]
+    ends["over_run"] = [
+        np.trapezoid(curve["median"], curve["steps"]) / np.ptp(curve["steps"])
+        for _, curve in curves
+    ]
+    return [*_on_figure_9(ends[ends["figure"] == "Figure 9"]), *_on_figures_7_and_8(ends)]
 
 
-def _reduces(reduced: Cell, full: Cell) -> bool:
-    same = (full.task, full.algo) == (reduced.task, reduced.algo)
-    named = (full.representation, reduced.representation) == (FULL, REDUCED)
-    return same and named and full.same_but(reduced, "representation")
+def _on_figure_9(ends: pd.DataFrame) -> Iterator[Finding]:
+    curves: list[Any] = list(ends.itertuples())
+    for one in curves:
+        effect = st.Estimate(one.median, one.q10, one.q90)
+        yield _published("g", one.name, effect, _BAND, decide_solved(effect, one.seeds)[0], one)
+    for ppo in (one for one in curves if one.algo == ON_POLICY):
+        for one in (one for one in curves if one.task == ppo.task and one.algo in OFF_POLICY):
+            compared = f"{one.name} against {ON_POLICY}"
+            effect = st.Estimate(one.median - ppo.median, one.q10 - ppo.q90, one.q90 - ppo.q10)
+            verdict = decide(effect, one.seeds, 0)[0]
+            yield _published("e", compared, effect, f"{_BAND}; {_PRINTED_STEPS}", verdict, one)
+            remark = f"ratio of the 10-90 widths; {_NO_WIDTH}; {_PRINTED_STEPS}"
+            effect = st.Estimate(_ratio(one.q90 - one.q10, ppo.q90 - ppo.q10))
+            yield _published("f", compared, effect, remark, "undecided", one)
 
 
-def _harder(one: Cell, other: Cell) -> bool:
-    named = (one.task, other.task) == (HARDER, EASIER)
-    return named and one.algo == other.algo and one.same_but(other, "task")
+def _on_figures_7_and_8(ends: pd.DataFrame) -> Iterator[Finding]:
+    compared = ends[ends["representation"] == FULL].merge(
+        ends[ends["representation"] == REDUCED], on=CURVE[:3], suffixes=("_full", "")
+    )
+    baseline = ends[(ends["figure"] == "Figure 9") & (ends["name"] == f"{HARDER} ddpg {FULL}")]
+    curves: list[Any] = list(compared.itertuples())
+    for one in curves:
+        remark = _ONE_SEED if one.seeds == 1 else _QUARTILES
+        other = ""
+        if one.figure == "Figure 8" and len(baseline):
+            other = f"; Figure 8's own baseline ends at {one.median_full:.0f}, Figure 9's of the "
+            other += f"same task and algorithm at {baseline['median'].iloc[0]:.0f}"
+        name = f"{one.name} against {FULL}"
+        effect = st.Estimate(one.median - one.median_full)
+        yield _published("a", name, effect, remark + other, "undecided", one)
+        if np.isfinite(one.q25):
+            widths = _ratio(one.q75 - one.q25, one.q75_full - one.q25_full)
+            remark_b = f"ratio of the quartile bands' widths; {_NO_WIDTH}"
+            yield _published("b", name, st.Estimate(widths), remark_b, "undecided", one)
+        effect = st.Estimate(one.over_run - one.over_run_full)
+        remark_c = f"difference of medians; {remark}{other}"
+        yield _published("c", name, effect, remark_c, "undecided", one)
+    gains = (compared["over_run"] - compared["over_run_full"]).groupby(compared["task"]).last()
+    if {EASIER, HARDER} <= {*gains.index}:
+        remark = f"Figure 8's gain less Figure 7's; there, {_ONE_SEED}"
+        effect = st.Estimate(float(gains[HARDER]) - float(gains[EASIER]))
+        named = f"ddpg: {HARDER} against {EASIER}"
+        source = "Figures 7 and 8"
+        yield Finding(
+            "d", named, effect, 1, "undecided", None, TRAINING, source=source, remark=remark
+        )
 
 
-_gain = st.difference(st.interquartile_mean)
+def _published(
+    claim: str, compared: str, effect: st.Estimate, remark: str, verdict: Verdict, curve: Any
+) -> Finding:
+    more = {"source": curve.figure, "remark": remark}
+    return Finding(claim, compared, effect, curve.seeds, verdict, None, TRAINING, **more)
 
 
-def _gain_of_gains(
-    harder_reduced: st.Strata,
-    harder_full: st.Strata,
-    easier_reduced: st.Strata,
-    easier_full: st.Strata,
-) -> FloatArray:
-    return _gain(harder_reduced, harder_full) - _gain(easier_reduced, easier_full)
-
-
-def _opposite(verdict: Verdict) -> Verdict:
-    swapped: dict[Verdict, Verdict] = {"supported": "contradicted", "contradicted": "supported"}
-    return swapped.get(verdict, verdict)
+def _ratio(ours: float, theirs: float) -> float:
+    return ours / theirs if theirs > 0 else np.nan

@@ -1,39 +1,20 @@
 """Learning curves across seeds, in the two orders of the paper's figures."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.lib.stride_tricks import sliding_window_view
 
 from jbench.names import Order
 from jbench.report.request import WINDOW
 from jbench.returns import FINAL_EPISODES, final_episodes
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from jbench.statistics import BoolArray, FloatArray, IntArray
 
 QUANTILES = (10, 25, 50, 75, 90)
 """Percent, across seeds."""
 
 BAND_SEEDS = 3
 """Minimum number of seeds for a band."""
-
-
-class Points(NamedTuple):
-    """Points of a run in order, (points,) each, or of several runs, (runs, points) each.
-
-    A point is a training episode or an evaluation; see `cells.Cell` for the fields and for the
-    meaning of NaN.
-    """
-
-    returns: FloatArray
-    control_steps: FloatArray
-    processor_time: FloatArray
-    deviations: FloatArray
-    counts: FloatArray
 
 
 @dataclass(frozen=True)
@@ -48,8 +29,8 @@ class Curve:
         control_steps: (points,) center of each window, over all environments.
         seeds: (points,) number of seeds that completed the window and have a return in it.
         quantiles: (5, points) returns, a row for each of `QUANTILES`.
-        each: (seeds of the cell, points) mean return of each seed over the window; NaN if the seed
-            has not completed it.
+        each: (seeds of the configuration, points) mean return of each seed over the window; NaN if
+            the seed has not completed it.
         widths: (points,) episodes averaged in each point: `window`, or fewer near the ends.
     """
 
@@ -80,7 +61,7 @@ def learning_curve(
     order: Order = "quantile-first",
     window: int = WINDOW,
 ) -> Curve:
-    """Aggregates the runs of one cell, one per seed.
+    """Aggregates the runs of one configuration, one per seed.
 
     Args:
         returns: (seeds, episodes) returns; NaN after a run's end, and if missing.
@@ -112,15 +93,6 @@ def learning_curve(
     )
 
 
-def join_curves(parts: Sequence[Curve]) -> Curve:
-    """Returns one curve of several that follow each other."""
-    names = ("control_steps", "seeds", "quantiles", "each", "widths")
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
-    }
-    return replace(parts[0], **joined)
-
-
 def fitting_window(lengths: IntArray, window: int) -> int:
     """Returns the window, but at most a quarter of the longest run.
 
@@ -141,10 +113,11 @@ def moving_average(values: FloatArray, window: int) -> FloatArray:
         (..., episodes - window + 1); NaN if a window contains only NaN.
     """
     present = np.isfinite(values)
-    if present.all():
-        return _window_sums(values, window) / window
-    sums = _window_sums(np.where(present, values, 0.0), window)
-    counts = _window_sums(present.astype(np.float64), window)
+    # A running sum would be faster, but would leave rounding errors where returns are 0.
+    sums, counts = (
+        sliding_window_view(part, window, axis=-1).sum(axis=-1)
+        for part in (np.where(present, values, 0.0), present)
+    )
     means: FloatArray = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
     return means
 
@@ -182,27 +155,6 @@ def centers(values: FloatArray, window: int) -> FloatArray:
     return np.concatenate([before, moving_average(values, window), after])
 
 
-def _window_sums(values: FloatArray, window: int) -> FloatArray:
-    """Returns the sum over each full window of the last axis.
-
-    Sums of 1, 2, 4, … values are combined. A running sum would be as fast, but would leave rounding
-    errors where returns are 0.
-    """
-    count = values.shape[-1] - window + 1
-    total: FloatArray | None = None
-    size, start, doubled = 1, 0, values
-    while start < window:
-        if window & size:
-            part = doubled[..., start : start + count]
-            total = part.copy() if total is None else total + part
-            start += size
-        if start < window:
-            doubled = doubled[..., :-size] + doubled[..., size:]
-            size *= 2
-    assert total is not None
-    return total
-
-
 def quantiles_across_seeds(values: FloatArray) -> FloatArray:
     """Returns the `QUANTILES` of each column by numpy's linear method, ignoring NaN.
 
@@ -236,23 +188,29 @@ def final_returns(
         returns: (seeds, points) returns, as for `learning_curve`.
         control_steps: (seeds, points).
         lengths: (seeds,) number of points of each run.
-        max_points: see `returns.Returns.final_points`.
+        max_points: see `returns.FINAL_POINTS`.
 
     Returns:
         Final returns (seeds,), NaN for a seed without a return there; and the mean control steps
         of the averaged points (seeds,).
     """
     last = final_episodes(lengths, max_points)
-    # Earlier columns are in no mean. The number of columns is a power of 2, so that the sums are
-    # rounded like those of all columns.
-    width = returns.shape[1]
-    averaged = width - int((lengths - last).min())
-    width = min(width, 1 << (averaged - 1).bit_length())
-    points = np.arange(returns.shape[1] - width, returns.shape[1])
-    end = (points < lengths[:, None]) & (points >= (lengths - last)[:, None])
-    ends = (np.where(end, values[:, -width:], np.nan) for values in (returns, control_steps))
-    means, centers = (moving_average(values, width)[:, 0] for values in ends)
-    return means, centers
+    ends = [slice(end - count, end) for end, count in zip(lengths, last, strict=True)]
+    means = [
+        [_mean(row[end]) for row, end in zip(values, ends, strict=True)]
+        for values in (returns, control_steps)
+    ]
+    return np.array(means[0], float), np.array(means[1], float)
+
+
+def _mean(values: FloatArray) -> float:
+    known = np.isfinite(values)
+    sums = np.pad(
+        np.where(known, values, 0.0), ((1 << (len(values) - 1).bit_length()) - len(values), 0)
+    )
+    while len(sums) > 1:  # pairwise, which rounds little
+        sums = sums[::2] + sums[1::2]
+    return float(sums[0] / known.sum()) if known.any() else np.nan
 
 
 def steps_to_threshold(

@@ -1,7 +1,6 @@
-"""Imported learning curves in the form of runs, from which cells are built."""
+"""Imported learning curves in the form of runs, from which configurations are built."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -10,7 +9,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import one_of
-from jbench.report.data.cells import Cell
+from jbench.report.data.configuration import Configuration
 from jbench.report.data.returns import TRAINING
 from jbench.settings.alike import variant
 from jbench.store import schema
@@ -22,6 +21,9 @@ _SEED = [*_LABELS, "seed"]
 _RETURNS = {"episodes": "training", "evaluations": "evaluation"}
 _EPISODES = ("sb3-monitor", "sb3-evaluations")
 """Formats whose points are episodes or evaluations; points of other formats are logged values."""
+
+_PROVENANCE = ("jbench", "python", "git_revision", "command")
+"""What is kept of an import's provenance; its machine is not that of the training."""
 
 
 class ImportedRuns(NamedTuple):
@@ -67,46 +69,42 @@ def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
     named: pd.DataFrame = points.to_pandas(use_threads=False)
     named = named.merge(chosen[["import", "run", "returns"]])
     named = named.assign(evaluation=named["point"], processor_time=np.nan)
-    named.loc[named["returns"] == "training", "episode"] = named["point"]
+    named.loc[named["returns"] == TRAINING, "episode"] = named["point"]
     tables = {"runs": table_of(_runs(chosen), schema.RUNS)}
     for name, kind in _RETURNS.items():
         tables[name] = table_of(named[named["returns"] == kind], schema.TABLES[name])
     return ImportedRuns(tables, _notes(frame, chosen), problems)
 
 
-def with_spacing_note(cell: Cell) -> Cell:
-    """Returns the cell, with a note if the points of its seeds are at different control steps."""
-    steps = cell.control_steps
-    apart = float(np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0)))
-    if cell.kind is not TRAINING or not apart:
-        return cell
+def with_spacing_note(one: Configuration) -> Configuration:
+    """Adds a note if the points of its seeds are at different control steps."""
+    apart = float(
+        np.max(np.nanmax(one.control_steps, axis=0) - np.nanmin(one.control_steps, axis=0))
+    )
+    if one.kind != TRAINING or not apart:
+        return one
     note = (
         f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of the "
         "first, second, … point of each seed"
     )
-    return replace(cell, notes=(*cell.notes, note))
+    return replace(one, notes=(*one.notes, note))
 
 
 def _runs(chosen: pd.DataFrame) -> pd.DataFrame:
     """Returns a row for each seed, with the settings that jbench knows: its labels."""
     runs = chosen.drop_duplicates("run")
+    labels: list[Any] = runs[_LABELS].astype(str).to_dict("records")
     settings = [
-        {name: str(row[name]) for name in _LABELS} for row in runs[_LABELS].to_dict("records")
+        json.dumps({**one, "seed": seed})
+        for one, seed in zip(labels, runs["seed"].tolist(), strict=True)
     ]
+    recorded = map(json.loads, runs["provenance"])
+    kept = [{name: one[name] for name in _PROVENANCE if name in one} for one in recorded]
     return runs.assign(
-        variant=[variant(labels) for labels in settings],
-        settings=[
-            json.dumps({**labels, "seed": seed})
-            for labels, seed in zip(settings, runs["seed"].tolist(), strict=True)
-        ],
-        provenance=[_of_import(json.loads(text)) for text in runs["provenance"]],
+        variant=[variant(one) for one in labels],
+        settings=settings,
+        provenance=[json.dumps(one) for one in kept],
     )
-
-
-def _of_import(provenance: Mapping[str, Any]) -> str:
-    """Returns the provenance without the machine, which is not that of the training."""
-    kept = ("jbench", "python", "git_revision", "command")
-    return json.dumps({name: provenance[name] for name in kept if name in provenance})
 
 
 def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:

@@ -1,11 +1,6 @@
-"""The two kinds of return that a run records, of training episodes and of evaluations; their texts.
-
-A cell has one kind. Cells, curves and statistics use the same code for both kinds; the kind only
-determines the smoothing, the number of final points, and the names.
-"""
+"""The two kinds of return that a run records, of evaluations and of training; how numbers read."""
 
 import math
-from dataclasses import dataclass
 
 from jbench.names import ReturnsName
 from jbench.returns import FINAL_EPISODES
@@ -13,61 +8,16 @@ from jbench.returns import FINAL_EPISODES
 SOLVED = 900
 """Episode return from which a task counts as solved (paper, Figure 9)."""
 
+EVALUATION: ReturnsName = "evaluation"
+"""Mean return of the episodes of an evaluation, in which the policy is deterministic."""
 
-@dataclass(frozen=True)
-class Returns:
-    """A kind of return.
+TRAINING: ReturnsName = "training"
+"""Return of a training episode, exploration included."""
 
-    Attributes:
-        name: name in files and options.
-        long: name in captions and sentences.
-        axis: name on an axis, in two lines.
-        final: definition of a seed's final return.
-        up_to: definition of the final return up to a control step within a run.
-        over_run: definition of a seed's return over its whole run.
-        final_points: maximum number of points that are averaged in a final return.
-        smoothed: whether a curve is a moving average; an evaluation is already a mean of episodes.
-    """
+KINDS = (EVALUATION, TRAINING)
 
-    name: ReturnsName
-    long: str
-    axis: str
-    final: str
-    up_to: str
-    over_run: str
-    final_points: int
-    smoothed: bool
-
-    @property
-    def plural(self) -> str:
-        """Plural, such as `evaluation returns`."""
-        return f"{self.name} returns"
-
-
-TRAINING = Returns(
-    name="training",
-    long="training return, exploration included",
-    axis="training return\n(exploration included)",
-    final="A final training return is the mean over a run's last 100 training episodes, or over "
-    "its last quarter if that is shorter; actions include exploration.",
-    up_to="the mean of the last 100 training episodes up to that step, or of their last quarter",
-    over_run="the mean over all training episodes of a run",
-    final_points=FINAL_EPISODES,
-    smoothed=True,
-)
-EVALUATION = Returns(
-    name="evaluation",
-    long="evaluation return of the deterministic policy",
-    axis="evaluation return\n(deterministic policy)",
-    final="A final evaluation return is the mean over the episodes of a run's last evaluation, in "
-    "which the policy is deterministic.",
-    up_to="the mean of the last evaluation up to that step",
-    over_run="the mean over all evaluations of a run",
-    final_points=1,
-    smoothed=False,
-)
-KINDS: dict[ReturnsName, Returns] = {kind.name: kind for kind in (EVALUATION, TRAINING)}
-"""Both kinds by name, evaluations first."""
+FINAL_POINTS = {EVALUATION: 1, TRAINING: FINAL_EPISODES}
+"""Maximum number of points that are averaged in a final return."""
 
 
 def whole(value: float) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.report import style
-from jbench.report.data.cells import OWN
+from jbench.report.data.configuration import OWN
 from jbench.report.figures.chart import Chart, Draw, Panel, numbers
 from jbench.report.figures.lines import PUBLISHED, draw_curves
 from jbench.report.frames import Frames

@@ -6,9 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jbench.report.analysis import statistics as st
-from jbench.report.analysis.examine import seeds_to_decide
-from jbench.report.data.curves import steps_to_threshold
+from jbench.statistics import bootstrap as st
 
 _MADE = json.loads((Path(__file__).parent / "rliable_oracle" / "made.json").read_text())
 CASES = _MADE["cases"]
@@ -112,7 +110,8 @@ def test_fast_improvement_equals_pairwise_one_bit_for_bit():
 def test_shared_resamples_give_same_estimates_bit_for_bit():
     scores = np.random.default_rng(1).uniform(0, 1000, 9)
     several = [st.median, st.interquartile_mean, st.standard_deviation]
-    assert st.estimates(several, [scores]) == [st.estimate(one, [scores]) for one in several]
+    together = [sample.estimate() for sample in st.samples(several, [scores])]
+    assert together == [st.estimate(one, [scores]) for one in several]
 
 
 def test_interval_of_profile_is_that_of_resampled_seeds():
@@ -152,10 +151,8 @@ def test_interval_has_stated_coverage():
     assert 0.90 <= np.mean(covered) <= 0.97
 
 
-def test_steps_to_threshold_are_infinite_if_never_reached():
-    returns = np.array([[1.0, 5.0, 9.0], [9.0, 1.0, np.nan], [1.0, 2.0, 3.0]])
-    steps = steps_to_threshold(returns, np.tile([10.0, 20.0, 30.0], (3, 1)), 5.0)
-    assert steps.tolist() == [20.0, 10.0, np.inf]
+def test_seeds_that_never_reach_a_return_count_as_infinite():
+    steps = np.array([20.0, 10.0, np.inf])
     assert st.median([steps]) == 20.0
     found = st.estimate(st.median, [steps])
     assert (found.low, found.high) == (10.0, np.inf)
@@ -165,9 +162,9 @@ def test_steps_to_threshold_are_infinite_if_never_reached():
 
 def test_seeds_to_decide_match_hand_computed_values():
     # An effect of one standard error needs (1.96 + 0.8416)^2 = 7.85 times the seeds.
-    assert seeds_to_decide(1.0, 1.0, 10) == 79
-    assert seeds_to_decide(10.0, 1.0, 10) == st.MIN_SEEDS
-    assert seeds_to_decide(0.0, 1.0, 10) is None
+    assert st.seeds_to_decide(1.0, 1.0, 10) == 79
+    assert st.seeds_to_decide(10.0, 1.0, 10) == st.MIN_SEEDS
+    assert st.seeds_to_decide(0.0, 1.0, 10) is None
     # 10 * (2.8 / 1e-300) ** 2 overflows.
-    assert seeds_to_decide(1e-300, 1.0, 10) is None
-    assert seeds_to_decide(1.0, np.nan, 10) is None
+    assert st.seeds_to_decide(1e-300, 1.0, 10) is None
+    assert st.seeds_to_decide(1.0, np.nan, 10) is None

@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from jbench.report.data.curves import BoolArray, FloatArray, IntArray
+from jbench.statistics import BoolArray, FloatArray, IntArray
 
 BLOCK = 5
 """Seeds of each configuration between two interim analyses (looks)."""
@@ -124,9 +124,11 @@ def first_above(
 
 def _boundary(sums: FloatArray, crossed: BoolArray, allowed: int) -> FloatArray:
     """Returns the value (..., 1) that at most `allowed` relabelings exceed or have exceeded."""
-    ordered = np.sort(np.where(crossed, -np.inf, sums), axis=-1)
+    kept = np.where(crossed, -np.inf, sums)
     left = np.maximum(allowed - crossed.sum(axis=-1, keepdims=True), 0)
-    return np.take_along_axis(ordered, ordered.shape[-1] - 1 - left, axis=-1)
+    places = sums.shape[-1] - 1 - left
+    ordered = np.partition(kept, np.unique(places), axis=-1)
+    return np.take_along_axis(ordered, places, axis=-1)
 
 
 def interval(

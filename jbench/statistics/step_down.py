@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.report.data.curves import FloatArray
-from jbench.sweeps import sequential
-from jbench.sweeps.sequential import Verdict
+from jbench.statistics import FloatArray, sequential
+from jbench.statistics.sequential import Verdict
 
 
 class Decision(NamedTuple):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jbench.sweeps.sequential import first_above
-from jbench.sweeps.step_down import decide, step_down
+from jbench.statistics.sequential import first_above
+from jbench.statistics.step_down import decide, step_down
 
 
 def stepping(needed, verdict="larger"):

@@ -1,7 +1,7 @@
 """Writes rliable's reference values for the tests of statistics, in a separate environment.
 
     python -m venv /tmp/rliable && /tmp/rliable/bin/pip install rliable==1.2.0 "pandas<3"
-    /tmp/rliable/bin/python tests/report/rliable_oracle/make.py
+    /tmp/rliable/bin/python tests/statistics/rliable_oracle/make.py
 
 rliable's own dependency arch does not work with pandas 3, which jbench uses.
 """

@@ -1,7 +1,4 @@
-"""Configurations: the runs that share all settings except seed and steps, one run per seed.
-
-In code, the points of a configuration's runs of one kind of return are a `Cell`.
-"""
+"""Configurations: the runs that share all settings except seed and steps, one run per seed."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -9,19 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from jbench.names import ALGORITHMS, FULL, REPRESENTATION, TASKS, Order, kind_of
-from jbench.report.data.curves import (
-    BoolArray,
-    Curve,
-    FloatArray,
-    IntArray,
-    join_curves,
-    learning_curve,
+from jbench.names import (
+    ALGORITHMS,
+    FULL,
+    REPRESENTATION,
+    TASKS,
+    Order,
+    ReturnsName,
+    kind_of,
 )
-from jbench.report.data.returns import Returns
+from jbench.report.data.curves import Curve, learning_curve
+from jbench.report.data.returns import TRAINING
 from jbench.report.request import WINDOW
 from jbench.settings.alike import comparable
 from jbench.settings.run import Run
+from jbench.statistics import BoolArray, FloatArray, IntArray
 
 OWN = "own"
 """Source of the runs in the reported results."""
@@ -40,37 +39,39 @@ _SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading"
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
-    """The runs of a configuration, for one kind of return.
+class Configuration:
+    """The runs of a configuration, and their points of one kind of return.
 
     A point is a training episode or an evaluation. A seed that diverged counts with return 0, the
     minimum, at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
+        kind: of return.
         representation: `full`, or an encoder's kind and size, such as `dae12`.
         variant: hash of the settings without seed and steps.
         seeds: (seeds,) in ascending order.
         returns: (seeds, points) returns; NaN after a run's end, or if not finite.
         control_steps: (seeds, points) control steps at each point; NaN after the run's end.
-        lengths: (seeds,) number of points of each run.
-        steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
-            episode.
-        diverged: (seeds,) whether the run diverged.
-        notes: notes for the reader, a clause each.
-        robots: number of augmented robots in sequence; 0 for the plain robot.
-        robot_episodes: episodes with each robot, in the longest run.
         processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
         deviations: (seeds, points) standard deviation of the episodes of each evaluation; NaN for
             training episodes, and if unknown.
         counts: (seeds, points) number of episodes of each evaluation; 1 for training episodes.
+        lengths: (seeds,) number of points of each run.
+        steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
+            episode.
+        diverged: (seeds,) whether the run diverged.
+        finished: (seeds,) whether the run is finished.
+        notes: notes for the reader, a clause each.
+        robots: number of augmented robots in sequence; 0 for the plain robot.
+        robot_episodes: episodes with each robot, in the longest run.
         settings: settings of the run with the first seed.
         draws: number of different encoders of the runs.
+        runs: (seeds,) ids of the runs.
         source: `OWN`, or the name of another source.
         words: settings that differ from the defaults; see `variants.variant_words`.
-        runs: (seeds,) ids of the runs.
     """
 
-    kind: Returns
+    kind: ReturnsName
     task: str
     algo: str
     representation: str
@@ -78,50 +79,49 @@ class Cell:
     seeds: IntArray
     returns: FloatArray
     control_steps: FloatArray
-    lengths: IntArray
-    steps: IntArray
-    diverged: BoolArray
-    notes: tuple[str, ...]
-    robots: int
-    robot_episodes: int
     processor_time: FloatArray
     deviations: FloatArray
     counts: FloatArray
+    lengths: IntArray
+    steps: IntArray
+    diverged: BoolArray
+    finished: BoolArray
+    notes: tuple[str, ...]
+    robots: int
+    robot_episodes: int
     settings: Run
-    draws: int = 0
-    source: str = OWN
-    words: str = ""
-    runs: tuple[str, ...] = ()
+    draws: int
+    runs: tuple[str, ...]
+    source: str
+    words: str
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
-        """Key that the cells of both kinds of return of the same runs share."""
+        """Key that both kinds of return of the same runs share."""
         return self.task, self.algo, self.representation, self.variant, self.source
 
     @property
     def label(self) -> str:
         """Name within a task: `TD3 dae12, bfloat16`."""
-        return self.prefix + self.label_in_source
-
-    @property
-    def label_in_source(self) -> str:
-        """Name within a task and source."""
-        name = f"{display_name(self.algo)} {shown_representation(self.representation)}"
-        return ", ".join(filter(None, (name, self.words)))
+        return self._prefix + self._label_in_source
 
     @property
     def name(self) -> str:
         """Unique name in its source: `face_direction TD3 dae12`."""
-        return f"{self.task} {self.label_in_source}"
+        return f"{self.task} {self._label_in_source}"
 
     @property
     def configuration(self) -> str:
         """Unique name in a report: `reference: face_direction TD3 dae12`."""
-        return self.prefix + self.name
+        return self._prefix + self.name
 
     @property
-    def prefix(self) -> str:
-        """Prefix of names for the source; empty for the results' own runs."""
+    def _label_in_source(self) -> str:
+        name = f"{display_name(self.algo)} {shown_representation(self.representation)}"
+        return ", ".join(filter(None, (name, self.words)))
+
+    @property
+    def _prefix(self) -> str:
         return "" if self.source == OWN else f"{self.source}: "
 
     @property
@@ -151,9 +151,9 @@ class Cell:
         within = self.control_steps <= control_steps
         return np.asarray(np.max(np.where(within, points, 0), axis=1), np.int64)
 
-    def same_but(self, other: "Cell", *names: str) -> bool:
-        """Returns whether two cells differ only in these settings; see `alike.comparable`."""
-        return comparable(self.settings, *names) == comparable(other.settings, *names)
+    def comparable(self, *names: str) -> tuple[str, str]:
+        """Returns what configurations of a source share that differ only in these settings."""
+        return self.source, comparable(self.settings, *names)
 
     def curve(self, order: Order = "quantile-first", window: int = WINDOW) -> Curve:
         """Returns the curve: a moving average of episodes, or the single evaluations.
@@ -161,9 +161,9 @@ class Cell:
         On a sequence of robots, the episodes of each robot are averaged separately: an average
         across the switch from one robot to the next would hide it.
         """
-        if not self.kind.smoothed:
-            window = 1
-        if not self.kind.smoothed or self.robots <= 1:
+        smoothed = self.kind == TRAINING
+        if not smoothed or self.robots <= 1:
+            window = window if smoothed else 1
             return learning_curve(self.returns, self.control_steps, self.lengths, order, window)
         parts = []
         for first in range(0, self.returns.shape[1], self.robot_episodes):
@@ -171,7 +171,11 @@ class Cell:
             returns, control_steps = self.returns[:, columns], self.control_steps[:, columns]
             lengths = np.clip(self.lengths - first, 0, returns.shape[1])
             parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
-        return join_curves(parts)
+        names = ("control_steps", "seeds", "quantiles", "each", "widths")
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
+        }
+        return replace(parts[0], **joined)
 
 
 def display_name(algo: str) -> str:
@@ -192,22 +196,26 @@ def shown_representation(representation: str) -> str:
     return "-".join(filter(None, match.group("kind", "scale", "rescale")))
 
 
-def verified(cells: Iterable[Cell]) -> list[Cell]:
-    """Returns the cells of runs, without imported curves."""
-    return [cell for cell in cells if cell.source != IMPORTED]
+def verified(configurations: Iterable[Configuration]) -> list[Configuration]:
+    """Returns the configurations of runs, without imported curves."""
+    return [one for one in configurations if one.source != IMPORTED]
 
 
-def of_kind(cells: Iterable[Cell], kind: Returns) -> list[Cell]:
-    """Returns the cells of one kind of return."""
-    return [cell for cell in cells if cell.kind is kind]
+def of_kind(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:
+    """Returns the configurations of one kind of return."""
+    return [one for one in configurations if one.kind == kind]
 
 
-def groups_same_but(cells: Iterable[Cell], name: str) -> list[list[Cell]]:
-    """Returns groups of cells of one source that differ only in a setting; see `same_but`."""
-    groups: dict[tuple[str, str], list[Cell]] = {}
-    for cell in cells:
-        groups.setdefault((cell.source, comparable(cell.settings, name)), []).append(cell)
-    return list(groups.values())
+def differing_in(configurations: Iterable[Configuration], name: str) -> list[list[Configuration]]:
+    """Returns groups on the plain robot that differ only in a setting, and the settings it implies.
+
+    They have the same source, and two members or more.
+    """
+    groups: dict[tuple[str, str], list[Configuration]] = {}
+    for one in configurations:
+        if not one.robots:
+            groups.setdefault(one.comparable(name), []).append(one)
+    return [group for group in groups.values() if len(group) > 1]
 
 
 def in_order(names: Iterable[str], known: tuple[str, ...] = TASKS) -> list[str]:
@@ -216,32 +224,25 @@ def in_order(names: Iterable[str], known: tuple[str, ...] = TASKS) -> list[str]:
 
 
 def _rank(name: str, known: tuple[str, ...]) -> tuple[int, str]:
-    """Returns the sort key of a name in `in_order`."""
     return (known.index(name), "") if name in known else (len(known), name)
 
 
-def paper_order(cell: Cell) -> tuple[Any, ...]:
-    """Returns the sort key of a cell: task, algorithm and representation as in the paper."""
+def paper_order(one: Configuration) -> tuple[Any, ...]:
+    """Returns the sort key: task, algorithm and representation as in the paper."""
     # The sort is stable: variants stay in the order of their words.
-    return (
-        _rank(cell.task, TASKS),
-        _rank(cell.algo, ALGORITHMS),
-        cell.representation != FULL,
-        cell.representation,
-        cell.source,
-    )
+    ranks = _rank(one.task, TASKS), _rank(one.algo, ALGORITHMS)
+    return *ranks, one.representation != FULL, one.representation, one.source
 
 
-def with_unique_names(cells: Sequence[Cell]) -> list[Cell]:
-    """Returns the cells; of those with the same name, all but the first are named by a hash.
+def with_unique_names(configurations: Sequence[Configuration]) -> list[Configuration]:
+    """Returns the configurations; of those with the same name, all but the first have a hash.
 
     Names are made per source, where recorded settings may differ in nothing that has a name.
     """
     known: dict[str, str] = {}
     unique = []
-    for cell in cells:
-        if known.setdefault(cell.configuration, cell.variant) != cell.variant:
-            words = ", ".join(filter(None, (cell.words, cell.variant)))
-            cell = replace(cell, words=words)
-        unique.append(cell)
+    for one in configurations:
+        if known.setdefault(one.configuration, one.variant) != one.variant:
+            one = replace(one, words=", ".join(filter(None, (one.words, one.variant))))
+        unique.append(one)
     return unique

@@ -10,11 +10,11 @@ distribution.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from jbench.report.data.curves import FloatArray, IntArray
+from jbench.statistics import FloatArray, IntArray
 
 Strata = Sequence[FloatArray]
 """One array of scores (..., seeds) per task."""
@@ -29,6 +29,10 @@ MIN_SEEDS = 3
 DECIDING_SEEDS = 6
 """Minimum number of seeds for a verdict. With fewer, not even the range of all seeds contains the
 population median with 95% (1 - 2^(1 - n): 75% for three seeds, 94% for five, 97% for six)."""
+
+# Quantiles of the normal distribution, for a two-sided test at 5% and for a power of 80%.
+_SIGNIFICANCE, _POWER = 1.959964, 0.841621
+_MAX_SEEDS = 1_000_000  # limit of a recommendation
 
 
 class Estimate(NamedTuple):
@@ -171,46 +175,79 @@ def bootstrap(
     ]
 
 
+class Sample(NamedTuple):
+    """A statistic and its bootstrap distribution, from which intervals of any level follow.
+
+    Attributes:
+        value: the statistic of all seeds.
+        drawn: (resamples,) the statistic of resampled seeds; empty for fewer than `MIN_SEEDS`.
+    """
+
+    value: float
+    drawn: FloatArray
+
+    def estimate(self, confidence: float = CONFIDENCE) -> Estimate:
+        """Returns the statistic with its interval of percentiles."""
+        # Seeds that never reach a threshold have infinite scores, which can't be interpolated.
+        drawn = self.drawn[~np.isnan(self.drawn)]
+        if not len(drawn):
+            return Estimate(self.value)
+        tail = (1 - confidence) / 2
+        infinite = np.isinf(drawn).any()
+        method: Any = "higher" if infinite else "linear"
+        low, high = np.quantile(drawn, [tail, 1 - tail], method=method)
+        error = np.nan if infinite else float(np.std(drawn))
+        return Estimate(self.value, float(low), float(high), error)
+
+
+def samples(
+    statistics: Sequence[Statistic], *groups: Strata, resamples: int = RESAMPLES
+) -> list[Sample]:
+    """Returns several statistics of the same resamples (stratified bootstrap).
+
+    Args:
+        statistics: statistics that take as many groups.
+        groups: groups to compare, each with scores (seeds,) by task.
+    """
+    fewest = min(seeds.shape[-1] for strata in groups for seeds in strata)
+    if fewest == 0:
+        return [Sample(np.nan, np.empty(0))] * len(statistics)
+    values = [float(statistic(*groups)) for statistic in statistics]
+    if fewest < MIN_SEEDS:
+        return [Sample(value, np.empty(0)) for value in values]
+    return list(map(Sample, values, bootstrap(statistics, *groups, resamples=resamples)))
+
+
 def estimate(
     statistic: Statistic,
     *groups: Strata,
     resamples: int = RESAMPLES,
     confidence: float = CONFIDENCE,
 ) -> Estimate:
-    """Returns a statistic with its interval: percentiles of the stratified bootstrap.
+    """Returns a statistic with its interval; see `samples`."""
+    return samples([statistic], *groups, resamples=resamples)[0].estimate(confidence)
+
+
+def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int | None:
+    """Returns the seeds per group that decide a comparison with a power of 80% at 5%, two-sided.
+
+    The standard error falls with the root of the number of seeds; the true effect is assumed to
+    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
 
     Args:
-        statistic: statistic that takes as many groups.
-        groups: groups to compare, each with scores (seeds,) by task.
+        distance: of the effect from the deciding value.
+        standard_error: of the effect at the present number of seeds.
+        seeds: present number of seeds per group.
+
+    Returns:
+        None if the distance is 0 or unknown, or if more than a million seeds were needed.
     """
-    return estimates([statistic], *groups, resamples=resamples, confidence=confidence)[0]
-
-
-def estimates(
-    statistics: Sequence[Statistic],
-    *groups: Strata,
-    resamples: int = RESAMPLES,
-    confidence: float = CONFIDENCE,
-) -> list[Estimate]:
-    """Returns several statistics with intervals from the same resamples; see `estimate`."""
-    if min(seeds.shape[-1] for strata in groups for seeds in strata) == 0:
-        return [Estimate(np.nan)] * len(statistics)
-    values = [float(statistic(*groups)) for statistic in statistics]
-    if min(seeds.shape[-1] for strata in groups for seeds in strata) < MIN_SEEDS:
-        return [Estimate(value) for value in values]
-    drawn = bootstrap(statistics, *groups, resamples=resamples)
-    return [_with_interval(*pair, confidence) for pair in zip(values, drawn, strict=True)]
-
-
-def _with_interval(value: float, drawn: FloatArray, confidence: float) -> Estimate:
-    # Seeds that never reach a threshold have infinite scores, which can't be interpolated.
-    drawn = drawn[~np.isnan(drawn)]
-    if not len(drawn):
-        return Estimate(value)
-    tail = (1 - confidence) / 2
-    infinite = np.isinf(drawn).any()
-    low, high = np.quantile(drawn, [tail, 1 - tail], method="higher" if infinite else "linear")
-    return Estimate(value, float(low), float(high), np.nan if infinite else float(np.std(drawn)))
+    if not np.isfinite([distance, standard_error]).all() or distance == 0:
+        return None
+    root = abs((_SIGNIFICANCE + _POWER) * standard_error / distance)
+    if root > np.sqrt(_MAX_SEEDS / seeds):
+        return None
+    return max(MIN_SEEDS, int(np.ceil(seeds * root**2)))
 
 
 def _mean_over_tasks(values: Sequence[FloatArray]) -> FloatArray:

@@ -1,7 +1,7 @@
 """Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,10 @@ import pyarrow.compute as pc
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import REFERENCE
-from jbench.report.data.building import POINT, build_cells, usable_runs, with_more_episodes
-from jbench.report.data.cells import IMPORTED, OWN, Cell, paper_order
+from jbench.report.data.build import build, usable_runs
+from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.imported import as_runs, with_spacing_note
-from jbench.report.data.paths import COLUMNS, run_paths
+from jbench.report.data.points import POINT, with_more_episodes
 from jbench.report.request import Request
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
@@ -25,12 +25,18 @@ from jbench.store import Results, query
 from jbench.wording import are, counted, repair_hint, with_results
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
-_ENCODERS = ("encoders", "encoder_errors", "encoder_predictions")
-_POLICIES = ("policy_evaluations", "policy_episodes")
+_MORE = (
+    *("encoders", "encoder_errors", "encoder_predictions"),
+    *("policy_evaluations", "policy_episodes"),
+)
+_POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]
+PATHS = ("run", "evaluation", "control_steps", *_POSES)
+"""Columns of the table `paths` that are read."""
+
 _COLUMNS = {
     "episodes": ("run", "episode", *POINT),
     "evaluations": ("run", "evaluation", "episode", *POINT),
-    "paths": COLUMNS,
+    "paths": PATHS,
 }
 
 
@@ -39,19 +45,19 @@ class NothingYetError(RequestError):
 
 
 @dataclass(frozen=True)
-class Rows:
+class Source:
     """The runs of one results directory, of a selection of them, or of several.
 
     Attributes:
-        cells: for both kinds of return.
+        configurations: for both kinds of return.
         runs: rows of the table `runs`, with a column `source`.
-        notes: sentences on runs that are in no cell.
+        notes: sentences on runs that are in no configuration.
         problems: a sentence for each unreadable record.
         tables: of encoders and policies; other sources than the results have none of them.
-        paths: points of the robots' paths in evaluations; see `paths.run_paths`.
+        paths: points of the robots' paths in evaluations; see `run_paths`.
     """
 
-    cells: list[Cell]
+    configurations: list[Configuration]
     runs: pd.DataFrame
     notes: list[str]
     problems: list[str]
@@ -59,10 +65,10 @@ class Rows:
     paths: pd.DataFrame
 
 
-def joined(parts: Sequence[Rows]) -> Rows:
-    """Returns the rows of several sources as one, with the tables of the first."""
-    return Rows(
-        sorted((cell for part in parts for cell in part.cells), key=paper_order),
+def joined(parts: Sequence[Source]) -> Source:
+    """Returns several sources as one, with the tables of the first."""
+    return Source(
+        sorted((one for part in parts for one in part.configurations), key=paper_order),
         pd.concat([part.runs for part in parts], ignore_index=True),
         [note for part in parts for note in part.notes],
         [problem for part in parts for problem in part.problems],
@@ -71,24 +77,20 @@ def joined(parts: Sequence[Rows]) -> Rows:
     )
 
 
-def own(results: Results, request: Request, name: str = OWN, *, strict: bool = True) -> Rows:
+def own(results: Results, request: Request, name: str = OWN, *, strict: bool = True) -> Source:
     """Returns the runs of the results that pass the filters of the request.
 
     Args:
-        name: of the source in its cells.
+        name: of the source.
         strict: whether it is an error if no run passes the filters.
     """
-    tables, problems = _load(results, (*_ENCODERS, *_POLICIES))
-    return _rows(tables, problems, request, name, strict=strict)
+    return _source(_load(results, _MORE), request, name, strict=strict)
 
 
-def imported(results: Results, request: Request, name: str = IMPORTED) -> Rows:
-    """Returns the imported curves of the requested task and algorithm, which form separate cells.
+def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
+    """Returns the imported curves of the requested task and algorithm.
 
     They have no date of a beginning.
-
-    Args:
-        name: of the source in its cells.
     """
     tables, problems = query.load(results, ("imports", "import_points"))
     imports = tables["imports"]
@@ -96,51 +98,50 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Rows:
         if value is not None:
             imports = imports.filter(pc.equal(imports[label], value))
     runs = as_runs(imports, tables["import_points"])
-    problems += runs.problems
-    found = _rows(runs.tables, problems, replace(request, since=None), name, strict=False)
-    cells = [with_spacing_note(cell) for cell in found.cells]
-    return replace(found, cells=cells, notes=[*found.notes, *(runs.notes if cells else [])])
+    read = query.Tables(runs.tables, problems + runs.problems)
+    found = _source(read, replace(request, since=None), name, strict=False)
+    noted = [with_spacing_note(one) for one in found.configurations]
+    return replace(found, configurations=noted, notes=found.notes + (runs.notes if noted else []))
 
 
-def own_and_imported(results: Results, request: Request) -> list[Rows]:
+def own_and_imported(results: Results, request: Request) -> list[Source]:
     """Returns the runs of the results, and the imported curves if there are any.
 
     Raises:
         NothingYetError: if no run or import passes the filters of the request.
     """
     imports = imported(results, request)
-    ours = own(results, request, strict=not imports.cells)
-    return [ours, imports] if imports.cells or imports.problems else [ours]
+    ours = own(results, request, strict=not imports.configurations)
+    return [ours, imports] if imports.configurations or imports.problems else [ours]
 
 
-def check_baseline(baseline: str, cells: Sequence[Cell]) -> None:
+def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> None:
     """Checks that curves of the baseline were imported, and that there are others.
 
     Raises:
         NothingYetError: if none was imported, or there are no others.
     """
-    labels = sorted({cell.algo for cell in cells if cell.source == IMPORTED})
+    labels = sorted({one.algo for one in configurations if one.source == IMPORTED})
     if baseline not in labels:
         instead = f"one of {', '.join(labels)}" if labels else "jbench import to import some"
-        raise NothingYetError(
-            f"--baseline {baseline}: no curve of that label was imported; type {instead}."
-        )
-    if all((cell.source, cell.algo) == (IMPORTED, baseline) for cell in cells):
-        raise NothingYetError(
-            f"--baseline {baseline}: there are no other curves to draw it beside; leave it out."
-        )
+        reason = f"no curve of that label was imported; type {instead}."
+    elif all((one.source, one.algo) == (IMPORTED, baseline) for one in configurations):
+        reason = "there are no other curves to draw it beside; leave it out."
+    else:
+        return
+    raise NothingYetError(f"--baseline {baseline}: {reason}")
 
 
-def reference(request: Request, results: Results) -> Rows:
-    """Returns the runs shipped with jbench, which form separate cells."""
+def reference(request: Request, results: Results) -> Source:
+    """Returns the runs shipped with jbench, which form separate configurations."""
     filters = replace(request, since=None)  # the date selects runs of the user only
-    found = _rows(*_load(results), filters, REFERENCE, strict=False)
+    found = _source(_load(results), filters, REFERENCE, strict=False)
     note = "This version of jbench ships no reference runs for this report."
-    return found if found.cells else replace(found, notes=[*found.notes, note])
+    return found if found.configurations else replace(found, notes=[*found.notes, note])
 
 
-def side(text: str, results: Results, request: Request) -> Rows:
-    """Returns the runs of one side of a comparison, as cells of that name.
+def side(text: str, results: Results, request: Request) -> Source:
+    """Returns the runs of one side of a comparison, as configurations of that name.
 
     Args:
         text: a results directory, or settings that select runs of the results, such as
@@ -152,13 +153,14 @@ def side(text: str, results: Results, request: Request) -> Rows:
     """
     choice = None
     if Path(text).is_dir():
-        tables, problems = _load(Results(Path(text)))
+        read = _load(Results(Path(text)))
     else:
-        tables, problems = _load(results)
-        settings = [parse_run(one) for one in tables["runs"]["settings"].to_pylist()]
-        choice = _choice(text, settings)
-    found = _rows(tables, problems, request, text, choice)
-    if not found.cells:
+        read = _load(results)
+        choice = _choice(
+            text, [parse_run(one) for one in read.tables["runs"]["settings"].to_pylist()]
+        )
+    found = _source(read, request, text, choice)
+    if not found.configurations:
         reasons = " ".join(found.problems)
         raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())
     return found
@@ -176,23 +178,49 @@ def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError
     )
 
 
+def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
+    """Returns the points of the paths of each run in the order of its evaluations.
+
+    Columns: run, steps (control steps of the run at the evaluation), episode_return (of the
+    episode; NaN if it is unknown), x, y (m) and heading (rad) of the robot, target_x, target_y (m)
+    and target_yaw (rad) of the target; NaN if they are not random. A path of one point is left out.
+
+    Args:
+        paths: rows of the table of that name, with `PATHS`; None if there are none.
+        evaluations: rows of the table of that name.
+    """
+    columns = ["run", "steps", "episode_return", *_POSES]
+    if paths is None or not paths.num_rows:  # older versions recorded none
+        return pd.DataFrame(columns=columns)
+    keys = ["run", "evaluation"]
+    points: pd.DataFrame = paths.to_pandas(use_threads=False).astype({"run": str})
+    numbers = points[["evaluation", "control_steps", "x", "y", "heading"]].astype(float)
+    points = points[np.isfinite(numbers.to_numpy()).all(axis=1)]
+    points = points[points.groupby(keys)["x"].transform("size") > 1]
+    returns = evaluations.to_pandas(use_threads=False).astype({"run": str})
+    returns = returns[returns["episode"] == 0].drop_duplicates(keys)
+    points = points.merge(returns[[*keys, "episode_return"]], on=keys, how="left")
+    named: pd.DataFrame = points.rename(columns={"control_steps": "steps"})
+    return named[columns]
+
+
 def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:
     """Reads the tables of runs and those of these names."""
     return query.load(results, (*_RUNS, *more), coded=True, columns=_COLUMNS)
 
 
-def _rows(
-    tables: dict[str, pa.Table],
-    problems: list[str],
+def _source(
+    read: query.Tables,
     request: Request,
     name: str,
     choice: Callable[[Run], bool] | None = None,
     *,
     strict: bool = True,
-) -> Rows:
+) -> Source:
     """Returns the runs that pass the filters of the request and are chosen by their settings."""
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
+    tables = read.tables
     runs, unusable = usable_runs(tables["runs"])
     if choice is not None:
         runs = runs[np.array([choice(parse_run(one)) for one in runs["settings"]], bool)]
@@ -202,9 +230,9 @@ def _rows(
     tables.pop("evaluations")
     # Imported curves have no paths.
     paths = run_paths(tables.pop("paths", None), points[1]).assign(source=name)
-    cells, notes = build_cells(runs, *points, name) if len(runs) else ([], [])
-    runs = runs.assign(source=name)
-    return Rows(cells, runs, early + notes, [*problems, *unusable], tables, paths)
+    built, notes = build(runs, *points, name) if len(runs) else ([], [])
+    problems = [*read.problems, *unusable]
+    return Source(built, runs.assign(source=name), early + notes, problems, tables, paths)
 
 
 def _begun_since(
@@ -247,7 +275,7 @@ def _filter(runs: pd.DataFrame, request: Request, *, strict: bool) -> pd.DataFra
     return runs[matches]
 
 
-def _choice(text: str, settings: Sequence[Run]) -> Callable[[Run], bool]:
+def _choice(text: str, runs: Collection[Run]) -> Callable[[Run], bool]:
     """Returns a function that selects runs by the typed settings.
 
     Raises:
@@ -257,15 +285,18 @@ def _choice(text: str, settings: Sequence[Run]) -> Callable[[Run], bool]:
     for part in map(str.strip, text.split(",")):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not (name and equals):
-            named = _names_with_value(part, settings)
-            example = f"{named[0]}={part}" if named else "engine=sb3 engine=batched"
+            named = {
+                path[-1] for run in runs for path, one in flatten(run).items()
+                if value_text(one) == part
+            }  # fmt: skip
+            example = f"{min(named)}={part}" if named else "engine=sb3 engine=batched"
             raise RequestError(
                 f"--compare {text}: there is no such directory; type two results directories, or "
                 f"settings such as {example}."
             )
-        existing = {value_text(one) for run in settings for one in _values(run, name)}
+        existing = {value_text(one) for run in runs for one in _values(run, name)}
         if not existing:
-            names = sorted({".".join(path) for run in settings for path in flatten(run)})
+            names = sorted({".".join(path) for run in runs for path in flatten(run)})
             raise RequestError(f"No run has a setting {name!r}; there are {', '.join(names)}.")
         if not any(_equal(value, one) for one in existing):
             known = ", ".join(sorted(existing))
@@ -276,18 +307,9 @@ def _choice(text: str, settings: Sequence[Run]) -> Callable[[Run], bool]:
     )
 
 
-def _names_with_value(value: str, settings: Sequence[Run]) -> list[str]:
-    """Returns the names of the settings that have a value in some run, in alphabetical order."""
-    paths = [
-        path for run in settings for path, one in flatten(run).items() if value_text(one) == value
-    ]
-    return sorted({path[-1] for path in paths})
-
-
-def _values(settings: Run, name: str) -> list[Any]:
+def _values(run: Run, name: str) -> list[Any]:
     """Returns the values of a setting that is named by its path, or by its last part."""
-    flat = flatten(settings)
-    return [value for path, value in flat.items() if name in (path[-1], ".".join(path))]
+    return [v for path, v in flatten(run).items() if name in (path[-1], ".".join(path))]
 
 
 def _equal(typed: str, value: str) -> bool:

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.report.analysis.agents import (
+from jbench.statistics.agents import (
     agents_from,
     components,
     difference,
-    episodes_needed,
-    seeds_needed,
     smallest_difference,
 )
 
@@ -28,29 +26,22 @@ def draw(random, agents, episodes, s, w, shape="normal"):
 def test_components_agree_with_numbers_worked_out_by_hand():
     found = components(THREE)
     # The variance of the means is 49 / 3; the episodes cause 2 / 2 of it.
-    assert found.variance == pytest.approx(49 / 3 - 1)
+    assert THREE.agent_variance == pytest.approx(49 / 3 - 1)
     assert found.deviation == pytest.approx((46 / 3) ** 0.5)
     assert found.episode_deviation == pytest.approx(2**0.5)
-    assert found.by_episodes == pytest.approx(1)
-    assert found.reliability == pytest.approx(46 / 49)
+    assert THREE.episode_variance == pytest.approx(1)
     # F has 2 and 3 degrees of freedom: P(F > f) = (1 + 2 f / 3)^(-3/2), so its quantiles are
     # 3/2 (q^(-2/3) - 1) for an upper tail q.
     f = 49 / 3
-    assert found.p == pytest.approx((1 + 2 * f / 3) ** -1.5)
     upper, lower = (1.5 * (q ** (-2 / 3) - 1) for q in (0.025, 0.975))
     assert found.low == pytest.approx((f / upper - 1) ** 0.5)
     assert found.high == pytest.approx((f / lower - 1) ** 0.5)
 
 
-def test_p_value_agrees_with_analysis_of_variance():
-    returns = draw(np.random.default_rng(0), 5, 8, 30, 60)
-    assert components(agents_from(returns)).p == pytest.approx(stats.f_oneway(*returns).pvalue)
-
-
 def test_negative_estimate_is_kept_and_deviation_is_zero():
-    found = components(agents_from([[0, 10], [1, 9], [2, 8]]))  # equal means
-    assert found.variance == pytest.approx(-(50 + 32 + 18) / 3 / 2)
-    assert (found.deviation, found.low, found.high, found.reliability) == (0, 0, 0, 0)
+    agents = agents_from([[0, 10], [1, 9], [2, 8]])  # equal means
+    assert agents.agent_variance == pytest.approx(-(50 + 32 + 18) / 3 / 2)
+    assert components(agents)[:3] == (0, 0, 0)
 
 
 def test_missing_episodes_are_left_out():
@@ -66,21 +57,21 @@ def test_missing_episodes_are_left_out():
 def test_unequal_numbers_of_episodes_have_fewer_degrees_of_freedom():
     # Means 0 and 4; variances 2 / 2 and 2 / 8 of them; (1/2 + 1/8)^2 / (1/4 + 1/(64 * 7)) = 1.549.
     returns = [[-1, 1], 4 + np.repeat([-1, 1], 4) * 1.75**0.5]
-    found = components(agents_from(returns))
-    assert found.by_episodes**2 == pytest.approx(0.625)
-    assert found.p == pytest.approx(stats.f(1, 1.549).sf(8 / 0.625), rel=1e-3)
+    agents = agents_from(returns)
+    assert agents.episode_variance == pytest.approx(0.625)
+    upper = stats.f(1, 1.549).isf(0.025)
+    assert components(agents).low == pytest.approx(max(8 / upper - 0.625, 0) ** 0.5, abs=1e-2)
 
 
 @pytest.mark.parametrize(("s", "episodes"), [(50, 10), (50, 100), (20, 30)])
 def test_interval_covers_deviation_of_simulated_agents(s, episodes):
     random, repetitions = np.random.default_rng(s), 600
-    found = [
-        components(agents_from(draw(random, 10, episodes, s, 150))) for _ in range(repetitions)
-    ]
+    agents = [agents_from(draw(random, 10, episodes, s, 150)) for _ in range(repetitions)]
+    found = list(map(components, agents))
     covered = np.mean([one.low <= s <= one.high for one in found])
     # Three standard errors are 0.027.
     assert 0.95 - 0.027 < covered < 0.95 + 0.027
-    assert np.mean([one.variance for one in found]) == pytest.approx(s**2, rel=0.15)
+    assert np.mean([one.agent_variance for one in agents]) == pytest.approx(s**2, rel=0.15)
 
 
 def test_difference_is_found_and_equal_agents_are_not_different():
@@ -89,31 +80,30 @@ def test_difference_is_found_and_equal_agents_are_not_different():
     found = difference(varying, steady)
     assert found.value == pytest.approx(80, abs=40)
     assert 0 < found.low < found.value < found.high
-    assert found.p < 0.01
+    wider = difference(varying, steady, confidence=0.999)
+    assert wider.low < found.low < found.high < wider.high
     swapped = difference(steady, varying)
-    assert swapped[:3] == pytest.approx((-found.value, -found.high, -found.low))
-    assert difference(steady, steady)[:4:3] == (0, 1)
+    assert swapped == pytest.approx((-found.value, -found.high, -found.low))
+    assert difference(steady, steady).value == 0
 
 
 def test_episodes_that_vary_more_are_no_difference_of_agents():
     # The same agents with w = 30 and 300: their means differ in variation, the agents do not.
     random, repetitions = np.random.default_rng(4), 300
-    wrong = np.zeros(2)
+    wrong = 0
     for _ in range(repetitions):
         calm, wild = (agents_from(draw(random, 10, 10, 40, w)) for w in (30, 300))
         found = difference(wild, calm)
-        wrong += found.p <= 0.05, not found.low <= 0 <= found.high
-    assert (wrong / repetitions < 0.05 + 3 * (0.05 * 0.95 / repetitions) ** 0.5).all()
+        wrong += not found.low <= 0 <= found.high
+    assert wrong / repetitions < 0.05 + 3 * (0.05 * 0.95 / repetitions) ** 0.5
 
 
-def test_seeds_needed_agree_with_tables_of_power():
-    # Cohen, 1988, table 2.4.1: 64 and 26 for effects of 0.5 and 0.8 at a power of 80%.
-    assert seeds_needed(50, 100, 0, 10) == 64
-    assert seeds_needed(-80, 100, 0, 10) == 26
+def test_smallest_difference_agrees_with_tables_of_power():
+    # Cohen, 1988, table 2.4.1: 64 and 26 seeds for effects of 0.5 and 0.8 at a power of 80%.
+    assert smallest_difference(64, 100, 0, 10) == pytest.approx(50, abs=0.5)
+    assert smallest_difference(26, 100, 0, 10) == pytest.approx(80, abs=1)
     # Episodes add w^2 / n: 60^2 + 80^2 = 100^2.
-    assert seeds_needed(80, 60, 240, 9) == 26
-    assert seeds_needed(80, 60, 240, np.inf) < 26
-    assert seeds_needed(0, 100, 0, 10) is seeds_needed(np.nan, 100, 0, 10) is None
+    assert smallest_difference(26, 60, 240, 9) == smallest_difference(26, 100, 0, 9)
 
 
 def test_smallest_difference_is_found_with_the_power_asked_for():
@@ -126,10 +116,3 @@ def test_smallest_difference_is_found_with_the_power_asked_for():
     ]
     found = stats.ttest_ind(*sides, axis=1, equal_var=False).pvalue < 0.05
     assert found.mean() == pytest.approx(0.8, abs=0.03)
-
-
-def test_episodes_needed_reach_the_difference_or_never_do():
-    enough = episodes_needed(60, 10, (30, 20), (150, 100))
-    assert smallest_difference(10, (30, 20), (150, 100), enough) <= 60
-    assert smallest_difference(10, (30, 20), (150, 100), enough - 1) > 60
-    assert episodes_needed(10, 10, (30, 20), (150, 100)) is None

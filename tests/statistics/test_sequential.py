@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.sweeps.sequential import first_above, first_look, interval, spent
-from jbench.sweeps.step_down import decide
+from jbench.statistics.sequential import first_above, first_look, interval, spent
+from jbench.statistics.step_down import decide
 
 LOOKS = 6  # at 5, 10 ... 30 seeds
 

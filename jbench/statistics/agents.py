@@ -6,19 +6,14 @@ episodes of an agent (a one-way random-effects model; S. R. Searle, G. Casella, 
 *Variance Components*, 1992, chapter 3). All deviations are in points of return.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import fdtrc, fdtri, nctdtrinc, stdtrit
+from numpy.typing import ArrayLike
+from scipy.special import fdtri, nctdtrinc, stdtrit
 
-FloatArray = NDArray[np.float64]
-
-RELABELINGS = 10_000
-"""Relabelings of a permutation test, the observed one included."""
-
-_MOST = 1_000_000  # limit of recommended seeds or episodes
+from jbench.statistics import FloatArray
 
 
 class Agents(NamedTuple):
@@ -56,24 +51,16 @@ class Components(NamedTuple):
     """Components of the variance of returns; NaN if they are unknown.
 
     Attributes:
-        variance: estimate of s^2, not truncated at 0.
         deviation: s; 0 if the estimate of s^2 is negative.
-        low: lower end of the 95% interval of s.
+        low: lower end of the interval of s.
         high: upper end.
         episode_deviation: w, the root of the mean variance of an agent's episodes.
-        by_episodes: standard deviation of the means that the episodes alone would cause.
-        p: of the test that all agents have the same expected return (s = 0).
-        reliability: share of the variance of the means that is due to the agents.
     """
 
-    variance: float = np.nan
     deviation: float = np.nan
     low: float = np.nan
     high: float = np.nan
     episode_deviation: float = np.nan
-    by_episodes: float = np.nan
-    p: float = np.nan
-    reliability: float = np.nan
 
 
 class Difference(NamedTuple):
@@ -81,15 +68,13 @@ class Difference(NamedTuple):
 
     Attributes:
         value: difference in points of return.
-        low: lower end of its 95% interval.
+        low: lower end of its interval.
         high: upper end.
-        p: of the permutation test that s is equal.
     """
 
     value: float = np.nan
     low: float = np.nan
     high: float = np.nan
-    p: float = np.nan
 
 
 def agents_from(returns: Iterable[ArrayLike]) -> Agents:
@@ -121,38 +106,27 @@ def components(agents: Agents, confidence: float = 0.95) -> Components:
     tail = (1 - confidence) / 2
     ends = (means / fdtri(*freedom, at) - episodes for at in (1 - tail, tail))
     low, high = (float(np.sqrt(max(end, 0))) for end in ends)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        f = np.divide(means, episodes)
     return Components(
-        variance=agents.agent_variance,
-        deviation=_root(agents.agent_variance),
+        deviation=float(np.sqrt(max(agents.agent_variance, 0))),
         low=low,
         high=high,
         episode_deviation=float(np.sqrt(np.mean(agents.variances * agents.episodes))),
-        by_episodes=float(np.sqrt(episodes)),
-        p=float(fdtrc(*freedom, f)) if means > 0 else 1.0,
-        reliability=max(agents.agent_variance, 0) / means if means > 0 else 0.0,
     )
 
 
-def difference(ours: Agents, theirs: Agents) -> Difference:
+def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Difference:
     """Compares s of two configurations.
 
     The interval combines the two intervals of s (G. Y. Zou, A. Donner, *Construction of confidence
-    limits about effect measures: a general approach*, Stat. Med. 27, 2008). The test permutes the
-    agents' means, centered by the median of their configuration (M. B. Brown, A. B. Forsythe,
-    *Robust tests for the equality of variances*, JASA 69, 1974). Since the variation of the
-    episodes may differ, each mean is divided by the standard deviation that it has if s is equal,
-    and multiplied by that of the configuration in which it comes to be; then the part of the
-    episodes is subtracted.
+    limits about effect measures: a general approach*, Stat. Med. 27, 2008).
     """
     if not (ours.known and theirs.known):
         return Difference()
-    s, t = components(ours), components(theirs)
+    s, t = components(ours, confidence), components(theirs, confidence)
     value = s.deviation - t.deviation
     low = value - np.hypot(s.deviation - s.low, t.high - t.deviation)
     high = value + np.hypot(s.high - s.deviation, t.deviation - t.low)
-    return Difference(value, float(low), float(high), _permutation_p(ours, theirs))
+    return Difference(value, float(low), float(high))
 
 
 def smallest_difference(
@@ -184,39 +158,6 @@ def smallest_difference(
     return float(nctdtrinc(freedom, 1 - power, boundary) * np.sqrt(parts.sum()))
 
 
-def seeds_needed(
-    effect: float, deviation: ArrayLike, episode_deviation: ArrayLike, episodes: ArrayLike
-) -> int | None:
-    """Returns the seeds per configuration that show a difference of means; see above.
-
-    Args:
-        effect: the difference, or its distance from the value that decides.
-
-    Returns:
-        None if a million seeds don't, or a number is unknown.
-    """
-    return _fewest(
-        lambda seeds: smallest_difference(seeds, deviation, episode_deviation, episodes), effect
-    )
-
-
-def episodes_needed(
-    effect: float, seeds: ArrayLike, deviation: ArrayLike, episode_deviation: ArrayLike
-) -> int | None:
-    """Returns the episodes per agent that show a difference of means with these seeds.
-
-    Returns:
-        None if no number of episodes does, because the agents differ too much.
-    """
-    return _fewest(
-        lambda episodes: smallest_difference(seeds, deviation, episode_deviation, episodes), effect
-    )
-
-
-def _root(variance: float) -> float:
-    return float(np.sqrt(max(variance, 0)))
-
-
 def _episode_freedom(episodes: FloatArray) -> float:
     """Returns the degrees of freedom of `episode_variance`, for episodes of equal variance.
 
@@ -224,37 +165,3 @@ def _episode_freedom(episodes: FloatArray) -> float:
     episodes of each of k agents it has k (n - 1).
     """
     return float(np.sum(1 / episodes) ** 2 / np.sum(1 / (episodes**2 * (episodes - 1))))
-
-
-def _permutation_p(ours: Agents, theirs: Agents) -> float:
-    """Returns the p-value (two-sided) of the test of equal s; see `difference`."""
-    groups = ours, theirs
-    sizes = [len(group.means) for group in groups]
-    common = max(0.0, float(np.average([g.agent_variance for g in groups], weights=sizes)))
-    expected = [common + group.episode_variance for group in groups]
-    if min(expected) == 0:
-        return 1.0
-    squares = np.concatenate(
-        [(g.means - np.median(g.means)) ** 2 / e for g, e in zip(groups, expected, strict=True)]
-    )
-    random = np.random.default_rng(0)
-    labels = np.tile(np.arange(len(squares)) < sizes[0], (RELABELINGS, 1))
-    labels[1:] = random.permuted(labels[1:], axis=1)
-    first = labels @ squares
-    sums = first, squares.sum() - first
-    estimates = [
-        expected[i] * sums[i] / (sizes[i] - 1) - groups[i].episode_variance for i in range(2)
-    ]
-    statistic = np.abs(estimates[0] - estimates[1])
-    return float(np.mean(statistic >= statistic[0] * (1 - 1e-9)))
-
-
-def _fewest(smallest: Callable[[int], float], effect: float) -> int | None:
-    """Returns the smallest number from 2 on with which an effect can be shown, by bisection."""
-    if not smallest(_MOST) <= abs(effect):
-        return None
-    low, high = 1, _MOST
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if smallest(middle) <= abs(effect) else (middle, high)
-    return high

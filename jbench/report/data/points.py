@@ -1,0 +1,127 @@
+"""Points of runs in order: training episodes and evaluations, with diverged runs as zeros."""
+
+import json
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from jbench.names import EPISODE_STEPS, ReturnsName
+from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.statistics import FloatArray
+
+POINT = ["episode_return", "control_steps", "processor_time"]
+"""Columns of the tables `episodes` and `evaluations` that are read."""
+
+FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
+"""Columns of points; see `configuration.Configuration`."""
+
+NOTHING = pd.DataFrame(columns=FIELDS, dtype=float)
+
+
+def plain_evaluations(tables: Mapping[str, pa.Table]) -> pd.DataFrame:
+    """Returns the finished evaluations by `jbench evaluate` on the usual robot and targets."""
+    rows: pd.DataFrame = tables["policy_evaluations"].to_pandas(use_threads=False)
+    changed = [
+        bool(settings.get("augment") is not None or settings.get("target_yaw") is not None)
+        for settings in map(json.loads, rows["settings"])
+    ]
+    return rows[~np.array(changed, bool) & (rows["status"] == "finished")]
+
+
+def with_more_episodes(tables: Mapping[str, pa.Table]) -> pa.Table:
+    """Returns the evaluations of runs; episodes by `jbench evaluate` join a run's last one."""
+    evaluations = tables["evaluations"]
+    if "policy_evaluations" not in tables or not evaluations.num_rows:
+        return evaluations
+    added = plain_evaluations(tables)[["evaluation", "policy"]]
+    episodes = tables["policy_episodes"].to_pandas(use_threads=False)
+    episodes = episodes[["evaluation", "episode_return"]].merge(added, on="evaluation")
+    keys = ["run", "evaluation", "control_steps", "processor_time"]
+    last = evaluations.select(keys).to_pandas(use_threads=False).astype({"run": str})
+    last = last.sort_values("evaluation").groupby("run", as_index=False).last()
+    more = episodes.drop(columns="evaluation").merge(last, left_on="policy", right_on="run")
+    if more.empty:
+        return evaluations
+    more = more.assign(episode=np.arange(len(more)) + 1_000_000)  # never the first of an evaluation
+    rows = pa.Table.from_pandas(more[evaluations.column_names], preserve_index=False)
+    return pa.concat_tables([evaluations, rows.cast(evaluations.schema)])
+
+
+def training_points(episodes: pa.Table) -> dict[str, pd.DataFrame]:
+    """Returns the training episodes of each run in order; runs without episodes are left out."""
+    frame = _finite(episodes, "episode").sort_values("episode", kind="stable")
+    points = frame.rename(columns={"episode_return": "returns"}).assign(deviations=np.nan, counts=1)
+    return {str(run): group for run, group in points.groupby("run", observed=True)}
+
+
+def evaluation_points(evaluations: pa.Table) -> dict[str, pd.DataFrame]:
+    """Returns the evaluations of each run in order, each the mean over its episodes."""
+    grouped = _finite(evaluations, "evaluation").groupby(["run", "evaluation"], observed=True)
+    points = grouped[["control_steps", "processor_time"]].max()
+    returns = grouped["episode_return"]  # ignores NaN
+    points = points.assign(returns=returns.mean(), deviations=returns.std(), counts=returns.count())
+    return {str(run): group for run, group in points.groupby("run", observed=True)}
+
+
+def _finite(table: pa.Table, number: str) -> pd.DataFrame:
+    """Returns the rows of points, with NaN for numbers that are not finite."""
+    rows = table.select(["run", number, *POINT]).unify_dictionaries()
+    frame: pd.DataFrame = rows.to_pandas(use_threads=False).astype(dict.fromkeys(POINT, float))
+    frame[POINT] = frame[POINT].where(np.isfinite(frame[POINT]))
+    return frame
+
+
+def stacked(runs: Sequence[pd.DataFrame], kind: ReturnsName) -> dict[str, FloatArray]:
+    """Returns the points of runs stacked, (seeds, points) each, padded with NaN.
+
+    Training episodes are aligned by their index, evaluations by the control steps before them.
+    """
+    columns = [np.arange(len(run)) for run in runs]
+    if kind == EVALUATION:
+        steps = np.unique(np.concatenate([run["control_steps"] for run in runs]))
+        columns = [np.searchsorted(steps, run["control_steps"]) for run in runs]
+    shape = len(runs), max(int(column[-1]) + 1 if len(column) else 0 for column in columns)
+    stacked = {name: np.full(shape, np.nan) for name in FIELDS}
+    for row, (run, column) in enumerate(zip(runs, columns, strict=True)):
+        for name in FIELDS:
+            stacked[name][row, column] = run[name]
+    return stacked
+
+
+def count_divergence(
+    points: Mapping[str, FloatArray], at: FloatArray, planned: int, kind: ReturnsName
+) -> dict[str, FloatArray]:
+    """Returns the points with diverged seeds extended to the end of the others.
+
+    Args:
+        at: (seeds,) control steps until the divergence; NaN if the seed did not diverge.
+        planned: planned control steps, to which all seeds are extended if all diverged.
+    """
+    planned = max(planned, int(np.nanmax(at)))
+    if np.isfinite(at).all():
+        steps = points["control_steps"]
+        more = int(not steps.size or np.nanmax(steps) < planned)
+        if kind == TRAINING:
+            more = max(0, max(1, -(-planned // EPISODE_STEPS)) - steps.shape[1])
+        pad = ((0, 0), (0, more))
+        points = {name: np.pad(one, pad, constant_values=np.nan) for name, one in points.items()}
+    returns, control_steps = points["returns"], points["control_steps"]
+    present = np.isfinite(control_steps)
+    grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
+    empty = np.flatnonzero(np.isinf(grid))
+    grid[empty] = (empty + 1) * EPISODE_STEPS if kind == TRAINING else planned
+    for row in np.flatnonzero(np.isfinite(at)):
+        late = ~present[row] & (grid >= at[row])
+        if not (present[row] | late).any():
+            late[-1] = True
+        control_steps[row, late] = grid[late]
+        returns[row, late | (present[row] & (control_steps[row] > at[row]))] = 0.0
+        if kind == EVALUATION:
+            zero = returns[row] == 0
+            points["deviations"][row, zero] = 0.0
+            points["counts"][row, zero & np.isnan(points["counts"][row])] = 1.0
+        else:
+            points["counts"][row, late] = 1.0
+    return dict(points)

@@ -1,0 +1,8 @@
+"""The statistics of jbench's comparisons: bootstrap, variance components, sequential tests."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]

@@ -182,6 +182,14 @@ PHYSICS_STEPS = 50
 """Physics steps of 0.2 ms in a control step; the action is held constant (paper, section 4.1)."""
 
 
+def evaluation_interval(steps: int) -> int:
+    """Returns the default of control steps between evaluations of a run of `steps`.
+
+    This is a tenth of the run in whole episodes, and at most 50,000.
+    """
+    return min(max(steps // (10 * EPISODE_STEPS), 1) * EPISODE_STEPS, 50_000)
+
+
 def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
     """Returns the value if it is one of the names.
 

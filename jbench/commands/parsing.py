@@ -140,17 +140,6 @@ def count(option: str, text: str) -> int:
     return int(number)
 
 
-def evaluate_every(text: str | None, steps: int) -> int:
-    """Returns the control steps between evaluations of a run of `steps`; see `jbench train`.
-
-    Raises:
-        RequestError: if the text is not a positive whole number.
-    """
-    if text is not None:
-        return count("--evaluate-every", text)
-    return min(max(steps // 10_000, 1) * 1000, 50_000)
-
-
 def seed(number: int, option: str = "--seed") -> int:
     """Returns a seed.
 

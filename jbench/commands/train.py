@@ -174,7 +174,9 @@ def train(
         base=base,
         overrides=parsing.parse_overrides(set_ or []),
         time_limit=names.known("value of --time-limit", time_limit, names.TIME_LIMITS),
-        evaluate_every=parsing.evaluate_every(evaluate_every, control_steps),
+        evaluate_every=names.evaluation_interval(control_steps)
+        if evaluate_every is None
+        else parsing.count("--evaluate-every", evaluate_every),
         evaluate_episodes=evaluate_episodes,
         augment=parsing.augmented(augment),
         robots=robots,

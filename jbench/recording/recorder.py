@@ -16,7 +16,7 @@ from jbench.agents.divergence import DivergedError, Divergence
 from jbench.errors import RequestError, WorkError
 from jbench.loggers.logger import Logger, make_logger
 from jbench.loggers.mirror import mirrored
-from jbench.names import LOGGERS, LoggerName, TimeLimit, known
+from jbench.names import LOGGERS, LoggerName, TimeLimit, evaluation_interval, known
 from jbench.policies.acting import Actor, acting
 from jbench.policies.copied import UnsupportedPolicyError
 from jbench.policies.network import Network
@@ -48,7 +48,7 @@ def record(
     encoder: str | int = "none",
     time_limit: TimeLimit = "bootstrap",
     augment: int | None = None,
-    evaluate_every: int = 50_000,
+    evaluate_every: int | None = None,
     evaluate_episodes: int = 10,
     package: str | None = None,
     log: LoggerName | None = None,
@@ -67,7 +67,8 @@ def record(
             or an id.
         time_limit: "bootstrap" truncates an episode at its time limit, "terminal" terminates it.
         augment: seed of the augmented robot, or None for the plain robot.
-        evaluate_every: control steps between evaluations.
+        evaluate_every: control steps between evaluations; None for a tenth of the run, at most
+            50,000.
         evaluate_episodes: episodes in an evaluation.
         package: distribution of the agent, whose version is recorded in the provenance.
         log: experiment tracker that gets the rows, too, as `jbench train --log`.
@@ -87,7 +88,7 @@ def record(
         encoder=str(encoder),
         time_limit=time_limit,
         augment=augment,
-        evaluate_every=evaluate_every,
+        evaluate_every=evaluation_interval(steps) if evaluate_every is None else evaluate_every,
         evaluate_episodes=evaluate_episodes,
     )
     logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)

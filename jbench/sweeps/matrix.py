@@ -31,6 +31,7 @@ from jbench.names import (
     Engine,
     Precision,
     TimeLimit,
+    evaluation_interval,
     known,
 )
 from jbench.seeds import parse_seeds
@@ -62,7 +63,11 @@ def _like_run(name: str) -> Any:
 class Evaluation(Settings):
     """The table [evaluation]."""
 
-    every: _Count = Field(default=50_000, description="control steps between evaluations")
+    every: _Count | None = Field(
+        default=None,
+        description="control steps between evaluations; default: a tenth of the steps, at most "
+        "50,000",
+    )
     episodes: NonNegativeInt = Field(default=10, description="per evaluation; 0 for none")
 
 
@@ -125,7 +130,7 @@ class Matrix(Settings):
             name: getattr(self, key) for name, key in names.items() if key in Matrix.model_fields
         }
         return fields | {
-            "evaluate_every": self.evaluation.every,
+            "evaluate_every": self.evaluation.every or evaluation_interval(self.steps),
             "evaluate_episodes": self.evaluation.episodes,
         }
 

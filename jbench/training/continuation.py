@@ -23,8 +23,13 @@ def kept_runs(run: RunSettings, results: Results) -> list[Record]:
     return [record for record in shorter_runs(run, results) if record.roles()]
 
 
-def shorter_runs(run: RunSettings, results: Results) -> list[Record]:
-    """Returns the finished runs that differ only in having fewer steps, the longest first."""
+def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
+    """Returns the finished runs that differ only in having fewer steps, the longest first.
+
+    Args:
+        free: settings in which they may differ, too.
+    """
+    same = {name: getattr(run, name) for name in ("steps", *free)}
     records, _ = results.scan("run", f"{run.id.rpartition('-')[0]}-")
     settings = [(read_run(record.settings), record) for record in records]
     shorter = [
@@ -33,7 +38,7 @@ def shorter_runs(run: RunSettings, results: Results) -> list[Record]:
         if isinstance(other, RunSettings)
         and record.status == "finished"
         and other.steps < run.steps
-        and other.model_copy(update={"steps": run.steps}) == run
+        and other.model_copy(update=same) == run
     ]
     return [record for _, record in sorted(shorter, key=lambda pair: -pair[0])]
 
@@ -42,10 +47,16 @@ def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[st
     """Yields sentences on new runs that can't continue the shorter ones that are finished."""
     reasons: Counter[tuple[int, str]] = Counter()
     for run in runs:
+        if kept_runs(run, results):
+            continue
+        why = obstacle(run) or "the state was not kept, as --keep-state does"
         shorter = shorter_runs(run, results)
-        if shorter and not kept_runs(run, results):
-            why = obstacle(run) or "the state was not kept, as --keep-state does"
-            reasons[shorter[0].settings["steps"], why] += 1
+        if not shorter:
+            shorter = [r for r in shorter_runs(run, results, "evaluate_every") if r.roles()]
+            why = "evaluations have another distance; type --evaluate-every {}"
+        if shorter:
+            settings = shorter[0].settings
+            reasons[settings["steps"], why.format(settings["evaluate_every"])] += 1
     for (steps, why), count in reasons.items():
         if count == 1:
             what = "1 run trains from the beginning, not from the end of a finished run"

@@ -10,9 +10,13 @@ import sys
 import pytest
 from typer.main import get_command
 
+from jbench import names
 from jbench.cli import app, main
 from jbench.commands import parsing
 from jbench.errors import RequestError
+from jbench.recording.recorder import record
+from jbench.store import Results
+from jbench.sweeps.matrix import matrix_cells, read_matrix
 from tests.command_line import jbench, succeed, wait_until
 
 
@@ -120,17 +124,29 @@ def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, t
 
 
 @pytest.mark.parametrize(
-    ("text", "steps", "every"),
+    ("steps", "every"),
     [
-        (None, 5_000_000, 50_000),
-        (None, 500_000, 50_000),
-        (None, 25_000, 2000),  # at least ten evaluations
-        (None, 5000, 1000),
-        ("7e3", 5000, 7000),
+        (5_000_000, 50_000),
+        (500_000, 50_000),
+        (25_000, 2000),  # at least ten evaluations
+        (5000, 1000),
     ],
 )
-def test_evaluations_are_a_tenth_of_short_run_apart(text, steps, every):
-    assert parsing.evaluate_every(text, steps) == every
+def test_evaluations_are_a_tenth_of_short_run_apart(steps, every):
+    assert names.evaluation_interval(steps) == every
+
+
+def test_train_sweep_and_record_evaluate_at_the_same_steps(tmp_path, capsys):
+    steps, results = 40_000, Results(tmp_path)
+    file = tmp_path / "one.toml"
+    file.write_text(f'tasks = ["face_direction"]\nalgos = ["td3"]\nseeds = "3"\nsteps = {steps}')
+    ((planned,),) = (cell.runs for cell in matrix_cells(read_matrix(str(file)), results))
+    command = ("train", "--algo", "td3", "--seeds", "3", "--steps", str(steps), "--dry-run")
+    assert main([*command, "--results", str(tmp_path), "--json"]) == 0
+    typed = json.loads(capsys.readouterr().out)
+    assert planned.id in json.dumps(typed)
+    recording = record("face_direction", algo="mine", seed=3, steps=steps, results=tmp_path)
+    assert recording._settings.evaluate_every == planned.evaluate_every == 4000
 
 
 @pytest.mark.parametrize(

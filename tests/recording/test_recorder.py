@@ -538,8 +538,8 @@ def test_examples_train_with_at_most_five_jbench_lines(example, tmp_path):
     assert done.returncode == 0, done.stderr
     (record,) = Results(tmp_path / "results").scan("run")[0]
     assert (record.status, record.rows("episodes")) == ("finished", 2)
-    # The saved policy is evaluated at the end.
-    assert record.rows("evaluations") == 10
+    # An evaluation after each of the two episodes, and one of the saved policy at the end.
+    assert record.rows("evaluations") == 3 * 10
     assert load_agent(Results(tmp_path / "results"), record.id).policy.outputs == 1
 
 

@@ -19,6 +19,35 @@ TASKS = (
 )
 """The five tasks, in the paper's order of increasing difficulty (section 4.2)."""
 
+SUITE = "dmc:"
+"""Prefix of the tasks of dm_control's suite."""
+
+SUITE_TASKS = tuple(
+    f"{SUITE}{domain}-{task}"
+    for domain, tasks in {
+        "acrobot": "swingup swingup_sparse",
+        "ball_in_cup": "catch",
+        "cartpole": "balance balance_sparse swingup swingup_sparse two_poles three_poles",
+        "cheetah": "run",
+        "dog": "stand walk trot run fetch",
+        "finger": "spin turn_easy turn_hard",
+        "fish": "upright swim",
+        "hopper": "stand hop",
+        "humanoid": "stand walk run run_pure_state",
+        "humanoid_CMU": "stand walk run",
+        "manipulator": "bring_ball bring_peg insert_ball insert_peg",
+        "pendulum": "swingup",
+        "point_mass": "easy hard",
+        "quadruped": "walk run escape fetch",
+        "reacher": "easy hard",
+        "stacker": "stack_2 stack_4",
+        "swimmer": "swimmer6 swimmer15",
+        "walker": "stand walk run",
+    }.items()
+    for task in tasks.split()
+)
+"""The tasks of dm_control's suite with episodes of 1000 control steps, for completion."""
+
 ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
 
@@ -64,10 +93,11 @@ Precision = Literal["float32", "tf32", "bfloat16"]
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 """Precision of the batched engine's matrix products; parameters are float32 in any case."""
 
-Base = Literal["published", "script", "sb3"]
+Base = Literal["published", "script", "sb3", "suite"]
 BASES: tuple[Base, ...] = get_args(Base)
 """Sources of hyperparameters: Table 1, completed by the paper's library (published) or by
-stable-baselines3 (sb3), or the authors' script, which differs from Table 1."""
+stable-baselines3 (sb3), the authors' script, which differs from Table 1, or jbench's settings for
+other robots (suite)."""
 
 EncoderSeeds = Literal["newest", "each"]
 ENCODER_SEEDS: tuple[EncoderSeeds, ...] = get_args(EncoderSeeds)

@@ -2,19 +2,39 @@
 
 from gymnasium.envs.registration import register, registry
 
-from jbench.names import EPISODE_STEPS, TASKS
+from jbench.names import EPISODE_STEPS, SUITE_TASKS, TASKS
 
 _SOLVED = 900  # return (paper, Figure 9)
 
 
 def environment_id(task: str, augmented: bool = False) -> str:
-    """Returns the Gymnasium id of a task, such as `Jitterbug/FaceDirection-v0`."""
+    """Returns the Gymnasium id of a task, such as `Jitterbug/FaceDirection-v0`.
+
+    That of another robot's task, such as `jbench/dmc-cheetah-run-v0`, is registered if it is not.
+    """
+    if task not in TASKS:
+        return _registered(task)
     domain = "AugmentedJitterbug" if augmented else "Jitterbug"
     return f"{domain}/{task.title().replace('_', '')}-v0"
 
 
+def _registered(task: str) -> str:
+    """Returns the id of another robot's task."""
+    id = f"jbench/{task.replace(':', '-')}-v0"
+    if id not in registry:
+        register(
+            id,
+            entry_point="jbench.simulation.suite_env:SuiteEnv",
+            kwargs={"task": task},
+            max_episode_steps=EPISODE_STEPS,
+        )
+    return id
+
+
 def register_environments() -> None:
-    """Registers the five tasks with Gymnasium, with plain and augmented robots."""
+    """Registers the Jitterbug's tasks, with plain and augmented robots, and those of the suite."""
+    for task in SUITE_TASKS:
+        _registered(task)
     for task in TASKS:
         for augmented, robot in ((False, {}), (True, {"augment": 0})):
             if environment_id(task, augmented) not in registry:

@@ -12,12 +12,13 @@ from jbench import plugins
 from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import ALGORITHMS, Base, Engine, known
+from jbench.names import ALGORITHMS, TASKS, Base, Engine, known
 from jbench.settings.algorithms import (
     SETTINGS,
     AlgorithmSettings,
     OffPolicySettings,
     algorithm_settings,
+    base_of,
 )
 from jbench.settings.base import Settings, settings_with
 from jbench.settings.run import RunSettings
@@ -124,15 +125,16 @@ def engine_of(algo: str, wanted: Engine | None = None) -> Engine:
 def algorithm_fields(
     algo: str,
     engine: Engine | None = None,
-    base: Base = "published",
+    base: Base | None = None,
     overrides: Mapping[str, Any] | None = None,
+    task: str = TASKS[0],
 ) -> dict[str, Any]:
     """Returns the fields of `RunSettings` that describe an algorithm.
 
     Args:
         algo: one of `jbench.names.ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
         engine: as typed by the user; None for the engine that follows from the algorithm.
-        base: source of the defaults of jbench's own algorithms.
+        base: source of the defaults of jbench's own algorithms; None for that of the task.
         overrides: hyperparameters by name that replace them.
 
     Raises:
@@ -142,9 +144,9 @@ def algorithm_fields(
     fields: dict[str, Any] = {"algo": algo, "engine": engine_of(algo, engine)}
     changes = dict(overrides or {})
     if algo in ALGORITHMS:
-        own = algorithm_settings(algo, base, changes)
+        own = algorithm_settings(algo, base_of(task, base), changes)
         return fields | {"hyperparameters": own.model_dump(mode="json")}
-    if base != "published":
+    if base not in (None, "published"):
         raise RequestError(
             f"The settings {base} are for {', '.join(ALGORITHMS)}; {algo} has its own defaults."
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from jbench.agents.batched.engine import WORLD, Engine, SeedState, under
-from jbench.agents.batched.environments import Cell, Environments, Models
+from jbench.agents.batched.environments import Augment, Cell, Environments
 from jbench.agents.batched.generators import Generators
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.agents.packing import pack, unpack
@@ -50,7 +50,7 @@ class PluginEngine(Closing):
         environments: int = 1,
         time_limit: TimeLimit = "bootstrap",
         encoder: Encoder | None = None,
-        models: Models | None = None,
+        augment: Augment = lambda episode: None,
         device: torch.device | None = None,
         episode_steps: int = EPISODE_STEPS,
     ) -> None:
@@ -59,7 +59,7 @@ class PluginEngine(Closing):
         Args:
             name: of the agent, in errors.
             settings: an object of the agent's class of settings.
-            models: the robot of each episode; None for the plain robot.
+            augment: the robot of each episode.
             episode_steps: control steps in an episode; tests use short episodes.
 
         Raises:
@@ -70,7 +70,7 @@ class PluginEngine(Closing):
         self._generators = Generators(seed, environments)
         self.environments = Environments(
             [Cell(task, [self._generators.environments], encoder)],
-            models=models,
+            augment=augment,
             episode_steps=episode_steps,
         )
         self.control_steps = 0

@@ -55,6 +55,7 @@ def evaluate(
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
     from jbench.settings.evaluation import EvaluationSettings
+    from jbench.simulation import find_task
     from jbench.tasks.features import TASK_SPECS
 
     output = Output(json)
@@ -63,12 +64,13 @@ def evaluate(
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     policy = full_name(database, policy)
     task = _task(database, policy, task, "face_direction")
-    if target_yaw is not None and not TASK_SPECS[task].draws_yaw:
+    if target_yaw is not None and task in TASK_SPECS and not TASK_SPECS[task].draws_yaw:
         raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
     settings = validated(
         EvaluationSettings,
         "the evaluation",
         task=task,
+        specs=find_task(task).specs,
         policy=Path(policy).name if is_sb3_zip(policy) else policy,
         episodes=episodes,
         seed=parsing.seed(seed),
@@ -187,9 +189,11 @@ def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
 def _task(database: "Results", policy: str, task: str | None, default: str) -> str:
     """Returns the task that was typed, that of a trained policy, or the default."""
     from jbench.policies.find import learned_task
+    from jbench.simulation import find_task
 
     if task is not None:
-        return names.known("task", task, names.TASKS)
+        find_task(task)
+        return task
     return learned_task(database, policy) or default
 
 

@@ -63,13 +63,14 @@ def train(
         str, typer.Option(help="Number of control steps of each run, such as 100k or 5e6.")
     ] = "5e6",
     settings: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="Hyperparameters: published (the paper's Table 1), script (the authors' script, "
-            "which differs) or sb3 (stable-baselines3's defaults for settings missing in Table 1).",
+            "which differs), sb3 (stable-baselines3's defaults for settings missing in Table 1) or "
+            "suite (for other robots) (default: published, and suite for other robots).",
             autocompletion=complete(*names.BASES),
         ),
-    ] = "published",
+    ] = None,
     set_: Annotated[
         list[str] | None,
         typer.Option(
@@ -146,6 +147,7 @@ def train(
     from jbench.commands.live_view import TrainingView
     from jbench.commands.log import logged
     from jbench.commands.sweep_view import show_dry_run
+    from jbench.settings.algorithms import base_of
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
@@ -162,11 +164,11 @@ def train(
     chosen_engine = engine_of(algo, chosen_engine)
     train_on = training_device(chosen_engine, device, chosen_precision)
     processes = parsing.processes(jobs, train_on)
-    base = names.known("value of --settings", settings, names.BASES)
+    base = None if settings is None else names.known("value of --settings", settings, names.BASES)
     runs = request_runs(
         database,
         algo=algo,
-        task=names.known("task", task, names.TASKS),
+        task=task,
         encoder=encoder,
         encoder_seeds=names.known("value of --encoder-seeds", encoder_seeds, names.ENCODER_SEEDS),
         seeds=parse_seeds(seeds),
@@ -187,7 +189,7 @@ def train(
     if keep_state:
         check_state_can_be_kept(runs[:1])
     display.warn_of_short_runs(runs[:1], output)
-    cells = [Cell(task, algo, runs[0].representation, runs, base)]
+    cells = [Cell(task, algo, runs[0].representation, runs, base_of(task, base))]
     if dry_run:
         show_dry_run(cells, database, processes, train_on, output)
         return

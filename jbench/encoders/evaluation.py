@@ -18,10 +18,9 @@ from jbench.encoders.kinds.pca import PrincipalComponents
 from jbench.encoders.kinds.random_projection import RandomProjection
 from jbench.encoders.moments import FloatArray, Moments, affine_errors
 from jbench.encoders.states import Shard, States
-from jbench.simulation import Robots, rollout
+from jbench.simulation import find_task, rollout
 from jbench.tasks import resets
 from jbench.tasks.heuristics import heuristic
-from jbench.tasks.robots import load_model
 
 _EPISODES = 10  # of the heuristic
 _THREADS = 2
@@ -115,17 +114,16 @@ def heuristic_episodes(
         augment: seed of the augmented robot; None for the plain robot.
     """
     generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
-    starts = resets.draw_starts(task, generators)
     policy = heuristic(task)
     policy.reset(_EPISODES)
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
         return policy.act(observations).astype(np.float32)
 
-    with Robots(load_model(augment), _EPISODES, _THREADS) as robots:
-        steps = list(rollout(task, robots, starts, act))
+    with find_task(task).worlds(_EPISODES, _THREADS, augment) as worlds:
+        steps = list(rollout(worlds, worlds.reset(generators), act))
     observations = [steps[0].observations, *(step.next_observations for step in steps)]
-    actions = [step.actions.astype(np.float32) for step in steps]
+    actions = [step.actions[:, 0].astype(np.float32) for step in steps]
     rewards = [step.rewards.astype(np.float32) for step in steps]
     return np.stack(observations, axis=1), np.stack(actions, axis=1), np.stack(rewards, axis=1)
 

@@ -1,21 +1,24 @@
 """Evaluates any policy and saves its returns, and on request every state."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
+from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.find import find_policy
 from jbench.settings.evaluation import EvaluationSettings
-from jbench.simulation import Act, Robots, Transition, rollout
+from jbench.simulation import Act, Transition, Worlds, find_task, rollout
+from jbench.simulation.jitterbug import JitterbugWorlds
 from jbench.store import Record, Results, schema
 from jbench.tasks import features, resets, rewards
-from jbench.tasks.resets import Starts
-from jbench.tasks.robots import load_model
+from jbench.tasks.features import State
 
 # Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50
+_TARGET = ("target_x", "target_y", "target_yaw")
 
 
 def evaluate(
@@ -41,16 +44,21 @@ def evaluate(
         WorkError: if another process is running this evaluation, or it can't be written.
     """
     policy = find_policy(results, name or settings.policy, settings.task, settings.seed)
+    if settings.specs is not None and (settings.states or settings.target_yaw is not None):
+        raise RequestError(
+            f"States and targets are recorded of the Jitterbug only, not of {settings.task}: leave "
+            "--states and --target-yaw out."
+        )
     with results.locked("evaluation", settings.id) as existing:
         if existing is not None and existing.status == "finished":
             return existing
         record = results.create("evaluation", settings.id, settings.model_dump())
-        model = load_model(settings.augment)
+        task = find_task(settings.task)
         for first in range(0, settings.episodes, _TOGETHER):
             episodes = range(first, min(first + _TOGETHER, settings.episodes))
-            with Robots(model, len(episodes), threads) as robots:
+            with task.worlds(len(episodes), threads, settings.augment) as worlds:
                 policy.reset(len(episodes))
-                tables = _episodes(settings, episodes, robots, policy.act, progress)
+                tables = _episodes(settings, episodes, worlds, policy.act, progress)
             record.append(tables)
         returns = record.read("policy_episodes")["episode_return"]
         q10, median, q90 = np.percentile(returns.to_numpy(), (10, 50, 90))
@@ -61,19 +69,26 @@ def evaluate(
 def _episodes(
     settings: EvaluationSettings,
     episodes: range,
-    robots: Robots,
+    worlds: Worlds,
     act: Act,
     progress: Callable[[int], None],
 ) -> dict[str, pa.Table]:
     """Runs episodes in parallel; returns their rows."""
-    starts = _starts(settings, episodes)
-    target = starts.targets
+    generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
+    target: dict[str, NDArray[np.float64]] = {}
+    jitterbugs = worlds if isinstance(worlds, JitterbugWorlds) else None
+    if jitterbugs is None:
+        observations = worlds.reset(generators)
+    else:
+        observations = jitterbugs.reset(generators, settings.target_yaw)
+        position, yaw = jitterbugs.target
+        target = {"target_x": position[:, 0], "target_y": position[:, 1], "target_yaw": yaw}
     total = np.zeros(len(episodes))
-    transitions: list[tuple[int, Transition]] = []
-    for step, transition in enumerate(rollout(settings.task, robots, starts, act), 1):
+    states: list[pa.Table] = []
+    for step, transition in enumerate(rollout(worlds, observations, act), 1):
         total += transition.rewards
-        if settings.states:
-            transitions.append((step, transition))
+        if settings.states and jitterbugs is not None:
+            states.append(_states(episodes, step, jitterbugs.robot_state, transition))
         if step % 100 == 0:
             progress(episodes.start * EPISODE_STEPS + step * len(episodes))
     rows = {
@@ -81,47 +96,30 @@ def _episodes(
         "episode": list(episodes),
         "episode_return": total,
         "length": [EPISODE_STEPS] * len(episodes),
-        "target_x": target.position[:, 0],
-        "target_y": target.position[:, 1],
-        "target_yaw": target.yaw,
+        **{name: target.get(name, [None] * len(episodes)) for name in _TARGET},
     }
     tables = {"policy_episodes": pa.table(rows, schema=schema.POLICY_EPISODES)}
-    if settings.states:
-        tables["policy_states"] = _states_table(episodes, transitions)
+    if states:
+        tables["policy_states"] = pa.concat_tables(states).combine_chunks()
     return tables
 
 
-def _starts(settings: EvaluationSettings, episodes: range) -> Starts:
-    """Returns the initial poses and targets of the episodes."""
-    generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
-    starts = resets.draw_starts(settings.task, generators)
-    if settings.target_yaw is None:
-        return starts
-    yaw = np.full(len(episodes), settings.target_yaw)
-    return starts._replace(targets=starts.targets._replace(yaw=yaw))
-
-
-def _states_table(episodes: range, transitions: list[tuple[int, Transition]]) -> pa.Table:
-    """Returns one row per episode and step."""
-
-    def parts() -> Iterator[pa.Table]:
-        for step, (_, action, state, reward, _) in transitions:
-            x, y, z = (state.position[:, i].astype(np.float32) for i in range(3))
-            yield pa.table(
-                {
-                    "episode": np.arange(episodes.start, episodes.stop),
-                    "step": np.full(len(episodes), step),
-                    "x": x,
-                    "y": y,
-                    "z": z,
-                    "heading": features.heading(state).astype(np.float32),
-                    "upright": rewards.upright_reward(state).astype(np.float32),
-                    "motor_position": state.motor_position.astype(np.float32),
-                    "motor_velocity": state.motor_velocity.astype(np.float32),
-                    "action": action.astype(np.float32),
-                    "reward": reward.astype(np.float32),
-                },
-                schema=schema.POLICY_STATES,
-            )
-
-    return pa.concat_tables(parts()).combine_chunks()
+def _states(episodes: range, step: int, state: State, transition: Transition) -> pa.Table:
+    """Returns the rows of a control step, one per episode."""
+    x, y, z = (state.position[:, i].astype(np.float32) for i in range(3))
+    return pa.table(
+        {
+            "episode": np.arange(episodes.start, episodes.stop),
+            "step": np.full(len(episodes), step),
+            "x": x,
+            "y": y,
+            "z": z,
+            "heading": features.heading(state).astype(np.float32),
+            "upright": rewards.upright_reward(state).astype(np.float32),
+            "motor_position": state.motor_position.astype(np.float32),
+            "motor_velocity": state.motor_velocity.astype(np.float32),
+            "action": transition.actions[:, 0].astype(np.float32),
+            "reward": transition.rewards.astype(np.float32),
+        },
+        schema=schema.POLICY_STATES,
+    )

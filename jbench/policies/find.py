@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError
-from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, closest
+from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, TASKS, closest
 from jbench.policies.imported import ImportedPolicy, installed_policies, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip
 from jbench.settings.run import read_run
-from jbench.simulation import Act
+from jbench.simulation import Act, find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import shipped_results
 from jbench.tasks.heuristics import heuristic
@@ -32,7 +32,7 @@ class ActingPolicy(Protocol):
         """Starts new episodes of this many robots."""
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns actions (robots, 1) in [-1, 1] for observations (robots, dim(O))."""
+        """Returns actions (robots, action_size) in [-1, 1] for observations (robots, dim(O))."""
 
 
 class _Stateless:
@@ -60,13 +60,19 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
         WorkError: if the policy of another package can't be imported.
     """
     if name == HEURISTIC:
+        if task not in TASKS:
+            raise RequestError(
+                f"There is no hand-written policy of {task}; choose random, constant:U, a trained "
+                "policy, or MODULE:NAME."
+            )
         return heuristic(task)
+    size = find_task(task).action_size
     if name == "random":  # as in the random-policy dataset
         random = np.random.default_rng(np.random.SeedSequence(seed))
-        return _Stateless(lambda observations: random.uniform(-1, 1, (len(observations), 1)))
+        return _Stateless(lambda observations: random.uniform(-1, 1, (len(observations), size)))
     if name.startswith(_CONSTANT):
         command = _constant(name)
-        return _Stateless(lambda observations: np.full((len(observations), 1), command))
+        return _Stateless(lambda observations: np.full((len(observations), size), command))
     if is_imported_policy(name):
         return ImportedPolicy(name, task)
     if is_sb3_zip(name):

@@ -15,9 +15,10 @@ from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Network
+from jbench.settings.specs import Specs
+from jbench.simulation.find import check_specs, find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
-from jbench.tasks.features import TASK_SPECS
 from jbench.wording import with_results
 
 WEIGHTS = "policy.safetensors"
@@ -46,7 +47,7 @@ class Policy:
     features: FeatureMap | None = None
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns actions (..., 1) for (encoded) observations (..., size)."""
+        """Returns actions (..., action_size) for (encoded) observations (..., size)."""
         values = observations if self.features is None else self.features(observations)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             values = np.maximum(values @ weight.T + bias, 0)
@@ -109,12 +110,12 @@ class TrainedAgent:
     encoder: Encoder | None
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns actions (..., 1) for observations (..., dim(O)) of the task.
+        """Returns actions (..., action_size) for observations (..., dim(O)) of the task.
 
         Raises:
             RequestError: if the observations have another size.
         """
-        size = TASK_SPECS[self.task].observation_size
+        size = find_task(self.task).observation_size
         # ONNX models are made from a traced array, which has no shape.
         if isinstance(observations, np.ndarray) and observations.shape[-1:] != (size,):
             raise RequestError(
@@ -138,7 +139,8 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
         run: the whole id of the run.
 
     Raises:
-        RequestError: if the run does not exist, has not finished, or was saved without its policy.
+        RequestError: if the run does not exist, has not finished, or was saved without its policy,
+            or its task is not installed or has changed.
         WorkError: if its files are damaged.
     """
     results = results_to_read(results)
@@ -158,8 +160,10 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
     except ValueError as error:
         raise WorkError(f"The policy of {run} can't be read ({error}).") from None
     task, encoder = (record.settings.get(name, 0) for name in ("task", "encoder"))
-    if not isinstance(task, str) or task not in TASK_SPECS or not isinstance(encoder, str | None):
+    if not isinstance(task, str) or not isinstance(encoder, str | None):
         raise WorkError(f"The settings of the run {run} lack a task or an encoder.")
+    specs = record.settings.get("specs")
+    check_specs(task, None if specs is None else Specs.model_validate(specs))
     return TrainedAgent(
         task, policy, None if encoder is None else load_encoder(results, encoder)[0]
     )

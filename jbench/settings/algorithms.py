@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, NonNegativeInt, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import Base
+from jbench.names import TASKS, Base
 from jbench.settings.base import Count, Settings, omissible, settings_with
 
 Initialization = Literal["fan-in", "glorot"]
@@ -249,6 +249,43 @@ SB3: dict[str, dict[str, Any]] = {
 """Defaults of stable-baselines3 2.9 that differ from those here and are not in Table 1."""
 
 
+_OTHERS = {"hidden_layers": [256, 256], "batch_size": 256}
+_OFF_POLICY = {
+    **_OTHERS,
+    "learning_starts": 1_000,
+    "uniform_warmup": True,
+    "train_freq": 1,
+    "gradient_steps": 1,
+    "tau": 0.005,
+    "noise_mean": 0.0,
+}
+SUITE: dict[str, dict[str, Any]] = {
+    "ddpg": {**_OFF_POLICY, "learning_rate": 1e-3, "action_noise": "normal", "noise_sigma": 0.1},
+    "ppo": {
+        "hidden_layers": [64, 64],
+        "learning_rate": 3e-4,
+        "batch_size": 64,
+        "n_epochs": 10,
+        "clip_range_vf": None,
+        "ent_coef": 0.0,
+    },
+    "sac": {
+        **_OFF_POLICY,
+        "learning_rate": 3e-4,
+        "action_noise": "none",
+        "target_entropy": "auto",  # minus the number of actions
+    },
+    "td3": {**_OFF_POLICY, "learning_rate": 1e-3, "noise_sigma": 0.1},
+}
+"""Settings for other robots that differ from the defaults here: those of stable-baselines3, but off
+policy with two layers of 256 units and 1,000 random steps."""
+
+
+def base_of(task: str, base: Base | None = None) -> Base:
+    """Returns the base as typed; of None, the task's: published for the Jitterbug, else suite."""
+    return base or ("published" if task in TASKS else "suite")
+
+
 def algorithm_settings(
     algo: str, base: Base = "published", overrides: dict[str, Any] | None = None
 ) -> AlgorithmSettings:
@@ -257,7 +294,8 @@ def algorithm_settings(
     Args:
         algo: one of `jbench.names.ALGORITHMS`.
         base: "published" for Table 1 with the defaults of stable-baselines 2; "script" for the
-            authors' script; "sb3" for Table 1 with the defaults of stable-baselines3.
+            authors' script; "sb3" for Table 1 with the defaults of stable-baselines3; "suite" for
+            other robots.
         overrides: values by name that replace them.
 
     Raises:
@@ -270,5 +308,10 @@ def algorithm_settings(
             f"The settings of the script are for {', '.join(SCRIPT)}: the script's {algo} is "
             "another algorithm, with a state-value network; choose published."
         )
-    changes = {"published": {}, "script": SCRIPT.get(algo, {}), "sb3": SB3[algo]}[base]
+    changes = {
+        "published": {},
+        "script": SCRIPT.get(algo, {}),
+        "sb3": SB3[algo],
+        "suite": SUITE[algo],
+    }[base]
     return settings_with(kind, algo, changes | (overrides or {}))

@@ -15,7 +15,7 @@ Flat = dict[tuple[str, ...], Any]
 SEED = ("seed",)
 """Runs that differ only in this form one cell, and can be trained in one process."""
 
-_STACK = ("task", "representation", "encoder", "encoder_draws", *SEED)
+_STACK = ("task", "specs", "representation", "encoder", "encoder_draws", *SEED)
 
 VARIANT = ("seed", "steps")
 """Runs that differ only in these form one variant, and one learning curve."""
@@ -30,6 +30,7 @@ ENCODER_VARIANT = ("task", "kind", "latents", "seed")
 """Encoders that differ only in these have the same options."""
 
 _IMPLIED = {
+    "task": ("specs",),
     "representation": ("encoder", "encoder_draws", "ofe"),
     "algo": ("hyperparameters", "parallel", "package"),
     "augment": ("robots",),
@@ -80,6 +81,7 @@ def stack_of(run: RunSettings) -> str:
         and run.algorithm.hidden_layers
         and run.ofe is None
         and run.augment is None
+        and run.specs is None
     )
     return alike(run, _STACK if joins else SEED)
 

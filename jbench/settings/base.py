@@ -65,6 +65,11 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
     return hashlib.sha256(canonical_json(settings).encode()).hexdigest()[:8]
 
 
+def in_id(name: str) -> str:
+    """Returns a name such as dmc:cheetah-run as a part of an id, without the colon."""
+    return name.replace(":", ".")
+
+
 def whole(value: Any) -> Any:
     """Returns the integer for a float such as 5e6, and anything else as it is."""
     return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -2,13 +2,15 @@
 
 from pydantic import Field
 
-from jbench.settings.base import Count, Seed, Settings, omissible
+from jbench.settings.base import Count, Seed, Settings, in_id, omissible
+from jbench.settings.specs import Specs
 
 
 class EvaluationSettings(Settings):
     """Settings that identify an evaluation."""
 
     task: str
+    specs: Specs | None = omissible(None, description="of a task of another robot")
     policy: str = Field(description="as typed by the user, such as heuristic; a file has no path")
     episodes: Count = 100
     seed: Seed = 0
@@ -22,5 +24,5 @@ class EvaluationSettings(Settings):
     @property
     def id(self) -> str:
         """The evaluation's id, such as move_to_pose/heuristic/s00-1f9a2c4e."""
-        name = self.policy.replace("/", ".").replace(":", ".")
-        return f"{self.task}/{name}/s{self.seed:02d}-{self.hash}"
+        name = in_id(self.policy).replace("/", ".")
+        return f"{in_id(self.task)}/{name}/s{self.seed:02d}-{self.hash}"

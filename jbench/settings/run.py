@@ -27,10 +27,11 @@ from jbench.names import (
     kind_of,
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
-from jbench.settings.base import Seed, Settings, omissible, validated
+from jbench.settings.base import Seed, Settings, in_id, omissible, validated
 from jbench.settings.external import EXTERNAL, ExternalSettings
 from jbench.settings.labeled import LABEL
 from jbench.settings.ofe import OFESettings
+from jbench.settings.specs import Specs
 
 
 class RunSettings(Settings):
@@ -41,6 +42,7 @@ class RunSettings(Settings):
     """
 
     task: str
+    specs: Specs | None = omissible(None, description="of a task of another robot")
     algo: str
     representation: str = Field(
         default=FULL, description="full, that of an encoder such as dae12, or ofe12"
@@ -104,6 +106,16 @@ class RunSettings(Settings):
             _ = self.algorithm
         elif self.engine == "sb3" and ":" not in self.algo:
             raise ValueError(f"the engine {self.engine} has no {self.algo}")
+        return self
+
+    @model_validator(mode="after")
+    def _is_of_the_jitterbug(self) -> Self:
+        if self.specs is None:
+            return self
+        if self.augment is not None:
+            raise ValueError(f"{self.task} has no augmented robots: leave augment and robots out")
+        if self.hyperparameters.get("mirror"):
+            raise ValueError(f"no mirror image is known of {self.task}: mirror must be false")
         return self
 
     @model_validator(mode="after")
@@ -177,8 +189,8 @@ class RunSettings(Settings):
     @property
     def id(self) -> str:
         """The run's id, such as face_direction/ddpg/dae12/s03-1f9a2c4e."""
-        algo = self.algo.replace(":", ".")
-        return f"{self.task}/{algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+        task, algo = in_id(self.task), in_id(self.algo)
+        return f"{task}/{algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
 
     @property
     def values(self) -> dict[str, Any]:
@@ -213,6 +225,10 @@ class RunSettings(Settings):
     def episodes_on_each(self) -> int:
         """Number of episodes of each environment with each robot."""
         return self.steps // (self.robots * self.environments * EPISODE_STEPS)
+
+    def augment_of(self, robot: int) -> int | None:
+        """Returns the seed of the augmented robot with this index, at most the last one."""
+        return None if self.augment is None else self.augment + min(robot, self.robots - 1)
 
     def robot_at(self, control_steps: int) -> int:
         """Returns the index of the robot at a control step.

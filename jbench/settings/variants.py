@@ -14,7 +14,7 @@ _HYPERPARAMETERS = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
 # Settings that a name on all tasks leaves out.
-_SAME_NAME = (*COMPARED, "task", "encoder", "encoder_draws")
+_SAME_NAME = (*COMPARED, "task", "specs", "encoder", "encoder_draws")
 _BASE = "settings"  # the option of `jbench train` that selects all hyperparameters
 
 _WORDS = {
@@ -22,6 +22,7 @@ _WORDS = {
     ("precision", "bfloat16"): "bfloat16",
     ("precision", "tf32"): "tf32",
     (_BASE, "published"): "",
+    (_BASE, "suite"): "",
 }
 """Settings that have a name of their own; none for the published hyperparameters."""
 
@@ -45,6 +46,10 @@ def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
     has no defaults, so that of the variant with all defaults is empty. A setting with a name of its
     own is called by it, `stable-baselines3` instead of `engine=sb3`, and is always named.
     """
+    jitterbug = {v: run for v, run in settings.items() if getattr(run, "specs", None) is None}
+    if jitterbug and len(jitterbug) < len(settings):  # their defaults are others
+        others = {v: run for v, run in settings.items() if v not in jitterbug}
+        return variant_words(jitterbug) | variant_words(others)
     groups: dict[str, list[str]] = {}
     for variant, run in settings.items():
         groups.setdefault(alike(run, _SAME_NAME), []).append(variant)
@@ -94,7 +99,7 @@ def _labels(
     differing = [
         path
         for path in paths
-        if path not in {(name,) for name in left_out}
+        if path[0] not in left_out
         and (
             len({_exact(values.get(path, ...)) for values in flat.values()}) > 1
             or (always_named and any(_is_named(values, path) for values in flat.values()))
@@ -140,6 +145,7 @@ def _bases(algo: str) -> dict[str, Flat]:
     chosen = {
         "published": algorithm_settings(algo, "published"),
         "sb3": algorithm_settings(algo, "sb3"),
+        "suite": algorithm_settings(algo, "suite"),
         **({"script": algorithm_settings(algo, "script")} if algo in SCRIPT else {}),
     }
     omitted = SETTINGS[algo].omitted()

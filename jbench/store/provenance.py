@@ -28,7 +28,8 @@ _PACKAGES = (
 )
 
 _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKAGES} | {
-    *("device", "gpu", "cuda", "driver", "package", "source_sha256")
+    *("device", "gpu", "cuda", "driver", "package", "source_sha256"),
+    *("task_package", "task_source_sha256"),
 }
 
 

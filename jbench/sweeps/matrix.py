@@ -35,9 +35,11 @@ from jbench.names import (
     known,
 )
 from jbench.seeds import parse_seeds
-from jbench.settings.base import Count, Seed, Settings, validated, whole
+from jbench.settings.algorithms import base_of
+from jbench.settings.base import Count, Seed, Settings, in_id, validated, whole
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
+from jbench.simulation.find import checked_task, find_task
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.matrix_file import COMPARISON, PART, named, parts_of, read_content
@@ -110,7 +112,11 @@ class Matrix(Settings):
     time_limit: TimeLimit = _like_run("time_limit")
     augment: Seed | None = _like_run("augment")
     robots: int = _like_run("robots")
-    settings: Base = Field(default="published", description="source of default hyperparameters")
+    settings: Base | None = Field(
+        default=None,
+        description="source of default hyperparameters; default: published, and suite for other "
+        "robots",
+    )
     hyperparameters: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="hyperparameters by algorithm that replace the defaults"
     )
@@ -183,7 +189,7 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
     for part in parts:
         with named(part._name):
             for task, algo, name in product(part.tasks, part.algos, part.representations):
-                if "/" not in name or name.split("/")[0] == task:
+                if "/" not in name or name.split("/")[0] == in_id(task):
                     cell = _cell(part, results, task, algo, name)
                     different.setdefault(tuple(run.id for run in cell.runs), cell)
     return list(different.values())
@@ -233,7 +239,7 @@ def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -
 def _check_names(matrix: Matrix) -> None:
     """Raises a RequestError if a name is unknown."""
     for task in matrix.tasks:
-        known("task", task, TASKS)
+        checked_task(task)
     for algo in (*matrix.algos, *matrix.hyperparameters):
         check_name(algo)
     for algo, overrides in matrix.hyperparameters.items():
@@ -246,7 +252,7 @@ def _check_names(matrix: Matrix) -> None:
             known(f"option of {kind}", key, tuple(find_kind(kind).model_fields))
     for name in matrix.representations:
         task, slash, _ = name.partition("/")
-        if slash and task not in matrix.tasks:
+        if slash and task not in map(in_id, matrix.tasks):
             raise RequestError(f"the encoder {name} is of {task}, which is not among the tasks.")
         if not slash and name != FULL and requested_ofe(name, matrix.ofe) is None:
             for each in matrix.tasks:
@@ -265,8 +271,9 @@ def _wanted(name: str, task: str) -> Wanted:
 def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
     overrides = matrix.hyperparameters.get(algo)
     fields = matrix.run_fields | {
-        **algorithm_fields(algo, matrix.engine, matrix.settings, overrides),
+        **algorithm_fields(algo, matrix.engine, matrix.settings, overrides, task),
         "task": task,
+        "specs": find_task(task).specs,
         "encoder": None,
         "ofe": requested_ofe(name, matrix.ofe),
     }
@@ -284,7 +291,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
     dataset = matrix.dataset_settings if encoders else None
     runs = runs_of(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
     different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
-    return Cell(task, algo, name, runs, matrix.settings, different, dataset)
+    return Cell(task, algo, name, runs, base_of(task, matrix.settings), different, dataset)
 
 
 def _encoders(matrix: Matrix, task: str, wanted: Wanted) -> dict[int, EncoderSettings]:

@@ -12,6 +12,7 @@ from jbench.encoders import Encoder
 from jbench.errors import WorkError, sentence_of_failure
 from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
+from jbench.simulation import find
 from jbench.store import Results
 from jbench.store.provenance import device_provenance
 from jbench.training.antiphase import divided, number_of_groups, take_turns
@@ -90,7 +91,8 @@ def _begin_all(
     Returns:
         The unfinished runs, and the error of each run that can't be trained by id.
     """
-    made_on = {**device_provenance(device), **code_of(runs[0].algo)}
+    task_code = find.code_of(runs[0].task)
+    made_on = {**device_provenance(device), **code_of(runs[0].algo), **task_code}
     encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
     members: list[Member] = []
     failures: dict[str, WorkError] = {}

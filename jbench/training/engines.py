@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 
-import mujoco
-
 from jbench.agents.algorithms import algorithm_of, find_agent, find_rule
-from jbench.agents.batched.environments import Models
+from jbench.agents.batched.environments import Augment
 from jbench.agents.batched.make import Computation, make_engine
 from jbench.agents.plugin import is_resumable
 from jbench.agents.plugin_engine import PluginEngine, Trainer
@@ -14,7 +12,8 @@ from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
 from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
-from jbench.training.evaluation import robot_model, seeds_of
+from jbench.simulation.find import check_specs
+from jbench.training.evaluation import seeds_of
 
 
 def make_trainer(
@@ -28,19 +27,20 @@ def make_trainer(
         device: see `jbench.devices.find_device`.
 
     Raises:
-        RequestError: if the device is unavailable, or the algorithm is not installed or can't be
-            made.
+        RequestError: if the device is unavailable, the algorithm is not installed or can't be
+            made, or the task is not installed or has changed.
         WorkError: if the package of the algorithm can't be imported, or its update rule can't be
             trained.
     """
     settings, seeds = runs[0], [seeds_of(run.seed)[0] for run in runs]
+    check_specs(settings.task, settings.specs)
 
-    def models(episode: int) -> mujoco.MjModel:
-        return robot_model(settings, episode // settings.episodes_on_each)
+    def augment(episode: int) -> int | None:
+        return settings.augment_of(episode // settings.episodes_on_each)
 
     if settings.engine == "plugin":
         (seed,), (encoder,) = seeds, encoders
-        return _plugin_engine(settings, seed, encoder, models, device)
+        return _plugin_engine(settings, seed, encoder, augment, device)
     return make_engine(
         settings.algo if settings.is_ours else find_rule(settings.algo),
         algorithm_of(settings),
@@ -51,13 +51,13 @@ def make_trainer(
         time_limit=settings.time_limit,
         encoder=encoders,
         ofe=settings.ofe,
-        models=models,
+        augment=augment,
         episode_steps=EPISODE_STEPS,
     )
 
 
 def _plugin_engine(
-    settings: RunSettings, seed: int, encoder: Encoder | None, models: Models, device: str
+    settings: RunSettings, seed: int, encoder: Encoder | None, augment: Augment, device: str
 ) -> PluginEngine:
     """Returns the loop around an untrained agent of another package."""
     agent = find_agent(settings.algo)
@@ -70,7 +70,7 @@ def _plugin_engine(
         environments=settings.environments,
         time_limit=settings.time_limit,
         encoder=encoder,
-        models=models,
+        augment=augment,
         device=find_device(device),
         episode_steps=EPISODE_STEPS,
     )

@@ -1,10 +1,8 @@
 """Evaluations of batched runs, and the robots that they train on."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,11 +11,9 @@ from jbench.agents.plugin_engine import Trainer
 from jbench.names import EPISODE_STEPS
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation import Robots, rollout
-from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
-from jbench.simulation.rollout import Act
+from jbench.simulation import Act, find_task, rollout
+from jbench.simulation.paths import PATH_EVERY, Path
 from jbench.tasks import resets
-from jbench.tasks.robots import load_model
 
 FINAL_EPISODES = 100
 """Episodes of the last evaluation, with which runs are compared. Ten are enough for a curve, but
@@ -43,24 +39,13 @@ def seeds_of(seed: int) -> tuple[int, int]:
     return int(agent), int(evaluations)
 
 
-def robot_model(settings: RunSettings | ExternalSettings, which: int) -> mujoco.MjModel:
-    """Returns the model of the run's robot with the given index, clamped to the last robot."""
-    augment = settings.augment
-    return _model(None if augment is None else augment + min(which, settings.robots - 1))
-
-
-@lru_cache(maxsize=2)
-def _model(augment: int | None) -> mujoco.MjModel:
-    return load_model(augment)
-
-
 class Evaluation(NamedTuple):
     """An evaluation of one policy.
 
     Attributes:
         returns: (episodes,) of its episodes.
         length: control steps of an episode.
-        path: of the robot in the first episode; None without episodes.
+        path: of the robot in the first episode; None without episodes, or if the task has none.
     """
 
     returns: NDArray[np.float64]
@@ -85,38 +70,38 @@ def evaluate_policy(
         threads: number of simulation threads; the returns do not depend on it.
     """
     episodes, generator = settings.evaluate_episodes, resets.episode_generator(seed, number)
-    robot = robot_model(settings, 0)
-    (evaluation,) = _evaluations(settings.task, robot, [generator], episodes, act, threads)
+    (evaluation,) = _evaluations(
+        settings.task, settings.augment, [generator], episodes, act, threads
+    )
     return evaluation
 
 
 def _evaluations(
     task: str,
-    robot: mujoco.MjModel,
+    augment: int | None,
     generators: Sequence[np.random.Generator],
     episodes: int,
     act: Act,
     threads: int,
 ) -> list[Evaluation]:
     """Runs an evaluation of some episodes for each generator, all side by side."""
-    starts = resets.draw_starts(task, [one for one in generators for _ in range(episodes)])
-    total, length = np.zeros(len(starts.quaternions)), 0
-    with Robots(robot, len(total), threads) as robots:
-        points = [path_point(robots.reset(starts.quaternions))]
-        for transition in rollout(task, robots, starts, act):
+    total, length = np.zeros(len(generators) * episodes), 0
+    with find_task(task).worlds(len(total), threads, augment) as worlds:
+        seen = worlds.reset([generator for generator in generators for _ in range(episodes)])
+        points = [worlds.points()]
+        for transition in rollout(worlds, seen, act):
             total += transition.rewards
             length += 1
             if length % PATH_EVERY == 0:
-                points.append(path_point(transition.state))
-    targets = resets.target_numbers(task, starts.targets)
-    return [
-        Evaluation(
-            total[first : first + episodes],
-            length,
-            path_of(task, [point[first] for point in points], targets[first]),
-        )
-        for first in range(0, len(total), episodes)
-    ]
+                points.append(worlds.points())
+        targets = worlds.targets()
+    evaluations = []
+    for first in range(0, len(total), episodes):
+        here = [point[first] for point in points if point is not None]
+        target = {name: float(numbers[first]) for name, numbers in targets.items()}
+        path = Path(np.stack(here), target) if here else None
+        evaluations.append(Evaluation(total[first : first + episodes], length, path))
+    return evaluations
 
 
 class EvaluationSchedule:
@@ -178,14 +163,15 @@ class Evaluator(EvaluationSchedule):
 
         def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
             actions = engine.act(observations.reshape(count, -1, observations.shape[-1]), first)
-            return actions.reshape(-1, 1)
+            return actions.reshape(len(observations), -1)
 
-        robot = robot_model(self._settings, self._settings.robot_at(engine.control_steps))
+        settings = self._settings
+        augment = settings.augment_of(settings.robot_at(engine.control_steps))
         threads = engine.environments.threads
         # As many at a time as in other evaluations: a matrix product rounds by its size.
         block = self._settings.evaluate_episodes
         blocks = [
-            _evaluations(cell.task, robot, generators, min(block, episodes - done), act, threads)
+            _evaluations(cell.task, augment, generators, min(block, episodes - done), act, threads)
             for done in range(0, episodes, block)
         ]
         return [

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jbench.settings.run import RunSettings
-from jbench.tasks.features import TASK_SPECS
+from jbench.simulation import find_task
 
 _MIN_REPORTED = 2_000_000_000  # bytes
 _USABLE = 0.8  # of the free memory; networks and minibatches take the rest
@@ -16,8 +16,8 @@ def replay_bytes(run: RunSettings, device: str = "cpu") -> int:
     Each observation is stored once, in float32, with an action and a reward. An encoder reduces
     its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
     """
-    size = TASK_SPECS[run.task].observation_size
-    return 4 * (size + 2) * _transitions(run, device)
+    task = find_task(run.task)
+    return 4 * (task.observation_size + task.action_size + 1) * _transitions(run, device)
 
 
 def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | None:

@@ -25,8 +25,8 @@ from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.base import settings_with, validated
 from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
+from jbench.simulation.find import checked_task, find_task
 from jbench.store import Results
-from jbench.tasks.features import TASK_SPECS
 
 _PREFIX = f"{OFE}."
 
@@ -38,7 +38,7 @@ def request_runs(
     task: str,
     encoder: str,
     seeds: Sequence[int],
-    base: Base,
+    base: Base | None,
     overrides: Mapping[str, Any],
     engine: Engine | None = None,
     encoder_seeds: EncoderSeeds = "newest",
@@ -49,11 +49,11 @@ def request_runs(
     Args:
         results: results that contain the encoder.
         algo: one of `jbench.names.ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
-        task: one of `jbench.names.TASKS`.
+        task: see `jbench.simulation.find_task`.
         encoder: "none" or "full", "ofeN" for N features learned with the agent, or an encoder's
             name or id; see `jbench.encoders.find_encoder`.
         seeds: one per run.
-        base: "published", "script" or "sb3"; see `algorithm_settings`.
+        base: see `algorithm_settings`; None for that of the task.
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         engine: None for the engine that follows from the algorithm.
         encoder_seeds: whether all agents have one encoder, or each the one with its own seed.
@@ -82,9 +82,10 @@ def request_runs(
         fields["representation"] = representation_of(results, encoder_id)
         if encoder_seeds == "each":
             fields["encoder_draws"], encoders = find_draws(results, encoder, task, seeds)
-    algorithm = algorithm_fields(algo, engine, base, of_algorithm)
+    algorithm = algorithm_fields(algo, engine, base, of_algorithm, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
         input_mirror(task, load_encoder(results, fields["encoder"])[0])
+    fields["specs"] = checked_task(task).specs
     return runs_of(seeds, encoders, task=task, **algorithm, **fields)
 
 
@@ -125,7 +126,7 @@ def runs_of(
     if runs[0].engine == "sb3" and not runs[0].is_ours:
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
 
-        size = TASK_SPECS[runs[0].task].observation_size
+        size = find_task(runs[0].task).observation_size
         sb3_classes.check(runs[0].algo, runs[0].hyperparameters, size, count)
     return runs
 

@@ -10,6 +10,7 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
+from jbench.simulation import find_task
 from jbench.training.engines import make_trainer
 from jbench.training.environment import make_env
 from jbench.training.evaluation import final_evaluation_episodes
@@ -105,10 +106,11 @@ def _on_sb3(settings: RunSettings) -> float:
 
 def _stepping(settings: RunSettings) -> float:
     """Returns the seconds per control step without training."""
-    env = make_env(settings, None)
-    env.reset(seed=0)
-    action = np.zeros(1, np.float32)
-    began = time.perf_counter()
-    for _ in range(_STEPS):
-        env.step(action)
-    return float((time.perf_counter() - began) / _STEPS)
+    task = find_task(settings.task)
+    actions = np.zeros((1, task.action_size), np.float32)
+    with task.worlds(1, augment=settings.augment) as worlds:
+        worlds.reset([np.random.default_rng(0)])
+        began = time.perf_counter()
+        for _ in range(_STEPS):
+            worlds.step(actions)
+        return (time.perf_counter() - began) / _STEPS

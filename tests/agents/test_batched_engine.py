@@ -25,7 +25,6 @@ from jbench.policies.saved import Policy, policy_files
 from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from jbench.settings.ofe import OFESettings
 from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.robots import load_model
 
 LENGTH = 20  # control steps of an episode
 SMALL = {
@@ -202,10 +201,6 @@ def test_restoring_seeds_with_different_step_counts_is_refused():
         engine.restore(states)
 
 
-def constant(robot):
-    return lambda episode: robot
-
-
 @pytest.mark.parametrize("augment", [None, 3])
 def test_environments_equal_gymnasium_environment(augment):
     generators = [Generators(seed, 2) for seed in (3, 4)]
@@ -219,7 +214,7 @@ def test_environments_equal_gymnasium_environment(augment):
         [Cell("move_to_pose", [own.environments for own in generators])],
         episode_steps=LENGTH,
         threads=2,
-        models=None if augment is None else constant(load_model(augment)),
+        augment=lambda episode: augment,
     ) as environments:
         np.testing.assert_array_equal(environments.observations.reshape(4, -1), seen)
         returns = np.zeros(4)
@@ -239,8 +234,7 @@ def test_environments_equal_gymnasium_environment(augment):
 
 
 def test_robot_can_differ_per_episode():
-    robots = [load_model(1), load_model(2)]
-    with engine_of("ddpg", [0, 1], models=lambda episode: robots[min(episode, 1)]) as engine:
+    with engine_of("ddpg", [0, 1], augment=lambda episode: min(episode + 1, 2)) as engine:
         for _ in engine.learn(LENGTH):
             pass
         actions = np.full((2, 1, 1), 0.7)
@@ -249,7 +243,7 @@ def test_robot_can_differ_per_episode():
         seen = engine.environments.observations[:, 0]
     with Environments(
         [Cell("face_direction", [Generators(seed, 1).environments for seed in (0, 1)])],
-        models=constant(robots[1]),
+        augment=lambda episode: 2,
     ) as others:
         for index, (tensors, _) in enumerate(state):
             world = {

@@ -20,10 +20,9 @@ from jbench.policies.network import Layer, Network
 from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import Policy, TrainedAgent, policy_files
 from jbench.settings.base import settings_hash
-from jbench.simulation import Robots, rollout
+from jbench.simulation import find_task, rollout
 from jbench.store import Results
 from jbench.tasks import features, resets
-from jbench.tasks.robots import load_model
 from tests.encoders.encoder_data import make_dataset, observations_of
 from tests.training.small_runs import EPISODE, shorten_episodes
 
@@ -76,9 +75,9 @@ def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
         seen.append(observations[0])
         return next(actions)
 
-    starts = resets.draw_starts(TASK, [resets.episode_generator(5, 0)])
-    with Robots(load_model(None), 1, 1) as robots:
-        for transition in rollout(TASK, robots, starts, replay):
+    with find_task(TASK).worlds(1) as worlds:
+        observations = worlds.reset([resets.episode_generator(5, 0)])
+        for transition in rollout(worlds, observations, replay):
             episode_return += transition.rewards[0]
     (evaluated,) = record.read("policy_episodes").to_pylist()
     assert episode_return == evaluated["episode_return"] > 1

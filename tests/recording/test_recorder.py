@@ -22,10 +22,9 @@ from jbench.policies.saved import has_policy, load_agent
 from jbench.recording.request import plain_hyperparameters
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import read_run
-from jbench.simulation import Robots, rollout
+from jbench.simulation import find_task, rollout
 from jbench.store import Results
 from jbench.tasks import resets
-from jbench.tasks.robots import load_model
 from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
 from tests.training.small_runs import EPISODE, paths, shorten_episodes
@@ -213,11 +212,11 @@ def test_saved_policy_equals_actor(finished, copy, capsys):
     arguments = ("--episodes", "2", "--seed", "5", "--results", str(copy), "--json")
     assert main(["evaluate", id, *arguments]) == 0
     episodes = jbench.open(copy).query("FROM policy_episodes ORDER BY episode")
-    starts = resets.draw_starts("face_direction", [resets.episode_generator(5, i) for i in (0, 1)])
     total = np.zeros(2)
-    with Robots(load_model(None), 2, 1) as robots:
+    with find_task("face_direction").worlds(2) as worlds:
+        observations = worlds.reset([resets.episode_generator(5, i) for i in (0, 1)])
         # The torch module rounds differently, and the motion is chaotic.
-        for transition in rollout("face_direction", robots, starts, kept.act):
+        for transition in rollout(worlds, observations, kept.act):
             total += transition.rewards
     np.testing.assert_array_equal(episodes["episode_return"], total)
 

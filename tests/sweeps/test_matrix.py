@@ -216,8 +216,9 @@ KEYS = {
 
 @pytest.mark.parametrize("field", RunSettings.model_fields)
 def test_every_run_setting_can_be_set_in_matrix(field, tmp_path):
-    if field in ("task", "algo", "package", "representation", "encoder", "encoder_draws", "seed"):
-        return  # of the cell
+    of_cell = "task", "specs", "algo", "package", "representation", "encoder", "encoder_draws"
+    if field in (*of_cell, "seed"):
+        return
     line, typed = KEYS[field]
     file = tmp_path / "field.toml"
     file.write_text(
@@ -237,6 +238,7 @@ def test_every_run_setting_is_option_of_train():
     options = inspect.signature(train).parameters.keys() | {"seed", "representation"}
     others = {"seed": "seeds", "hyperparameters": "set_", "representation": "encoder"}
     others |= {"ofe": "encoder", "package": "algo", "encoder_draws": "encoder_seeds"}
+    others |= {"specs": "task"}
     for name, field in RunSettings.model_fields.items():
         assert others.get(name, field.title or name) in options
 

@@ -12,11 +12,12 @@ from jbench.agents.batched.engine import Engine
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings
+from jbench.simulation import jitterbug
 from jbench.store import Results
 from jbench.sweeps.executors import batches
 from jbench.training import engines, evaluation, group, speed
 from jbench.training.batched_run import run_batch
-from jbench.training.evaluation import evaluate_policy, robot_model, seeds_of
+from jbench.training.evaluation import evaluate_policy, seeds_of
 from jbench.training.reevaluate import reevaluate
 from jbench.training.request import training_device
 from jbench.training.speed import _short_schedule, seconds_per_step
@@ -170,9 +171,7 @@ def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
 
 def test_robots_of_sequence_have_equal_shares_of_episodes():
     run = settings("ddpg", robots=2, augment=5, steps=4 * EPISODE)
-    first, second = robot_model(run, 0), robot_model(run, 1)
-    assert (first.body_pos != second.body_pos).any() or (first.geom_size != second.geom_size).any()
-    assert robot_model(run, 7) is second
+    assert [run.augment_of(robot) for robot in (0, 1, 7)] == [5, 6, 6]
     assert (run.episodes_on_each, run.robot_at(100), run.robot_at(101)) == (2, 0, 1)
 
 
@@ -210,12 +209,12 @@ def test_ppo_in_bfloat16_is_refused():
 
 
 def test_evaluations_use_threads_of_training(tmp_path, monkeypatch):
-    given, robots = [], evaluation.Robots
+    given, robots = [], jitterbug.Robots
     monkeypatch.setattr(engines, "Computation", partial(engines.Computation, threads=3))
-    monkeypatch.setattr(evaluation, "Robots", lambda *args: given.append(args[2]) or robots(*args))
+    monkeypatch.setattr(jitterbug, "Robots", lambda *args: given.append(args[2]) or robots(*args))
     run = settings("ddpg")
     assert run_batch([run], Results(tmp_path), None) == {}
-    assert given == [3, 3]
+    assert given == [3, 3, 3]  # of the training and of two evaluations
 
 
 @pytest.mark.parametrize(

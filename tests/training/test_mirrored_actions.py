@@ -86,8 +86,8 @@ def test_robots_in_training_get_negated_actions_where_target_is_on_right():
                 agents.restore(1, agents.state(1), agents.episodes, agents.steps)
             actions = random.uniform(-1, 1, (4, 3)).astype(np.float32)
             signs.append(angle_signs(robots))
-            rewards = robots.step(signs[-1] * actions).rewards
-            np.testing.assert_array_equal(agents.step(actions).rewards, rewards)
+            rewards = robots.step((signs[-1] * actions)[..., None]).rewards
+            np.testing.assert_array_equal(agents.step(actions[..., None]).rewards, rewards)
         assert -0.5 < np.mean(signs) < 0.5
 
 

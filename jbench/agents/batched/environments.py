@@ -1,10 +1,10 @@
 """The simulated robots of all seeds, stepped together."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import accumulate, chain, pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 import torch
 from numpy.random import Generator
@@ -14,21 +14,17 @@ from torch import Tensor
 from jbench.closing import Closing
 from jbench.encoders import Encoder, action_signs
 from jbench.names import EPISODE_STEPS
-from jbench.simulation import Robots
-from jbench.tasks import resets
-from jbench.tasks.features import TASK_SPECS, State, Target, observation
-from jbench.tasks.rewards import reward
-from jbench.tasks.robots import load_model
+from jbench.simulation import Worlds, find_task
 
-Models = Callable[[int], mujoco.MjModel]
-"""Maps an episode number, counted from 0, to its robot."""
+Augment = Callable[[int], int | None]
+"""Maps an episode, counted from 0, to the seed of its augmented robot; None is the plain robot."""
 
 
 class Cell(NamedTuple):
     """Consecutive seeds with the same task and encoder.
 
     Attributes:
-        generators: per seed and environment, of initial poses and targets.
+        generators: per seed and environment, of the episodes' random numbers.
         encoder: of the observations; None for the full observation.
     """
 
@@ -41,7 +37,7 @@ class Cell(NamedTuple):
         """Dimension of the agents' inputs."""
         if self.encoder is not None:
             return self.encoder.latent_size
-        return TASK_SPECS[self.task].observation_size
+        return find_task(self.task).observation_size
 
     def encode(self, observations: Tensor) -> Tensor:
         """Maps observations (seeds, N, dim(O)) of the task to inputs (seeds, N, size)."""
@@ -80,7 +76,7 @@ class Environments(Closing):
     Use it as a context manager: it holds threads.
 
     Attributes:
-        cells: in the order of their seeds.
+        cells: in the order of their seeds; their tasks have the same number of actions.
         size: largest dimension of the agents' inputs.
         sizes: dimension of each seed's inputs, which are padded with zeros to `size`.
         action_size: numbers in an action.
@@ -94,47 +90,57 @@ class Environments(Closing):
         cells: Sequence[Cell],
         *,
         threads: int = 1,
-        models: Models | None = None,
+        augment: Augment = lambda episode: None,
         episode_steps: int = EPISODE_STEPS,
     ) -> None:
         """Starts the first episodes.
 
         Args:
             cells: with the same number of environments per seed.
-            models: the robot of each episode; None for the plain robot.
+            augment: the robot of each episode.
             episode_steps: control steps in an episode; tests use short episodes.
         """
         self.cells, self.threads, self.episode_steps = cells, threads, episode_steps
         self.sizes = [cell.size for cell in cells for _ in cell.generators]
-        self.size, self.action_size = max(self.sizes), 1
+        self.size = max(self.sizes)
+        self._tasks = [find_task(cell.task) for cell in cells]
+        self.action_size = self._tasks[0].action_size
         self._shape = (len(self.sizes), len(cells[0].generators[0]))
-        ends = accumulate((len(cell.generators) * self._shape[1] for cell in cells), initial=0)
-        self._rows_of_cells = [slice(*pair) for pair in pairwise(ends)]
-        self._models = models or _plain_robot()
-        self._model = self._models(0)
-        self._robots = self._new_robots()
+        self._firsts = list(accumulate((len(cell.generators) for cell in cells), initial=0))
+        # Cells are stepped at the same time, and each by its share of the threads.
+        self._pool = ThreadPoolExecutor(len(cells)) if threads > 1 and len(cells) > 1 else None
+        self._augment, self._robot = augment, augment(0)
+        self._worlds = self._new_worlds()
         self.episodes = self.steps = 0
-        self._returns = np.zeros(self._shape)
         self._begin_episodes()
 
     def close(self) -> None:
         """Stops the threads."""
-        self._robots.close()
+        for worlds in self._worlds:
+            worlds.close()
+        if self._pool is not None:
+            self._pool.shutdown()
 
     def step(self, actions: NDArray[np.floating]) -> Step:
         """Applies the agents' actions (seeds, environments, action_size), clipped to [-1, 1]."""
-        state = self._robots.step((actions * self._signs).reshape(-1))
-        of_cells = [reward(cell.task, at, target) for cell, at, target in self._by_cell(state)]
-        rewards = np.concatenate(of_cells).reshape(self._shape)
-        self._returns += rewards
+        robot_actions = actions * self._signs
+        parts = [
+            robot_actions[first:last].reshape(-1, self.action_size)
+            for first, last in pairwise(self._firsts)
+        ]
+        step_all = map if self._pool is None else self._pool.map
+        observations, rewards = zip(
+            *step_all(lambda worlds, part: worlds.step(part), self._worlds, parts), strict=True
+        )
+        self._returns += (reward := np.concatenate(rewards).reshape(self._shape))
         self.steps += 1
-        self.observations = observations = self._observe(state)
+        self.observations = inputs = self._inputs(observations)
         returns = None
         if self.steps == self.episode_steps:
             returns = self._returns
             self.episodes += 1
             self._begin_episodes()
-        return Step(rewards, observations, returns)
+        return Step(reward, inputs, returns)
 
     def encode(self, observations: Tensor, first: int = 0) -> Tensor:
         """Maps observations of a cell's task to agents' inputs.
@@ -156,19 +162,12 @@ class Environments(Closing):
         """Returns the columns of a seed's inputs that are padding."""
         return [slice(self.sizes[seed], self.size)] if self.sizes[seed] < self.size else []
 
-    def state(self, seed: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the simulation state of one seed, for `restore`."""
-        rows = self._rows(seed)
-        return {
-            "simulation": self._robots.snapshot(range(rows.start, rows.stop)),
-            "target_position": self._target.position[rows].copy(),
-            "target_yaw": self._target.yaw[rows].copy(),
-            "returns": self._returns[seed].copy(),
-        }
+    def state(self, seed: int) -> dict[str, NDArray[Any]]:
+        """Returns the simulation state of one seed, for `restore`; see `Worlds.state`."""
+        cell, rows = self._place(seed)
+        return {**self._worlds[cell].state(rows), "returns": self._returns[seed].copy()}
 
-    def restore(
-        self, seed: int, state: dict[str, NDArray[np.float64]], episodes: int, steps: int
-    ) -> None:
+    def restore(self, seed: int, state: dict[str, NDArray[Any]], episodes: int, steps: int) -> None:
         """Restores the simulation of one seed exactly.
 
         Args:
@@ -176,47 +175,48 @@ class Environments(Closing):
             steps: control steps made in the current episode, the same for all seeds.
         """
         self._switch_robot(episodes)
-        rows = self._rows(seed)
-        self._target.position[rows] = state["target_position"]
-        self._target.yaw[rows] = state["target_yaw"]
+        cell, rows = self._place(seed)
         self._returns[seed] = state["returns"]
         self.episodes, self.steps = episodes, steps
-        self.observations = self._observe(
-            self._robots.restore(state["simulation"], range(rows.start, rows.stop))
-        )
+        self._seen[cell] = self._worlds[cell].restore(rows, state)
+        self.observations = self._inputs(self._seen)
 
     def _begin_episodes(self) -> None:
-        """Resets all robots and draws a target for each."""
+        """Begins an episode of each robot."""
         self._switch_robot(self.episodes)
-        starts = [
-            resets.draw_starts(cell.task, chain.from_iterable(cell.generators))
-            for cell in self.cells
-        ]
-        targets = zip(*(each.targets for each in starts), strict=True)
-        self._target = Target(*(np.concatenate(part) for part in targets))
         self._returns = np.zeros(self._shape)
         self.steps = 0
-        self.observations = self._observe(
-            self._robots.reset(np.concatenate([each.quaternions for each in starts]))
+        self.observations = self._inputs(
+            [
+                worlds.reset(list(chain.from_iterable(cell.generators)))
+                for cell, worlds in zip(self.cells, self._worlds, strict=True)
+            ]
         )
 
     def _switch_robot(self, episode: int) -> None:
         """Switches to the robot of an episode if it differs from the current one."""
-        robot = self._models(episode)
-        if robot is not self._model:
-            self._robots.close()
-            self._model = robot
-            self._robots = self._new_robots()
+        robot = self._augment(episode)
+        if robot != self._robot:
+            for worlds in self._worlds:
+                worlds.close()
+            self._robot = robot
+            self._worlds = self._new_worlds()
 
-    def _new_robots(self) -> Robots:
-        seeds, environments = self._shape
-        return Robots(self._model, seeds * environments, self.threads)
+    def _new_worlds(self) -> list[Worlds]:
+        threads = -(-self.threads // len(self.cells))
+        return [
+            task.worlds(len(cell.generators) * self._shape[1], threads, self._robot)
+            for task, cell in zip(self._tasks, self.cells, strict=True)
+        ]
 
-    def _observe(self, state: State) -> Tensor:
-        """Returns the agents' inputs (seeds, environments, size); notes which are mirrored."""
-        of_cells, signs = [], []
-        for cell, at, target in self._by_cell(state):
-            observed = np.asarray(observation(cell.task, at, target), np.float32)
+    def _inputs(self, observations: Sequence[NDArray[np.float32]]) -> Tensor:
+        """Returns the agents' inputs (seeds, environments, size); notes which are mirrored.
+
+        Args:
+            observations: (robots, dim(O)) of each cell.
+        """
+        self._seen, of_cells, signs = list(observations), [], []
+        for cell, observed in zip(self.cells, observations, strict=True):
             seen = torch.from_numpy(observed.reshape(len(cell.generators), self._shape[1], -1))
             of_cells.append(self._padded(cell.encode(seen)))
             signs.append(cell.action_signs(seen))
@@ -225,26 +225,15 @@ class Environments(Closing):
 
     def _cell(self, seed: int) -> Cell:
         """Returns the cell of the seed with this index."""
-        pairs = zip(self.cells, self._rows_of_cells, strict=True)
-        return next(cell for cell, rows in pairs if seed * self._shape[1] < rows.stop)
+        return self.cells[self._place(seed)[0]]
+
+    def _place(self, seed: int) -> tuple[int, slice]:
+        """Returns the index of a seed's cell, and its robots among those of the cell."""
+        cell = next(i for i, last in enumerate(self._firsts[1:]) if seed < last)
+        first = (seed - self._firsts[cell]) * self._shape[1]
+        return cell, slice(first, first + self._shape[1])
 
     def _padded(self, inputs: Tensor) -> Tensor:
         """Returns inputs (..., any) with zeros up to `size`."""
         missing = self.size - inputs.shape[-1]
         return torch.nn.functional.pad(inputs, (0, missing)) if missing else inputs
-
-    def _by_cell(self, state: State) -> Iterator[tuple[Cell, State, Target]]:
-        """Yields each cell with the states and targets of its robots."""
-        for cell, rows in zip(self.cells, self._rows_of_cells, strict=True):
-            states, targets = ((each[rows] for each in part) for part in (state, self._target))
-            yield cell, State(*states), Target(*targets)
-
-    def _rows(self, seed: int) -> slice:
-        """Returns the indices of a seed's robots."""
-        environments = self._shape[1]
-        return slice(seed * environments, (seed + 1) * environments)
-
-
-def _plain_robot() -> Models:
-    robot = load_model()
-    return lambda episode: robot

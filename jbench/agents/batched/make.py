@@ -10,7 +10,7 @@ import torch
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.ddpg import DDPG
 from jbench.agents.batched.engine import Engine
-from jbench.agents.batched.environments import Cell, Environments, Models
+from jbench.agents.batched.environments import Augment, Cell, Environments
 from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
@@ -101,7 +101,7 @@ def make_engine(
     time_limit: TimeLimit = "bootstrap",
     encoder: Encoder | Sequence[Encoder | None] | None = None,
     ofe: OFESettings | None = None,
-    models: Models | None = None,
+    augment: Augment = lambda episode: None,
     episode_steps: int = EPISODE_STEPS,
 ) -> Engine:
     """Returns an engine with one untrained agent per seed.
@@ -114,7 +114,7 @@ def make_engine(
         encoder: of all seeds, or one for each seed. Seeds with fewer inputs than others need a rule
             of jbench with hidden layers and without `ofe`.
         ofe: settings of features learned with the agent (not with PPO); None for no features.
-        models: the robot of each episode; None for the plain robot.
+        augment: the robot of each episode.
         episode_steps: control steps in an episode; tests use short episodes.
 
     Raises:
@@ -130,7 +130,7 @@ def make_engine(
     robots = Environments(
         _cells(task, encoder, generators),
         threads=computation.threads or (cores() if gpu else 1),
-        models=models,
+        augment=augment,
         episode_steps=episode_steps,
     )
     sizes = robots.sizes, robots.action_size

@@ -1,0 +1,130 @@
+"""Tasks by name: the Jitterbug's, those of dm_control's suite, and those of other packages."""
+
+import importlib.util
+import inspect
+import logging
+import re
+from functools import lru_cache
+from importlib.metadata import EntryPoint
+from typing import Any
+
+from jbench import plugins
+from jbench.errors import RequestError
+from jbench.names import SUITE, SUITE_TASKS, TASKS, closest, one_of
+from jbench.settings.specs import Specs
+from jbench.simulation.jitterbug import JitterbugTask
+from jbench.simulation.suite import DmTask
+from jbench.simulation.task import Task
+
+GROUP = "jbench.tasks"
+"""Group of entry points of factories, which return a `dm_env.Environment`."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_-]*")
+
+
+def installed_tasks() -> dict[str, EntryPoint]:
+    """Returns the entry points of the tasks of other packages by name."""
+    return dict(sorted(plugins.offered(GROUP, _NAME, TASKS).items()))
+
+
+@lru_cache(maxsize=64)
+def find_task(name: str) -> Task:
+    """Returns a task by name.
+
+    Args:
+        name: one of `jbench.names.TASKS`, dmc:DOMAIN-TASK of dm_control's suite, an installed
+            task, or MODULE:NAME of a factory, which returns a `dm_env.Environment`.
+
+    Raises:
+        RequestError: if there is no such task, or jbench can't use it.
+        WorkError: if the package of the task can't be imported.
+    """
+    if name in TASKS:
+        return JitterbugTask(name)
+    if name.startswith(SUITE):
+        return _suite_task(name)
+    if plugins.is_imported(name):
+        return _made_by(name, plugins.imported("task", name))
+    if name in (points := installed_tasks()):
+        return _made_by(name, plugins.load("task", points[name]))
+    raise unknown_task(name)
+
+
+def checked_task(name: str) -> Task:
+    """Returns a task after an episode of random actions, for the first use of a task.
+
+    Raises:
+        RequestError, WorkError: see `find_task` and `DmTask.check`.
+    """
+    task = find_task(name)
+    if isinstance(task, DmTask):
+        task.check()
+    return task
+
+
+def check_specs(name: str, recorded: Specs | None) -> None:
+    """Checks that a task is the one of a record.
+
+    Raises:
+        RequestError: if its robot, observation or actions are others.
+        RequestError, WorkError: see `find_task`.
+    """
+    now = find_task(name).specs
+    if now == recorded:
+        return
+    fields = [n for n in Specs.model_fields if getattr(now, n, None) != getattr(recorded, n, None)]
+    raise RequestError(
+        f"The task {name} has changed since it was recorded: its {one_of(fields, 'and')} differ; "
+        "use the task's code of then, or train again."
+    )
+
+
+def code_of(name: str) -> dict[str, str | None]:
+    """Returns provenance of the code of a task, if it is that of another package."""
+    if name in TASKS or name.startswith(SUITE):
+        return {}
+    code = plugins.code_of("task", name, installed_tasks())
+    return {f"task_{key}": value for key, value in code.items()}
+
+
+def unknown_task(name: str) -> RequestError:
+    """Returns the error for a name that is none of a task."""
+    close = closest(name, [*TASKS, *installed_tasks(), *SUITE_TASKS])
+    hint = f"did you mean {close}? Choose" if close else "choose"
+    return RequestError(
+        f"Unknown task {name!r}; {hint} {', '.join(TASKS)}, a task that jbench tasks lists, or "
+        "MODULE:NAME."
+    )
+
+
+def _suite_task(name: str) -> DmTask:
+    """Returns dmc:DOMAIN-TASK."""
+    if importlib.util.find_spec("dm_control") is None:
+        raise RequestError(
+            f"{name} needs dm-control, which pip can't install on Python 3.13 and later (labmaze "
+            "has no wheel there); use Python 3.11 or 3.12, or a task of the Jitterbug."
+        )
+    from dm_control import suite
+
+    import jbench.tasks  # noqa: F401 - imports dm_control without its warnings
+
+    logging.getLogger("absl").setLevel(logging.ERROR)  # of attributes that MuJoCo ignores
+    domain, _, task = name.removeprefix(SUITE).partition("-")
+    if (domain, task) not in suite.ALL_TASKS or "jitterbug" in domain:
+        raise unknown_task(name)
+    return DmTask(name, lambda seed: suite.load(domain, task, task_kwargs={"random": seed}))
+
+
+def _made_by(name: str, factory: Any) -> DmTask:
+    """Returns the task of a factory."""
+    if not callable(factory):
+        raise RequestError(
+            f"{name} is of type {type(factory).__name__}; name a function that returns a "
+            "dm_env.Environment."
+        )
+    takes_random = "random" in inspect.signature(factory).parameters
+    return DmTask(
+        name,
+        lambda seed: factory(random=seed) if takes_random else factory(),
+        takes_random=takes_random,
+    )

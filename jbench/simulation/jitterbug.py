@@ -1,0 +1,110 @@
+"""The five tasks of the Jitterbug behind the interface of all tasks."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from jbench.names import CONTROL_TIMESTEP
+from jbench.simulation.paths import path_point
+from jbench.simulation.robots import Robots
+from jbench.simulation.task import State as WorldState
+from jbench.simulation.task import Step, Task, Worlds
+from jbench.tasks import resets
+from jbench.tasks.features import FEATURE_SIZES, TASK_SPECS, State, Target, observation
+from jbench.tasks.rewards import reward
+from jbench.tasks.robots import load_model
+
+
+@lru_cache(maxsize=2)
+def robot_model(augment: int | None) -> mujoco.MjModel:
+    """Returns the plain robot's model (None), or that of the augmented robot with this seed."""
+    return load_model(augment)
+
+
+class JitterbugTask(Task):
+    """One of the five tasks."""
+
+    action_size = 1
+    control_timestep = CONTROL_TIMESTEP
+    specs = None
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.parts = {part: FEATURE_SIZES[part] for part in TASK_SPECS[name].features}
+
+    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> "JitterbugWorlds":
+        """Returns new worlds; see `Task.worlds`."""
+        return JitterbugWorlds(self.name, robot_model(augment), count, threads)
+
+
+class JitterbugWorlds(Worlds):
+    """Robots of one of the five tasks.
+
+    Attributes:
+        robot_state: of all robots, after the last step or reset.
+        target: of all robots.
+    """
+
+    robot_state: State
+    target: Target
+
+    def __init__(self, task: str, model: mujoco.MjModel, count: int, threads: int) -> None:
+        self._task, self._robots = task, Robots(model, count, threads)
+        self.target = Target(np.zeros((count, 3)), np.zeros(count))
+
+    def close(self) -> None:
+        """Stops the threads."""
+        self._robots.close()
+
+    def reset(
+        self, generators: Sequence[Generator], yaw: float | None = None
+    ) -> NDArray[np.float32]:
+        """Begins an episode in each world, from its generator: first the pose, then the target.
+
+        Args:
+            yaw: of all targets (rad); None for those drawn.
+        """
+        starts = resets.draw_starts(self._task, generators)
+        self.target = starts.targets
+        if yaw is not None:
+            self.target = starts.targets._replace(yaw=np.full(len(starts.quaternions), yaw))
+        return self._observe(self._robots.reset(starts.quaternions))
+
+    def step(self, actions: NDArray[np.floating]) -> Step:
+        """Applies actions (worlds, 1); see `Worlds.step`."""
+        state = self._robots.step(actions[:, 0])
+        rewards = np.asarray(reward(self._task, state, self.target))
+        return Step(self._observe(state), rewards)
+
+    def state(self, rows: slice) -> WorldState:
+        """Returns the complete state of some worlds, at any control step."""
+        return {
+            "simulation": self._robots.snapshot(range(rows.start, rows.stop)),
+            "target_position": self.target.position[rows].copy(),
+            "target_yaw": self.target.yaw[rows].copy(),
+        }
+
+    def restore(self, rows: slice, state: WorldState) -> NDArray[np.float32]:
+        """Restores what `state` returned; the worlds then continue bit for bit."""
+        self.target.position[rows] = state["target_position"]
+        self.target.yaw[rows] = state["target_yaw"]
+        return self._observe(
+            self._robots.restore(state["simulation"], range(rows.start, rows.stop))
+        )
+
+    def points(self) -> NDArray[np.float32]:
+        """Returns x, y (m) and heading (rad) of each robot (worlds, 3)."""
+        return path_point(self.robot_state)
+
+    def targets(self) -> dict[str, NDArray[np.float64]]:
+        """Returns x, y (m) and yaw (rad) of the targets, those that the task draws."""
+        numbers = resets.target_numbers(self._task, self.target).T
+        return dict(zip(TASK_SPECS[self._task].target_numbers, numbers, strict=True))
+
+    def _observe(self, state: State) -> NDArray[np.float32]:
+        self.robot_state = state
+        return np.asarray(observation(self._task, state, self.target), np.float32)

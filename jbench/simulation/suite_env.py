@@ -1,0 +1,118 @@
+"""Tasks of other robots as Gymnasium environments.
+
+gymnasium.make("jbench:jbench/dmc-cheetah-run-v0")
+"""
+
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench import opengl
+from jbench.errors import RequestError
+from jbench.names import one_of
+from jbench.simulation.find import find_task
+from jbench.simulation.suite import DmWorlds
+
+
+class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """One world of a task of dm_control's suite or of another package.
+
+    Observations are the parts of the task's observation, one after another; actions are scaled to
+    [-1, 1]. Episodes never terminate; `gymnasium.make` truncates them at 1000 steps.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as in Gymnasium
+
+    def __init__(
+        self,
+        task: str,
+        render_mode: str | None = None,
+        camera: str | None = None,
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        """Makes the environment.
+
+        Args:
+            task: see `jbench.simulation.find_task`.
+            render_mode: "rgb_array", or None for no pictures.
+            camera: name of a camera of the model; None for its first, or a free one if it has none.
+            width: of a picture, in pixels.
+            height: of a picture, in pixels.
+
+        Raises:
+            RequestError: if the task, the camera or the render mode does not exist; a ValueError.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise RequestError(f"render_mode is rgb_array or None, not {render_mode!r}.")
+        if render_mode is not None:
+            opengl.choose_backend()  # before dm_control is imported
+        found = find_task(task)
+        self.task, self.render_mode = task, render_mode
+        worlds = found.worlds(1)
+        assert isinstance(worlds, DmWorlds)
+        self._worlds, self._size = worlds, (height, width)
+        self._renderer: mujoco.Renderer | None = None
+        shape = (found.observation_size,)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
+        self.action_space = gymnasium.spaces.Box(-1, 1, (found.action_size,), np.float32)
+        if found.control_timestep:
+            self.metadata = {**self.metadata, "render_fps": round(1 / found.control_timestep)}
+        self._camera = None if render_mode is None else self._find_camera(camera)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begins an episode."""
+        super().reset(seed=seed)
+        return self._worlds.reset([self.np_random])[0].copy(), {}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Applies the action (action_size,) for one control step."""
+        if np.shape(action) != self.action_space.shape:
+            raise RequestError(
+                f"The action must have shape {self.action_space.shape}, not {np.shape(action)}."
+            )
+        observations, rewards = self._worlds.step(np.asarray(action)[None])
+        return observations[0].copy(), float(rewards[0]), False, False, {}
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Returns an image (height, width, 3), or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        physics = self._worlds.environments[0].physics
+        if self._renderer is None:
+            buffer = physics.model.ptr.vis.global_
+            buffer.offheight, buffer.offwidth = np.maximum(
+                (buffer.offheight, buffer.offwidth), self._size
+            ).tolist()
+            self._renderer = mujoco.Renderer(physics.model.ptr, *self._size)
+        self._renderer.update_scene(physics.data.ptr, self._camera)
+        picture: NDArray[np.uint8] = self._renderer.render()
+        return picture
+
+    def close(self) -> None:
+        """Frees the renderer and closes the environment."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+        self._worlds.close()
+
+    def _find_camera(self, name: str | None) -> int:
+        """Returns the number of a camera; -1 is the free one."""
+        physics = getattr(self._worlds.environments[0], "physics", None)
+        if physics is None:
+            raise RequestError(f"{self.task} has no MuJoCo physics to draw.")
+        model = physics.model.ptr
+        cameras = [model.camera(i).name for i in range(model.ncam)]
+        if name is None:
+            return 0 if cameras else -1
+        if name not in cameras:
+            choices = one_of(cameras) if cameras else "leave the camera out"
+            raise RequestError(f"{self.task} has no camera {name}; it has {choices}.")
+        return cameras.index(name)

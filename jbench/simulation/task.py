@@ -1,0 +1,101 @@
+"""The interface of a task: what engine, datasets, encoders and evaluations know of a robot."""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from jbench.closing import Closing
+from jbench.settings.specs import Specs
+
+State = dict[str, NDArray[Any]]
+"""What restores some worlds: arrays by name, each with a row per world."""
+
+
+class Step(NamedTuple):
+    """What follows from a control step.
+
+    Attributes:
+        observations: (worlds, size) float32, a new array.
+        rewards: (worlds,) in [0, 1].
+    """
+
+    observations: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+
+
+class Worlds(Closing):
+    """Robots of one task in separate worlds, stepped together; their episodes begin together.
+
+    A world's numbers depend neither on the other worlds nor on the number of threads. Use it as a
+    context manager: it may hold threads.
+    """
+
+    @abstractmethod
+    def reset(self, generators: Sequence[Generator]) -> NDArray[np.float32]:
+        """Begins an episode in each world and returns the observations (worlds, size).
+
+        Args:
+            generators: one per world, from which all its random numbers are drawn; may contain a
+                generator several times.
+        """
+
+    @abstractmethod
+    def step(self, actions: NDArray[np.floating]) -> Step:
+        """Applies actions (worlds, action_size), clipped to [-1, 1], for one control step."""
+
+    @abstractmethod
+    def state(self, rows: slice) -> State:
+        """Returns what `restore` needs of some worlds.
+
+        Raises:
+            WorkError: if the task's worlds have a state between two episodes only, and these are
+                within one.
+        """
+
+    @abstractmethod
+    def restore(self, rows: slice, state: State) -> NDArray[np.float32]:
+        """Restores what `state` returned; returns the observations (worlds, size) of all worlds."""
+
+    def points(self) -> NDArray[np.float32] | None:
+        """Returns x, y (m) and heading (rad) of each robot (worlds, 3), if the task has them."""
+        return None
+
+    def targets(self) -> dict[str, NDArray[np.float64]]:
+        """Returns the random numbers of the targets by name, each (worlds,)."""
+        return {}
+
+
+class Task(Protocol):
+    """A task with episodes of 1000 control steps, rewards in [0, 1] and actions in [-1, 1].
+
+    Attributes:
+        name: as typed, such as `face_direction`.
+        parts: number of values of each part of the observation, in order, by name.
+        action_size: number of actuators.
+        control_timestep: simulated seconds in a control step; None if unknown.
+        specs: what settings record of the task besides its name; None for those of the Jitterbug.
+    """
+
+    name: str
+    parts: Mapping[str, int]
+    action_size: int
+    control_timestep: float | None
+    specs: Specs | None
+
+    @property
+    def observation_size(self) -> int:
+        """Number of values of an observation, the paper's dim(O)."""
+        return sum(self.parts.values())
+
+    @abstractmethod
+    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> Worlds:
+        """Returns new worlds, before their first episode.
+
+        Args:
+            threads: that step them, including the caller's.
+            augment: seed of an augmented robot, of a task that has these.
+        """

@@ -1,0 +1,148 @@
+"""Tests of tasks of other robots against dm_control, and of those that are refused."""
+
+import gymnasium
+import numpy as np
+import pytest
+from dm_control import suite
+from gymnasium.envs.registration import registry
+
+import jbench.tasks  # noqa: F401 - registers the environments
+from jbench.errors import RequestError, WorkError
+from jbench.names import SUITE_TASKS
+from jbench.simulation import find_task
+from jbench.simulation.find import check_specs, checked_task
+
+OWN = "tests.simulation.own_tasks"
+STEPS = 300  # of 1000, which take a minute
+
+
+def flat(timestep):
+    values = timestep.observation.values()
+    return np.concatenate([np.ravel(value) for value in values]).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("acrobot-swingup", "cartpole-swingup", "cheetah-run", "finger-spin", "fish-swim"),
+        *("hopper-hop", "manipulator-bring_ball", "reacher-easy", "quadruped-walk"),
+        "swimmer-swimmer6",
+    ],
+)
+def test_episodes_equal_those_of_dm_control(name):
+    task = find_task(f"dmc:{name}")
+    domain, _, level = name.partition("-")
+    generators = [np.random.default_rng(seed) for seed in (3, 4)]
+    seeds = [int(np.random.default_rng(seed).integers(2**32)) for seed in (3, 4)]
+    environments = [suite.load(domain, level, task_kwargs={"random": seed}) for seed in seeds]
+    spec, random = environments[0].action_spec(), np.random.default_rng(0)
+    with task.worlds(2) as worlds:
+        worlds.reset([np.random.default_rng(9)] * 2)
+        worlds.step(np.zeros((2, task.action_size)))  # another episode before does not matter
+        seen = worlds.reset(generators)
+        np.testing.assert_array_equal(seen, [flat(one.reset()) for one in environments])
+        for _ in range(STEPS):
+            actions = random.uniform(-1.2, 1.2, (2, task.action_size))
+            step = worlds.step(actions)
+            share = (np.clip(actions, -1, 1) + 1) * ((spec.maximum - spec.minimum) / 2)
+            theirs = [
+                one.step(spec.minimum + a) for one, a in zip(environments, share, strict=True)
+            ]
+            np.testing.assert_allclose(step.rewards, [t.reward for t in theirs], rtol=0, atol=0)
+            np.testing.assert_array_equal(step.observations, [flat(t) for t in theirs])
+
+
+def test_worlds_resume_between_episodes_only():
+    task = find_task("dmc:reacher-easy")  # its target is part of the model
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, 1, 2))
+    with task.worlds(3) as worlds, task.worlds(3) as others:
+        worlds.reset([np.random.default_rng(seed) for seed in range(3)])
+        states = [worlds.state(slice(i, i + 1)) for i in range(3)]
+        first = [worlds.step(np.repeat(action, 3, axis=0)) for action in actions]
+        for i in (2, 0, 1):
+            others.restore(slice(i, i + 1), states[i])
+        again = [others.step(np.repeat(action, 3, axis=0)) for action in actions]
+        for one, other in zip(first, again, strict=True):
+            np.testing.assert_array_equal(one.observations, other.observations)
+        with pytest.raises(WorkError, match="between two episodes"):
+            worlds.state(slice(0, 1))
+
+
+def test_names_of_suite_are_those_of_dm_control():
+    left_out = ("lqr", "jitterbug", "augmented_jitterbug")
+    theirs = {f"dmc:{d}-{task}" for d, task in suite.ALL_TASKS if d not in left_out}
+    assert set(SUITE_TASKS) == theirs
+
+
+def test_actions_of_own_task_are_scaled_and_its_seed_is_used():
+    task = checked_task(f"{OWN}:Integrator")
+    assert dict(task.parts) == {"place": 4, "height": 1}
+    with task.worlds(2) as worlds:
+        one, other = worlds.reset([np.random.default_rng(0), np.random.default_rng(1)])
+        assert (one != other).all()
+        again = worlds.reset([np.random.default_rng(0), np.random.default_rng(0)])
+        np.testing.assert_array_equal(again, [one, one])
+        observations, rewards = worlds.step(np.array([[-1, 1], [0, 5]]))
+    # -1 and 1 are -2 and 3, and 0 is their middle; 5 is clipped.
+    place = 0.9 * one[:4].reshape(2, 2) + 0.1 * np.array([-2, 3])
+    np.testing.assert_allclose(observations[0, :4], place.ravel(), rtol=1e-6)
+    np.testing.assert_allclose(rewards[0], np.exp(-np.square(place).sum()), rtol=1e-6)
+    place = 0.9 * one[:4].reshape(2, 2) + 0.1 * np.array([0.5, 3])
+    np.testing.assert_allclose(observations[1, :4], place.ravel(), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        (f"{OWN}:EndsEarly", "at control step 5, its episode ends, but must last 1000"),
+        (f"{OWN}:WrongReward", "its reward is 1.*, not in"),
+        (f"{OWN}:NotFinite", "at control step 3, height of its observation is not finite"),
+        (f"{OWN}:ChangesSize", "at control step 4, its observation has 6 values instead of 5"),
+        (f"{OWN}:Unnamed", "its observation has no names"),
+        (f"{OWN}:Integers", "its actions are int32 of shape"),
+        (f"{OWN}:Unbounded", r"its actions are in \[-inf, inf\]; give them finite bounds"),
+        (f"{OWN}:Broken", r"it fails \(OSError: no motor\)"),
+        (f"{OWN}:unseeded", "its episodes can't be seeded"),
+        (f"{OWN}:nothing", "it is a NoneType, not a dm_env.Environment"),
+        (f"{OWN}:number", "is of type int; name a function"),
+        ("dmc:lqr-lqr_2_1", r"its actions are in .*1e\+10; give them finite bounds"),
+        ("dmc:cheetah-ran", "did you mean dmc:cheetah-run?"),
+        ("walker-walk", "did you mean dmc:walker-walk?"),
+        ("dmc:jitterbug-face_direction", "did you mean face_direction?"),
+    ],
+)
+def test_task_that_is_refused(name, sentence):
+    with pytest.raises(RequestError, match=sentence) as raised:
+        checked_task(name)
+    assert str(raised.value).count(". ") == 0
+    assert str(raised.value).endswith(".")
+
+
+def test_changed_task_is_refused():
+    specs = find_task("dmc:cheetah-run").specs
+    check_specs("dmc:cheetah-run", specs)
+    with pytest.raises(RequestError, match="has changed since it was recorded: its model differ"):
+        check_specs("dmc:cheetah-run", specs.model_copy(update={"model": "0" * 64}))
+
+
+def test_hash_of_model_is_that_of_the_body():
+    hashes = {
+        name: find_task(f"dmc:{name}").specs.model
+        for name in ("walker-walk", "walker-run", "hopper-hop")
+    }
+    assert hashes["walker-walk"] == hashes["walker-run"] != hashes["hopper-hop"]
+
+
+def test_gymnasium_environment_is_a_world_of_the_task():
+    env = gymnasium.make("jbench/dmc-quadruped-walk-v0")
+    seen, _ = env.reset(seed=5)
+    with find_task("dmc:quadruped-walk").worlds(1) as worlds:
+        generator = np.random.default_rng(np.random.SeedSequence(5))
+        np.testing.assert_array_equal(worlds.reset([generator])[0], seen)
+        action = np.full(12, 0.3, np.float32)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        step = worlds.step(action[None])
+    np.testing.assert_array_equal(step.observations[0], observation)
+    assert (reward, terminated, truncated) == (step.rewards[0], False, False)
+    assert env.spec.max_episode_steps == 1000
+    assert {f"jbench/{task.replace(':', '-')}-v0" for task in SUITE_TASKS} <= set(registry)

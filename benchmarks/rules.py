@@ -32,14 +32,14 @@ class TD3(Rule):
     losses: ClassVar[dict[str, str]] = {"critic_loss": "critics", "actor_loss": "actor"}
     targets = ("actor", "critics")
     delayed = ("actor", "actor_target", "critics_target")
-    noise_per_transition = 1
 
-    def __init__(self, settings: TD3Settings, observation_size: int) -> None:
+    def __init__(self, settings: TD3Settings, observation_size: int, action_size: int = 1) -> None:
         """See `Rule`."""
-        super().__init__(settings, observation_size)
-        hidden = settings.hidden_layers
-        self.actor = mlp(observation_size, *hidden, 1)
-        self.critics = nn.ModuleList(mlp(observation_size + 1, *hidden, 1) for _ in range(2))
+        super().__init__(settings, observation_size, action_size)
+        self.noise_per_transition = action_size
+        hidden, inputs = settings.hidden_layers, observation_size + action_size
+        self.actor = mlp(observation_size, *hidden, action_size)
+        self.critics = nn.ModuleList(mlp(inputs, *hidden, 1) for _ in range(2))
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """See `Rule`."""

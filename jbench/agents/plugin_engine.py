@@ -141,7 +141,8 @@ class PluginEngine(Closing):
             UnsupportedPolicyError: if it is not a sequence of supported layers.
         """
         module = self._module()
-        return None if module is None else network_of(module, self.environments.size)
+        sizes = self.environments.size, self.environments.action_size
+        return None if module is None else network_of(module, *sizes)
 
     def losses(self, seed: int) -> dict[str, float]:
         """Returns the last losses by database name; empty before the first."""

@@ -67,7 +67,7 @@ def build(algo: str, settings: AlgorithmSettings, env: VecEnv, seed: int) -> Bas
     arguments: dict[str, Any] = settings.model_dump(exclude=_OURS)
     kind = CLASSES[algo]
     if isinstance(settings, OffPolicySettings):
-        arguments["action_noise"] = _noise(settings)
+        arguments["action_noise"] = _noise(settings, env.action_space.shape)
         if algo == "ddpg" and not settings.uniform_warmup:
             kind = _DDPGWithPolicyWarmup
     agent = kind(
@@ -100,8 +100,8 @@ def policy(agent: BaseAlgorithm) -> Policy:
     )
 
 
-def _noise(settings: OffPolicySettings) -> ActionNoise | None:
-    mean, sigma = np.array([settings.noise_mean]), np.array([settings.noise_sigma])
+def _noise(settings: OffPolicySettings, shape: Any) -> ActionNoise | None:
+    mean, sigma = np.full(shape, settings.noise_mean), np.full(shape, settings.noise_sigma)
     if settings.action_noise == "normal":
         return NormalActionNoise(mean, sigma)
     if settings.action_noise == "ornstein-uhlenbeck":

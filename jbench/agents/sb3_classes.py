@@ -72,14 +72,20 @@ def settings_of(name: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
     return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
 
 
-def check(name: str, settings: Mapping[str, Any], observation_size: int, environments: int) -> None:
+def check(
+    name: str,
+    settings: Mapping[str, Any],
+    observation_size: int,
+    environments: int,
+    action_size: int = 1,
+) -> None:
     """Builds an agent once, to see whether its class takes the settings.
 
     Raises:
         RequestError: if it does not, can't be trained in several environments, or its policy can't
             be saved.
     """
-    env = DummyVecEnv([lambda: Spaces(observation_size)] * environments)
+    env = DummyVecEnv([lambda: Spaces(observation_size, action_size)] * environments)
     try:
         agent = build(name, settings, env, seed=0)
     except Exception as error:
@@ -116,8 +122,9 @@ def build(name: str, settings: Mapping[str, Any], env: VecEnv, seed: int) -> Bas
     arguments: dict[str, Any] = {
         n: tuple(v) if isinstance(v, list) else v for n, v in settings.items()
     }
+    shape: Any = env.action_space.shape
     if isinstance(sigma := arguments.get("action_noise"), int | float):
-        arguments["action_noise"] = NormalActionNoise(np.zeros(1), np.full(1, sigma))
+        arguments["action_noise"] = NormalActionNoise(np.zeros(shape), np.full(shape, sigma))
     if isinstance(arguments.get("policy_kwargs"), Mapping):
         arguments["policy_kwargs"] = {
             n: getattr(nn, v) if n.endswith("_fn") and isinstance(v, str) else v
@@ -141,7 +148,7 @@ def _is_json(value: Any) -> bool:
 class Spaces(gymnasium.Env[Any, Any]):
     """An environment of which only the spaces are used."""
 
-    def __init__(self, observation_size: int) -> None:
+    def __init__(self, observation_size: int, action_size: int = 1) -> None:
         shape = (observation_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
-        self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1, 1, (action_size,), np.float32)

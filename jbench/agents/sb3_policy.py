@@ -21,7 +21,8 @@ def network_of_model(model: Any, inputs: int) -> Network:
     owner = policy.actor if hasattr(policy, "actor") else policy
     if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
         raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
-    network = network_of(actor_of(policy), inputs)
+    (outputs,) = model.action_space.shape
+    network = network_of(actor_of(policy), inputs, outputs)
     return Network([*_normalization_layers(model), *network.layers])
 
 

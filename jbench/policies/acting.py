@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
 
 Actor = Any
-"""A torch module, a model or policy of stable-baselines3, or a function: actions (n, 1) for
-observations (n, size) as float32 arrays (as tensors for a module). It must be deterministic."""
+"""A torch module, a model or policy of stable-baselines3, or a function: actions (n, action_size)
+for observations (n, size) as float32 arrays (as tensors for a module). It must be deterministic."""
 
 
 @contextlib.contextmanager
-def acting(actor: Actor) -> Iterator[Act]:
+def acting(actor: Actor, action_size: int) -> Iterator[Act]:
     """Yields the function that acts, with modules in evaluation mode and without gradients.
 
     The caller's modules and torch's generator are as before afterwards.
@@ -36,7 +36,7 @@ def acting(actor: Actor) -> Iterator[Act]:
         try:
             if isinstance(actor, nn.Module):
                 actor.eval()
-            yield _checked(_function(actor))
+            yield _checked(_function(actor), action_size)
         finally:
             for module, mode in zip(modules, modes, strict=True):
                 module.training = mode
@@ -84,14 +84,14 @@ def normalization(model: Any) -> "VecNormalize | None":
     return found if isinstance(found, VecNormalize) and found.norm_obs else None
 
 
-def _checked(function: Callable[[NDArray[np.float32]], Any]) -> Act:
+def _checked(function: Callable[[NDArray[np.float32]], Any], action_size: int) -> Act:
     """Returns the function with its actions as an array of the right shape."""
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
         answer = function(observations)
         if isinstance(answer, torch.Tensor):
             answer = answer.detach().to("cpu", torch.float32).numpy()
-        wanted = (len(observations), 1)
+        wanted = (len(observations), action_size)
         if isinstance(answer, tuple) or np.shape(answer) != wanted:
             found = "a tuple" if isinstance(answer, tuple) else f"the shape {np.shape(answer)}"
             raise RequestError(

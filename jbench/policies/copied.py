@@ -47,15 +47,16 @@ class UnsupportedPolicyError(RequestError):
         )
 
 
-def network_of(module: object, inputs: int) -> Network:
+def network_of(module: object, inputs: int, outputs: int) -> Network:
     """Returns a copy of a module as a policy.
 
     The computation is traced (`torch.fx`), and the result is compared with the module on random
     observations.
 
     Args:
-        module: takes observations (n, inputs) and returns actions (n, 1).
+        module: takes observations (n, inputs) and returns actions (n, outputs).
         inputs: size of an (encoded) observation.
+        outputs: size of an action.
 
     Raises:
         UnsupportedPolicyError: if it is not a sequence of supported layers.
@@ -70,7 +71,7 @@ def network_of(module: object, inputs: int) -> Network:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UnsupportedPolicyError(f"its computation can't be traced ({reason})") from None
     network = Network(_Chain(module, graph).layers())
-    _check(network, module, inputs)
+    _check(network, module, inputs, outputs)
     return network
 
 
@@ -185,17 +186,18 @@ def _array(value: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
     return np.array(value, np.float32)
 
 
-def _check(network: Network, module: nn.Module, inputs: int) -> None:
+def _check(network: Network, module: nn.Module, inputs: int, outputs: int) -> None:
     """Compares a policy with the module that it was made from."""
     if not any(layer.kind == "linear" for layer in network.layers):
         raise UnsupportedPolicyError("it has no Linear layer")
-    if (network.inputs, network.outputs) != (inputs, 1):
+    if (network.inputs, network.outputs) != (inputs, outputs):
         raise UnsupportedPolicyError(
-            f"it has {network.inputs} inputs and {network.outputs} outputs, not {inputs} and 1"
+            f"it has {network.inputs} inputs and {network.outputs} outputs, not {inputs} and "
+            f"{outputs}"
         )
     observations = np.random.default_rng(0).normal(size=(_CHECKED, inputs)).astype(np.float32)
     try:
-        with acting(module) as act:
+        with acting(module, outputs) as act:
             wanted = np.clip(act(observations), -1, 1)
     except RequestError as error:
         raise UnsupportedPolicyError(f"it can't act ({str(error).rstrip('.')})") from None

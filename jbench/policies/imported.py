@@ -1,6 +1,6 @@
 """Policies of other packages: entry points of the group `jbench.policies`, and MODULE:NAME.
 
-A policy is a function from observations (n, size) to actions (n, 1), a torch module, a
+A policy is a function from observations (n, size) to actions (n, action_size), a torch module, a
 stable-baselines3 model, or an object with `act` and optionally `reset(robots)`. A class is called
 with the name of the task, and its object is the policy.
 """
@@ -61,7 +61,7 @@ class ImportedPolicy:
             RequestError: if it does not exist, or its actions are wrong.
             WorkError: if its module or its class raises an error.
         """
-        self._name = name
+        self._name, self._action_size = name, 1
         if plugins.is_imported(name):
             found = plugins.imported("policy", name)
         else:
@@ -78,13 +78,13 @@ class ImportedPolicy:
         self._attempt(self._reset, robots)
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns actions (robots, 1) for observations (robots, dim(O)).
+        """Returns actions (robots, action_size) for observations (robots, dim(O)).
 
         Raises:
             RequestError: if they have the wrong shape or are not finite.
             WorkError: if the policy raises an error.
         """
-        with acting(self._actor) as act:
+        with acting(self._actor, self._action_size) as act:
             actions: NDArray[np.floating] = self._attempt(act, observations)
         return actions.clip(-1, 1)
 

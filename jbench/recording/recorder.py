@@ -233,7 +233,7 @@ class Recording:
         writer = self._running()
         if not writer.evaluation_due():
             return None
-        with acting(actor) as act:
+        with acting(actor, 1) as act:
             return writer.evaluate(act, self.control_steps)
 
     def keep_policy(self, actor: Actor) -> None:

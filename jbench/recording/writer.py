@@ -173,7 +173,7 @@ def copied_network(actor: Actor, inputs: int) -> Network:
         UnsupportedPolicyError: if it is not a sequence of supported layers.
     """
     if isinstance(actor, nn.Module):
-        return network_of(actor, inputs)
+        return network_of(actor, inputs, 1)
     if hasattr(actor, "predict") and hasattr(actor, "policy"):
         from jbench.agents.sb3_policy import network_of_model
 

@@ -10,9 +10,9 @@ from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.make import LEARNERS
 from jbench.agents.batched.network import affines
-from jbench.agents.batched.tensors import SeedView, Tensors
+from jbench.agents.batched.tensors import SeedView, Tensors, aligned
+from jbench.agents.sb3_classes import Spaces
 from jbench.settings.algorithms import algorithm_settings
-from jbench.tasks.gym import JitterbugEnv
 
 SIZE = 16  # of an observation of face_direction
 TRANSITIONS = 500
@@ -26,11 +26,11 @@ def settings_of(algo, **overrides):
     return algorithm_settings(algo, overrides=small | overrides)
 
 
-def oracle_of(algo, settings, dtype, monkeypatch):
+def oracle_of(algo, settings, dtype, monkeypatch, actions=1):
     """An agent of stable-baselines3 that computes in the given precision."""
     # By default it converts observations to float32.
     monkeypatch.setattr(policies, "preprocess_obs", lambda observations, *_, **__: observations)
-    env = DummyVecEnv([lambda: JitterbugEnv("face_direction")] * getattr(settings, "n_envs", 1))
+    env = DummyVecEnv([lambda: Spaces(SIZE, actions)] * getattr(settings, "n_envs", 1))
     agent = sb3.build(algo, settings, env, seed=0)
     agent.policy.to(dtype)
     if getattr(agent, "log_ent_coef", None) is not None:
@@ -121,16 +121,20 @@ def ours(algo, learner, tensors, seed=0):
                 flats[network] = flat
         if algo == "ppo":
             flat = flats.pop("policy")
-            flats |= {"actor": flat[:actor], "critic": flat[actor + 16 :]}
-            tensors_by_name |= {f"log_sigma {suffix}".strip(): flat[actor : actor + 1]}
+            size = learner.action_size
+            flats |= {"actor": flat[:actor], "critic": flat[actor + aligned(size) :]}
+            tensors_by_name |= {f"log_sigma {suffix}".strip(): flat[actor : actor + size]}
         if algo == "sac":
             temperature = flats.pop("log_temperature", None)
             if "log_temperature.steps" in saved:
                 tensors_by_name |= {f"log_temperature {suffix}".strip(): temperature}
         flats.pop("losses", None)
         for network, flat in flats.items():
-            is_critic = algo != "ppo" and network.startswith("critic")
-            sizes = learner.value_sizes if is_critic else learner.actor.sizes
+            if algo == "ppo":
+                sizes = getattr(learner, network).sizes
+            else:
+                is_critic = network.startswith("critic")
+                sizes = learner.value_sizes if is_critic else learner.actor.sizes
             for i, affine in enumerate(affines(flat, sizes)):
                 tensors_by_name[f"{network} weight{i} {suffix}".strip()] = affine.weight.mT
                 tensors_by_name[f"{network} bias{i} {suffix}".strip()] = affine.bias
@@ -151,13 +155,13 @@ def largest_difference(mine, their):
     return max(float((mine[name].double() - their[name].double()).abs().max()) for name in mine)
 
 
-def transitions(seed=1):
+def transitions(actions=1):
     """Random observations, actions, rewards, next observations (float32) and ends."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(1)
     observations, next_observations = random.normal(size=(2, TRANSITIONS, SIZE)).astype(np.float32)
-    actions = random.uniform(-1, 1, (TRANSITIONS, 1)).astype(np.float32)
+    taken = random.uniform(-1, 1, (TRANSITIONS, actions)).astype(np.float32)
     rewards = random.uniform(0, 1, TRANSITIONS).astype(np.float32)
-    return observations, actions, rewards, next_observations, random.uniform(size=TRANSITIONS) < 0.1
+    return observations, taken, rewards, next_observations, random.uniform(size=TRANSITIONS) < 0.1
 
 
 def fill(agent, data):
@@ -168,7 +172,7 @@ def fill(agent, data):
 
 def next_batch(data, settings, draws, dtype, update):
     """Returns the batch that the agent samples next, and seeds its random numbers."""
-    size = settings.batch_size
+    size, shape = settings.batch_size, (settings.batch_size, data[1].shape[1])
 
     def set_seeds():
         np.random.seed(update)
@@ -176,14 +180,15 @@ def next_batch(data, settings, draws, dtype, update):
 
     set_seeds()
     indices = np.random.randint(0, TRANSITIONS, size=size)
-    noise = [torch.empty(size, 1, dtype=dtype).normal_() for _ in range(draws)]
+    noise = [torch.empty(shape, dtype=dtype).normal_() for _ in range(draws // shape[1])]
     set_seeds()
     observations, actions, rewards, next_observations, ends = (
         torch.as_tensor(part[indices]).to(dtype) for part in data
     )
     return Batch(
         torch.cat([observations, actions, rewards[:, None]], dim=1),
-        torch.cat([next_observations, torch.zeros(size, 2, dtype=dtype)], dim=1),
+        torch.cat([next_observations, torch.zeros(size, shape[1] + 1, dtype=dtype)], dim=1),
         settings.gamma * (1 - ends[:, None]),
         torch.cat([torch.empty(size, 0, dtype=dtype), *noise], dim=1),
+        shape[1],
     )

@@ -35,9 +35,10 @@ class REDQ(TD3):
 
     delayed = ()
 
-    def __init__(self, settings, observation_size):
-        super().__init__(settings, observation_size)
-        self.critics = nn.ModuleList(mlp(observation_size + 1, 8, 1) for _ in range(4))
+    def __init__(self, settings, observation_size, action_size):
+        super().__init__(settings, observation_size, action_size)
+        inputs = observation_size + action_size
+        self.critics = nn.ModuleList(mlp(inputs, 8, 1) for _ in range(4))
         self.noise_per_transition = len(self.critics)
 
     def values(self, critics, observations, actions):
@@ -62,22 +63,24 @@ RULES = pytest.mark.parametrize(
 )
 
 
-def learners(rule, settings, dtype=torch.float32, seeds=1):
+def learners(rule, settings, dtype=torch.float32, seeds=1, actions=1):
     """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
     views = [SeedView(tensors), *(SeedView(tensors, seed) for seed in range(seeds))]
-    make = partial(AutogradLearner, settings, SIZE, 1, rule=make_rule(rule, settings, SIZE))
+    made = make_rule(rule, settings, SIZE, actions)
+    make = partial(AutogradLearner, settings, SIZE, actions, rule=made)
     stack, *each = (make(view) for view in views)
     for seed, learner in enumerate(each):
         learner.initialize(torch.Generator().manual_seed(seed))
     return tensors, each, stack
 
 
-def batches(rule, count, dtype=torch.float64, seeds=()):
-    """Random minibatches as tuples of tensors."""
+def batches(learner, count, dtype=torch.float64, seeds=()):
+    """Random numbers of minibatches."""
     random = torch.Generator().manual_seed(1)
     for _ in range(count):
-        widths = (SIZE + 2, SIZE + 2, 1, rule.noise_per_transition)
+        width = SIZE + learner.action_size + 1
+        widths = (width, width, 1, learner.noise_per_transition)
         yield [torch.randn(*seeds, 32, width, generator=random, dtype=dtype) for width in widths]
 
 

@@ -48,20 +48,21 @@ def td3_parameters(learner):
     }
 
 
+@pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize("dtype", PRECISION, ids=str)
-def test_td3_rule_equals_builtin_td3(dtype):
+def test_td3_rule_equals_builtin_td3(dtype, actions):
     settings = settings_of("td3")
-    own_tensors, (own,), _ = learners_of("td3", settings, dtype)
-    tensors, (learner,), _ = learners(TD3, settings, dtype)
+    own_tensors, (own,), _ = learners_of("td3", settings, dtype, action_size=actions)
+    tensors, (learner,), _ = learners(TD3, settings, dtype, actions=actions)
     own.initialize(torch.Generator().manual_seed(3))
     for name, values in td3_parameters(own).items():
         learner._parameters[name].copy_(values)
     first = td3_parameters(own)["actor.0.weight"].clone()
-    for update, numbers in enumerate(batches(TD3, 100, dtype), 1):
+    for update, numbers in enumerate(batches(learner, 100, dtype), 1):
         for each in (own, learner):
             delayed = each.is_delayed_update(update, 0)
             each.reset_losses([delayed])
-            each.update(Batch(*(part.clone() for part in numbers)), delayed)
+            each.update(Batch(*(part.clone() for part in numbers), actions), delayed)
         if update in (1, 10, 100):
             expected = td3_parameters(own)
             assert learner._parameters.keys() == expected.keys()
@@ -75,19 +76,20 @@ def test_td3_rule_equals_builtin_td3(dtype):
     assert (td3_parameters(own)["actor.0.weight"] - first).abs().max() > 0.01
 
 
+@pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize(
     ("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS), (REDQ, TD3_SETTINGS)]
 )
-def test_stacked_updates_equal_those_of_single_seeds(rule, settings):
+def test_stacked_updates_equal_those_of_single_seeds(rule, settings, actions):
     (alone, each, _), (together, _, stack) = (
-        learners(rule, settings, torch.float64, seeds=3) for _ in range(2)
+        learners(rule, settings, torch.float64, 3, actions) for _ in range(2)
     )
     assert not torch.equal(alone.saved["rule.actor"][0], alone.saved["rule.actor"][1])
     for update, numbers in enumerate(batches(stack, 6, seeds=(3,)), 1):
         delayed = stack.is_delayed_update(update, 0)
         for seed, learner in enumerate(each):
-            learner.update(Batch(*(part[seed] for part in numbers)), delayed)
-        stack.update(Batch(*numbers), delayed)
+            learner.update(Batch(*(part[seed] for part in numbers), actions), delayed)
+        stack.update(Batch(*numbers, actions), delayed)
     assert alone.saved.keys() == together.saved.keys()
     for name, saved in alone.saved.items():
         torch.testing.assert_close(together.saved[name], saved, rtol=0, atol=1e-10)
@@ -227,7 +229,7 @@ def test_update_without_delayed_networks_changes_only_critics():
     _, (learner,), _ = learners(TD3, TD3_SETTINGS)
     assert [learner.is_delayed_update(update, 0) for update in (1, 2, 3, 4)] == [False, True] * 2
     before = {name: values.clone() for name, values in learner._parameters.items()}
-    (numbers,) = batches(TD3, 1, torch.float32)
+    (numbers,) = batches(learner, 1, torch.float32)
     learner.update(Batch(*numbers), delayed=False)
     changed = {n for n, values in learner._parameters.items() if not torch.equal(values, before[n])}
     assert {name.split(".")[0] for name in changed} == {"critics"}

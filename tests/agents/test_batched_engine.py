@@ -337,8 +337,8 @@ class GlobalNormals:
 @pytest.mark.parametrize("algo", ["ddpg", "td3"])
 def test_action_noise_equals_stable_baselines3(algo):
     settings = settings_of(algo)
-    ours, theirs = ActionNoise(settings, (1, 1, 1)), sb3._noise(settings)
-    stream = GlobalNormals(100)
+    ours, theirs = ActionNoise(settings, (1, 1, 3)), sb3._noise(settings, (3,))
+    stream = GlobalNormals(300)
     for number in range(100):
         np.testing.assert_allclose(ours.draw([stream])[0, 0], theirs(), rtol=1e-6)
         if number == 60:

@@ -5,8 +5,10 @@ import torch
 from torch import nn
 
 from benchmarks.rules import TD3
-from jbench.errors import WorkError
+from jbench.agents.batched.rule_check import checked_rule
+from jbench.errors import RequestError, WorkError
 from jbench.policies.copied import UnsupportedPolicyError
+from tests.agents.batched_oracle import SIZE
 from tests.agents.small_rules import TD3_SETTINGS, engine_of
 
 
@@ -121,6 +123,34 @@ def test_faulty_rule_is_refused_before_training(rule, sentence):
 def test_policy_that_cannot_be_saved_is_refused_before_training():
     with pytest.raises(UnsupportedPolicyError, match="Softsign"):
         engine_of(with_actor(nn.Softsign(), nn.Linear(8, 1)), TD3_SETTINGS, [0])
+
+
+class ForOneAction(TD3):
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+
+
+class WithOneOutput(TD3):
+    def __init__(self, settings, observation_size, action_size):
+        super().__init__(settings, observation_size, action_size)
+        self.actor = nn.Sequential(nn.Linear(observation_size, 1))
+
+
+class Forgetful(TD3):
+    def __init__(self, settings, observation_size, action_size):
+        super().__init__(settings, observation_size)
+
+
+def test_rule_for_one_action_is_refused_for_six():
+    assert checked_rule(ForOneAction, TD3_SETTINGS, SIZE, 1).action_size == 1
+    with pytest.raises(RequestError, match="ForOneAction is for tasks with one action, and this t"):
+        checked_rule(ForOneAction, TD3_SETTINGS, SIZE, 6)
+    for rule, sentence in (
+        (WithOneOutput, "its actor has 1 outputs, and an action has 6 numbers"),
+        (Forgetful, "its __init__ does not pass action_size on to Rule.__init__"),
+    ):
+        with pytest.raises(WorkError, match=f"The rule {rule.__name__} .*{sentence}"):
+            checked_rule(rule, TD3_SETTINGS, SIZE, 6)
 
 
 def test_policy_keeps_layers_other_than_relu():

@@ -36,9 +36,9 @@ def mean_losses(learner, tensors):
     return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
 
 
-def update_both(algo, agent, learner, tensors, settings, updates):
+def update_both(agent, learner, tensors, settings, updates):
     """Updates agent and learner on the same batches; yields after each update."""
-    dtype, data = tensors.dtype, transitions()
+    dtype, data = tensors.dtype, transitions(learner.action_size)
     fill(agent, data)
     for update in range(1, updates + 1):
         batch = next_batch(data, settings, learner.noise_per_transition, dtype, update)
@@ -50,19 +50,20 @@ def update_both(algo, agent, learner, tensors, settings, updates):
 
 
 @pytest.mark.parametrize(
-    ("algo", "dtype"),
+    ("algo", "dtype", "actions"),
     [
-        *((algo, torch.float64) for algo in ("ddpg", "td3", "sac")),
-        *(slow(algo, torch.float32) for algo in ("ddpg", "td3")),
-        ("sac", torch.float32),
+        *((algo, torch.float64, size) for algo in ("ddpg", "td3", "sac") for size in (1, 6)),
+        *(slow(algo, torch.float32, 1) for algo in ("ddpg", "td3")),
+        ("sac", torch.float32, 1),
     ],
 )
-def test_off_policy_updates_equal_stable_baselines3(algo, dtype, monkeypatch):
-    settings = settings_of(algo)
-    agent = oracle_of(algo, settings, dtype, monkeypatch)
-    tensors, (learner,), _ = learners_of(algo, settings, dtype)
+def test_off_policy_updates_equal_stable_baselines3(algo, dtype, actions, monkeypatch):
+    # In both, the target entropy of SAC is minus the size of an action.
+    settings = settings_of(algo, **({"target_entropy": "auto"} if algo == "sac" else {}))
+    agent = oracle_of(algo, settings, dtype, monkeypatch, actions)
+    tensors, (learner,), _ = learners_of(algo, settings, dtype, action_size=actions)
     copy_initial_parameters(algo, agent, learner, tensors)
-    for update in update_both(algo, agent, learner, tensors, settings, 100):
+    for update in update_both(agent, learner, tensors, settings, 100):
         if update in (1, 10, 100):
             mine, their = ours(algo, learner, tensors), theirs(algo, agent)
             assert largest_difference(mine, their) < PRECISION[dtype]
@@ -84,7 +85,7 @@ def test_updates_with_other_settings_equal_stable_baselines3(algo, changes, monk
     agent = oracle_of(algo, settings, torch.float64, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
     copy_initial_parameters(algo, agent, learner, tensors)
-    for _ in update_both(algo, agent, learner, tensors, settings, 10):
+    for _ in update_both(agent, learner, tensors, settings, 10):
         pass
     assert largest_difference(ours(algo, learner, tensors), theirs(algo, agent)) < 1e-10
 
@@ -121,18 +122,17 @@ def rollout_of(agent, settings, data):
     buffer.reset()
     observations, actions, rewards, *_ = (part[: shape[0] * shape[1]] for part in data)
     buffer.observations = observations.reshape(*shape, SIZE)
-    buffer.actions = actions.reshape(*shape, 1)
+    buffer.actions = actions.reshape(*shape, -1)
     buffer.rewards = rewards.reshape(shape)
     buffer.values = random.normal(size=shape).astype(np.float32)
     buffer.log_probs = random.normal(-1, 0.3, shape).astype(np.float32)
     ends = random.uniform(size=shape[0]) < 0.1
     buffer.episode_starts[1:] = ends[:-1, None]
     buffer.pos, buffer.full = shape[0], True
-    ours_ = Rollout(1, shape[1], shape[0], SIZE, 1)
+    ours_ = Rollout(1, shape[1], shape[0], SIZE, actions.shape[1])
     for step in range(shape[0]):
-        outputs = np.stack(
-            [buffer.actions[step, :, 0], buffer.log_probs[step], buffer.values[step]], axis=-1
-        )
+        likelihoods, values = buffer.log_probs[step][:, None], buffer.values[step][:, None]
+        outputs = np.concatenate([buffer.actions[step], likelihoods, values], axis=-1)
         ours_.add(
             torch.from_numpy(buffer.observations[step][None].copy()),
             torch.from_numpy(outputs[None]),
@@ -147,6 +147,7 @@ def rollout_of(agent, settings, data):
 
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch")
 @PRECISIONS
+@pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize(
     ("epochs", "batch_size", "changes"),
     [
@@ -159,13 +160,15 @@ def rollout_of(agent, settings, data):
         (3, 40, {"ent_coef": 0.0, "clip_range": 0.05}),
     ],
 )
-def test_ppo_updates_equal_stable_baselines3(epochs, batch_size, changes, dtype, monkeypatch):
+def test_ppo_updates_equal_stable_baselines3(
+    epochs, batch_size, changes, actions, dtype, monkeypatch
+):
     changes = {"n_envs": 2, "n_steps": 60, "n_epochs": epochs, "batch_size": batch_size} | changes
     settings = settings_of("ppo", **changes)
-    agent = oracle_of("ppo", settings, dtype, monkeypatch)
-    tensors, (learner,), _ = learners_of("ppo", settings, dtype)
+    agent = oracle_of("ppo", settings, dtype, monkeypatch, actions)
+    tensors, (learner,), _ = learners_of("ppo", settings, dtype, action_size=actions)
     copy_initial_parameters("ppo", agent, learner, tensors)
-    rollout = rollout_of(agent, settings, transitions())
+    rollout = rollout_of(agent, settings, transitions(actions))
     rows = rollout.rows.flatten(0, 2).to(dtype)
     np.random.seed(3)
     agent.train()
@@ -173,7 +176,7 @@ def test_ppo_updates_equal_stable_baselines3(epochs, batch_size, changes, dtype,
     for _ in range(epochs):
         order = torch.from_numpy(np.random.permutation(120))
         for indices in order.split(batch_size):
-            learner.update(minibatch_of(rows[indices], 1))
+            learner.update(minibatch_of(rows[indices], actions))
     assert (
         largest_difference(ours("ppo", learner, tensors), theirs("ppo", agent)) < (PRECISION[dtype])
     )
@@ -190,25 +193,26 @@ def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
         np.testing.assert_array_equal(rollout.rows[0, :, :, column].numpy().T, expected)
 
 
+@pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
-def test_actions_equal_stable_baselines3(algo, monkeypatch):
+def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
     settings = settings_of(algo, **({"n_envs": 1} if algo == "ppo" else {}))
-    agent = oracle_of(algo, settings, torch.float64, monkeypatch)
-    tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
+    agent = oracle_of(algo, settings, torch.float64, monkeypatch, actions)
+    tensors, (learner,), _ = learners_of(algo, settings, torch.float64, action_size=actions)
     copy_initial_parameters(algo, agent, learner, tensors)
     observations = torch.from_numpy(transitions()[0][:40]).double()
     acting = agent.policy if algo == "ppo" else agent.actor
     expected = acting._predict(observations, deterministic=True).detach()
     torch.testing.assert_close(learner.act(observations), expected.clamp(-1, 1))
     torch.manual_seed(4)
-    noise = torch.empty(40, 1, dtype=torch.float64).normal_()
+    noise = torch.empty(40, actions, dtype=torch.float64).normal_()
     torch.manual_seed(4)
     if algo == "ppo":
         with torch.no_grad():
-            expected = torch.cat([part.view(40, 1) for part in agent.policy(observations)[::2]], 1)
+            expected = torch.cat([part.view(40, -1) for part in agent.policy(observations)[::2]], 1)
             value = agent.policy.predict_values(observations)
-        torch.testing.assert_close(learner.explore(observations, noise)[:, :2], expected)
-        torch.testing.assert_close(learner.explore(observations, noise)[:, 2:], value)
+        torch.testing.assert_close(learner.explore(observations, noise)[:, :-1], expected)
+        torch.testing.assert_close(learner.explore(observations, noise)[:, -1:], value)
     elif learner.is_stochastic:
         expected = agent.actor._predict(observations, deterministic=False).detach()
         torch.testing.assert_close(learner.explore(observations, noise), expected)

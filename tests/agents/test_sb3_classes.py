@@ -61,22 +61,25 @@ def test_run_of_class_is_recorded(finished):
     assert record.rows("evaluations") == 1
 
 
-def test_extracted_policy_equals_model():
-    agent = sb3_classes.build(NAME, SMALL, _env(), 3)
+@pytest.mark.parametrize("actions", [1, 6])
+def test_extracted_policy_equals_model(actions):
+    agent = sb3_classes.build(NAME, SMALL, _env(actions), 3)
     assert isinstance(agent, TQC)
     assert type(agent.actor.latent_pi[1]).__name__ == "Tanh"
     network = sb3_classes.network_of_model(agent, 16)
     observations = np.random.default_rng(0).normal(size=(5, 16)).astype(np.float32)
     wanted, _ = agent.predict(observations, deterministic=True)
+    assert wanted.shape == (5, actions)
     assert network.act(observations) == pytest.approx(wanted, abs=1e-6)
 
 
 def test_lists_and_noise_are_converted_to_arguments():
+    # The noise has a number for each of the actions.
     settings = {**SMALL, "train_freq": [2, "episode"], "action_noise": 0.25}
-    agent = sb3_classes.build("stable_baselines3:TD3", settings, _env(), 0)
+    agent = sb3_classes.build("stable_baselines3:TD3", settings, _env(3), 0)
     assert agent.train_freq.frequency == 2
     assert agent.train_freq.unit.value == "episode"
-    assert agent.action_noise._sigma.tolist() == [0.25]
+    assert agent.action_noise._sigma.tolist() == [0.25] * 3
 
 
 def test_arguments_by_position_are_no_settings():
@@ -135,5 +138,5 @@ def test_number_of_environments_is_separate_setting():
     assert settings.environments == 4
 
 
-def _env():
-    return sb3_classes.DummyVecEnv([lambda: sb3_classes.Spaces(16)])
+def _env(actions=1):
+    return sb3_classes.DummyVecEnv([lambda: sb3_classes.Spaces(16, actions)])

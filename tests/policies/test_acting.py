@@ -15,7 +15,7 @@ def test_policy_of_stable_baselines3_acts_without_exploration():
     observations = np.random.default_rng(0).normal(size=(20, 16)).astype(np.float32)
     wanted, _ = model.predict(observations, deterministic=True)
     for actor in (model, model.policy, model.actor):
-        with acting(actor) as act:
+        with acting(actor, 1) as act:
             np.testing.assert_array_equal(act(observations), wanted)
 
 
@@ -27,5 +27,5 @@ def test_module_with_predict_of_its_own_is_called():
         def predict(self, x):
             raise AssertionError(x)
 
-    with acting(Constant()) as act:
+    with acting(Constant(), 1) as act:
         assert act(np.zeros((3, 16), np.float32)).tolist() == [[0.5]] * 3

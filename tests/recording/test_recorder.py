@@ -398,7 +398,7 @@ def test_saved_layers_equal_torch():
     observations = 3 * np.random.default_rng(1).normal(size=(40, 16)).astype(np.float32)
     with torch.no_grad():
         wanted = module(torch.from_numpy(observations)).numpy()
-    np.testing.assert_allclose(network_of(module, 16).act(observations), wanted, atol=1e-6)
+    np.testing.assert_allclose(network_of(module, 16, 1).act(observations), wanted, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ class NoActor(TQC):
     losses = {"actor_loss": "policy"}  # noqa: RUF012
 
     def __init__(self, settings, observation_size):
-        super().__init__(settings, observation_size)
+        super().__init__(settings, observation_size, 1)
         self.policy = self.actor
         del self.actor
 

@@ -84,7 +84,8 @@ class AutogradLearner(OffPolicyLearner):
 
     def policy(self) -> Network:
         """See `Learner.policy`."""
-        return network_of(mean_actor(self._rule), self._rule.observation_size)
+        sizes = self._rule.observation_size, self.action_size
+        return network_of(mean_actor(self._rule), *sizes)
 
     def load_policy(self, policy: Policy | Network) -> None:
         """See `Learner.load_policy`."""

@@ -292,9 +292,8 @@ def _inputs(sizes: Sizes, joins: int, actions: int) -> list[int]:
 def _padded(sizes: Sizes, joins: int, actions: int) -> list[tuple[int, int]]:
     """Returns inputs and units of each layer as they are stored.
 
-    Hidden units are padded to whole vectors of the processor with units whose weights and
-    gradients are 0, which makes the products a tenth faster. Actions that join a hidden layer
-    take the places of the first padding units.
+    Hidden units are padded to whole vectors of the processor, which makes the products a tenth
+    faster. Weights and gradients of the padding are 0; actions that join take its first places.
     """
     first, *rest = _inputs(sizes, joins, actions)
     inner = [aligned(inputs) for inputs in rest]

@@ -26,13 +26,13 @@ def checked_rule(
         WorkError: if it does not keep to what `Rule` describes.
         UnsupportedPolicyError: if its policy can't be saved.
     """
+    sizes = observation_size, action_size
     with torch.random.fork_rng(devices=[]):
-        sizes = observation_size, action_size
         rule, again = (make_rule(kind, settings, *sizes) for _ in range(2))
         fault = next(_faults(rule, again, action_size), None)
     if fault is not None:
         raise WorkError(f"The rule {kind.__name__} can't be trained: {fault}.")
-    network_of(mean_actor(rule), observation_size)
+    network_of(mean_actor(rule), *sizes)
     return rule
 
 

@@ -38,18 +38,20 @@ def import_(
     steps_column: Annotated[
         str | None,
         typer.Option(
-            help="csv: column with the control steps (default: control_steps; wandb-csv: the "
-            "first column)."
+            help="csv: column with the control steps (default: control_steps, global_step, "
+            "timesteps, steps or step; wandb-csv: the first column)."
         ),
     ] = None,
     return_column: Annotated[
         str | None,
         typer.Option(
-            help="csv: column with the returns (default: episode_return); wandb-csv: the metric."
+            help="csv: column with the returns (default: episode_return, episodic_return, return "
+            "or reward); wandb-csv: the metric."
         ),
     ] = None,
     seed_column: Annotated[
-        str | None, typer.Option(help="csv: column with the seed, instead of --seed-from.")
+        str | None,
+        typer.Option(help="csv: column with the seed, instead of --seed-from (default: seed)."),
     ] = None,
     tag: Annotated[
         str | None,

@@ -7,8 +7,10 @@ from jbench.importing.request import ImportedFile, ImportRequest, seed_of
 from jbench.importing.series import Series, check_points, numbers
 from jbench.importing.table import check_columns, read_table
 
-STEPS, RETURN = "control_steps", "episode_return"
-"""Default columns, as in the tables of jbench."""
+STEPS = ("control_steps", "global_step", "timesteps", "steps", "step")
+RETURN = ("episode_return", "episodic_return", "return", "reward")
+SEED = "seed"
+"""Default columns, of which the first that a file has is used."""
 
 _NOT_CONTROL_STEPS = ("Step", "Wall Time", "Relative Time (Wall)", "Relative Time (Process)")
 """Axes of W&B; its `Step` counts calls of `wandb.log`."""
@@ -26,14 +28,21 @@ def read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
         RequestError: if it is not a whole CSV file, or lacks a column.
     """
     table = read_table(file)
-    columns = {"steps": request.steps_column or STEPS, "return": request.return_column or RETURN}
+    columns = {
+        "steps": request.steps_column or next(filter(table.__contains__, STEPS), STEPS[0]),
+        "return": request.return_column or next(filter(table.__contains__, RETURN), RETURN[0]),
+    }
     if request.seed_column is not None:
         columns["seed"] = request.seed_column
+    elif request.seed_from is None:
+        if SEED not in table:
+            raise request.no_seed()
+        columns["seed"] = SEED
     for name, column in columns.items():
         check_columns(table, file, f"--{name}-column", column)
     table = _with_values(table, columns["return"], file)
     kind = request.kind_of(columns["return"])
-    if request.seed_column is None:
+    if "seed" not in columns:
         seeds = [request.seed_in(str(file.path), "the path")] * len(table)
     else:
         found = zip(table.index, table[columns["seed"]], strict=True)

@@ -29,7 +29,8 @@ class ImportRequest:
         tag: tag of TensorBoard with the returns; None: a known one.
         steps_column: column with the control steps.
         return_column: column with the returns; of W&B the metric.
-        seed_column: column with the seed, instead of `seed_from`.
+        seed_column: column with the seed, instead of `seed_from`; CSV files without either have a
+            column "seed".
         returns: kind of return; None: evaluation if the column or tag begins with "eval".
 
     Raises:
@@ -55,12 +56,9 @@ class ImportRequest:
                 raise RequestError(
                     f"{option} is for {one_of(formats)}; leave it out with --from {self.format}."
                 )
-        if (self.seed_from is None) == (self.seed_column is None):
-            more = " or --seed-column NAME" if self.format == "csv" else ""
-            raise RequestError(
-                f"The number of the seed must come from one place: type --seed-from REGEX{more}, "
-                r"such as --seed-from 'seed(\d+)'."
-            )
+        given = [self.seed_from, self.seed_column]
+        if None not in given or (given == [None, None] and self.format != "csv"):
+            raise self.no_seed()
         try:
             re.compile(self.seed_from or "")
         except re.error as error:
@@ -68,6 +66,14 @@ class ImportRequest:
                 f"--seed-from {self.seed_from}: {error}; type a regular expression such as "
                 r"'seed(\d+)'."
             ) from None
+
+    def no_seed(self) -> RequestError:
+        """Returns the error for a seed that is given in two places, or in none."""
+        more = " or --seed-column NAME" if self.format == "csv" else ""
+        return RequestError(
+            f"The number of the seed must come from one place: type --seed-from REGEX{more}, "
+            r"such as --seed-from 'seed(\d+)'."
+        )
 
     def seed_in(self, text: str, what: str) -> int:
         """Returns the seed that `seed_from` finds in a text, which messages call `what`.

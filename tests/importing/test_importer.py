@@ -97,6 +97,14 @@ def test_options_name_columns_of_csv_file(tmp_path, imports, rows):
 # Records.
 
 
+def test_columns_and_seeds_with_usual_names_need_no_options(tmp_path, imports, rows):
+    path = tmp_path / "progress.csv"
+    path.write_text("seed,global_step,return\n4,1000,5\n4,2000,6\n9,1000,7\n")
+    assert imports("csv", path, seed_from=None)[0] == 0
+    assert rows()[4]["episode_return"].tolist() == [5, 6]
+    assert rows()[9]["control_steps"].tolist() == [1000]
+
+
 def test_repeated_import_changes_nothing_and_reports_it(monitor_file, imports, tmp_path, capsys):
     file = monitor_file(1, EPISODES[1])
     assert imports("sb3-monitor", file)[0] == 0
@@ -326,7 +334,7 @@ def test_truncated_wandb_chart_is_refused(wandb_file, import_error):
         ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 is no number"),
         ("control_steps,episode_return\n1000,5\n,6\n", "line 3: control_steps is ''"),
         ("control_steps,episode_return\n1000,5\n2000,6,7\n", "line 3: 3 fields"),
-        ("step,return\n1000,5\n", "type --steps-column with one of step, return"),
+        ("count,return\n1000,5\n", "type --steps-column with one of count, return"),
         ("control_steps,episode_return\n1000,\n", "has no value of episode_return"),
         ("a,a\n1,2\n", "two columns 'a'"),
     ],

@@ -1,4 +1,4 @@
-"""Final training return of a run, as every command and the report define it."""
+"""Final training and evaluation returns of a run, as every command and the report define them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ def final_episodes(
 
 
 def final_return(returns: NDArray[np.float64]) -> float | None:
-    """Returns the final return of a run.
+    """Returns the final training return of a run.
 
     Args:
         returns: (episodes,) episode returns in order; non-finite returns are ignored.
@@ -30,5 +30,20 @@ def final_return(returns: NDArray[np.float64]) -> float | None:
         The mean return over the last `final_episodes`; None if none of them is finite.
     """
     last = returns[-int(final_episodes(np.array(len(returns)))) :]
+    finite = last[np.isfinite(last)]
+    return float(finite.mean()) if len(finite) else None
+
+
+def final_evaluation(evaluations: NDArray[np.int32], returns: NDArray[np.float64]) -> float | None:
+    """Returns the final evaluation return of a run.
+
+    Args:
+        evaluations: (episodes,) number of the evaluation of each episode.
+        returns: (episodes,) episode returns.
+
+    Returns:
+        The mean return over the last evaluation; None if there is none, or no finite return in it.
+    """
+    last = returns[evaluations == evaluations.max()] if len(evaluations) else returns
     finite = last[np.isfinite(last)]
     return float(finite.mean()) if len(finite) else None

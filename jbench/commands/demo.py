@@ -109,7 +109,9 @@ def _show_curves(results: "Results", output: Output) -> None:
         return
     title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
     output.table(
-        title, ("representation", "learning curve", "last", "seeds", "lowest and highest"), rows
+        title,
+        ("representation", "learning curve", "evaluation return", "seeds", "lowest and highest"),
+        rows,
     )
 
 

@@ -10,10 +10,18 @@ from jbench.names import EPISODE_STEPS
 from jbench.returns import final_return
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
+from jbench.store.listing import evaluation_return
 from jbench.wording import counted
 
 if TYPE_CHECKING:
     from jbench.report.table import Table
+
+
+FINAL_RETURNS = (
+    "Final returns. Quote the evaluation return: the mean over the last evaluation, in which the "
+    "policy is\ndeterministic. The training return, exploration included, is the mean over the "
+    "last quarter of the\nepisodes, at most 100."
+)
 
 
 def described(record: Record, **more: Any) -> dict[str, Any]:
@@ -144,7 +152,7 @@ def _show_encoder(record: Record, output: Output) -> None:
 
 
 def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> None:
-    """Prints the final return and the last evaluation of each run in the results."""
+    """Prints the final returns of each run in the results."""
     rows = []
     for run in runs:
         try:
@@ -153,20 +161,13 @@ def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> 
                 rows.append(_run_row(record))
         except WorkError as error:
             output.warn(str(error))
-    title = "Runs: final return (last quarter of the episodes, at most 100), and last evaluation"
-    output.table(title, ("run", "episodes", "final return", "evaluation"), rows)
+    output.table(FINAL_RETURNS, ("run", "episodes", "training return", "evaluation return"), rows)
 
 
 def _run_row(record: Record) -> tuple[object, ...]:
     returns = record.read("episodes")["episode_return"].to_numpy()
-    evaluations = record.read("evaluations").to_pylist()
-    last = [
-        e["episode_return"] for e in evaluations if e["evaluation"] == evaluations[-1]["evaluation"]
-    ]
-    means = (
-        "" if mean is None else f"{mean:.0f}"
-        for mean in (final_return(returns), sum(last) / len(last) if last else None)
-    )
+    finals = final_return(returns), evaluation_return(record)
+    means = ("" if mean is None else f"{mean:.0f}" for mean in finals)
     name = record.id if record.status == "finished" else f"{record.id} ({record.status})"
     return name, len(returns), *means
 

@@ -14,7 +14,7 @@ from jbench.settings.run import RunSettings
 if TYPE_CHECKING:
     import pandas as pd
 
-_MAX_RETURNS = 6  # with more seeds, a line shows the mean and extremes of the last returns
+_MAX_RETURNS = 6  # with more seeds, a line shows the mean and extremes of their newest returns
 _SPARKLINE = 16  # characters
 _BARS = "▁▂▃▄▅▆▇█"
 
@@ -67,18 +67,18 @@ class Batch:
         return self.gained / (time.monotonic() - self._first[0])
 
     def cells(self) -> tuple[str, ...]:
-        """Returns the cells of a row: name, steps, speed, curve, last returns, time left."""
+        """Returns the cells of a row: name, steps, speed, curve, newest returns, time left."""
         rate = self.rate()
         return (
             self.name,
             f"{self.steps:,}/{self._total:,}",
             "" if rate is None else f"{rate:,.0f}",
             sparkline(self._curve),
-            self._last_returns(),
+            self._newest_returns(),
             "" if rate is None else duration((self._total - self.steps) / rate),
         )
 
-    def _last_returns(self) -> str:
+    def _newest_returns(self) -> str:
         values = list(self._returns.values())
         if len(values) <= _MAX_RETURNS:
             text = " ".join(f"{value:.0f}" for value in values)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, JustifyMethod
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -18,6 +18,12 @@ from jbench.sweeps.cell_status import CellStatus, seconds_left
 from jbench.sweeps.executors import Message
 from jbench.sweeps.watcher import Watcher
 from jbench.wording import counted
+
+_COLUMNS = ("running", "steps", "steps/s", "learning curve", "training return", "left")
+_NUMBERS, _WRAPPED = ("steps", "steps/s", "left"), ("running", "training return")
+_LEAST_FIRST = ("learning curve", "steps/s", "left")
+"""Columns that a narrow terminal leaves out, in this order."""
+_GAP = 3  # characters between columns
 
 _PLAIN_EVERY = 60.0  # s between plain lines if stderr is not a terminal
 
@@ -114,18 +120,23 @@ class TrainingView(Watcher):
             if not self._live:
                 print(f"{_line(batch, ended=True)}; {self._summary()}", file=sys.stderr, flush=True)
 
-    def __rich__(self) -> Table:
-        """Returns the table of the processes."""
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
+        """Yields the table of the processes; a narrow terminal has fewer columns."""
+        rows = [tuple(map(printable, batch.cells())) for batch in list(self._batches)]
+        shown = list(range(len(_COLUMNS)))
+        widths = [max(map(len, column)) for column in zip(_COLUMNS, *rows, strict=True)]
+        for least in _LEAST_FIRST:
+            if sum(widths[i] + _GAP for i in shown) > options.max_width:
+                shown.remove(_COLUMNS.index(least))
         table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False)
-        for name, right in (
-            *(("running", False), ("steps", True), ("steps/s", True)),
-            *(("returns", False), ("last returns", False), ("left", True)),
-        ):
-            table.add_column(name, justify="right" if right else "left", overflow="fold")
-        for batch in list(self._batches):
-            table.add_row(*(Text(printable(cell)) for cell in batch.cells()))
+        for i in shown:
+            wraps = _COLUMNS[i] in _WRAPPED
+            justify: JustifyMethod = "right" if _COLUMNS[i] in _NUMBERS else "left"
+            table.add_column(_COLUMNS[i], justify=justify, no_wrap=not wraps)
+        for row in rows:
+            table.add_row(*(Text(row[i]) for i in shown))
         table.caption, table.caption_justify = Text(self._summary()), "left"
-        return table
+        yield table
 
     def _summary(self) -> str:
         parts = [f"{len(self._ended)} of {counted(self._runs, 'run')} ended"]
@@ -155,5 +166,5 @@ def _line(batch: Batch, *, ended: bool = False) -> str:
     if rate and not ended:
         parts += [f"{rate} steps/s", f"{left} left"]
     if returns:
-        parts.append(f"last returns {returns}")
+        parts.append(f"training return {returns}")
     return f"{name}: {', '.join(parts)}"

@@ -1,5 +1,6 @@
 """Terminal output of the commands: text, tables, progress, or one JSON document."""
 
+import os
 import shutil
 import sys
 import time
@@ -53,8 +54,11 @@ class Output:
 
         stream = sys.stderr if self.as_json else sys.stdout
         cells = [[printable(str(cell)) for cell in row] for row in rows]
-        # A pipe has no width: use one that holds most tables.
-        width = shutil.get_terminal_size().columns if stream.isatty() else 200
+        # A pipe has no width but that of COLUMNS: use one that holds most tables.
+        columns = os.environ.get("COLUMNS", "")
+        width = int(columns) if columns.isdecimal() and int(columns) else 200
+        if stream.isatty():
+            width = shutil.get_terminal_size().columns
         table, width = make_table(header, cells, width)
         console = Console(file=stream, width=width)
         with _writing():

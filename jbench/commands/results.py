@@ -38,7 +38,11 @@ def runs(
     status: OneStatusOption = None,
     seed: SomeSeedsOption = None,
     returns: Annotated[
-        bool, typer.Option("--returns", help="Show final returns (reads the episodes).")
+        bool,
+        typer.Option(
+            "--returns",
+            help="Show final returns (reads all episodes); quote that of the evaluation.",
+        ),
     ] = False,
     imports: Annotated[
         bool, typer.Option("--imports", help="List imported learning curves instead of runs.")
@@ -71,8 +75,11 @@ def runs(
     if status == "failed":
         columns["error"] = [line.error or "" for line in lines]
     if returns:
-        finals = [line.last_return for line in lines]
-        columns["final return"] = ["" if final is None else f"{final:.0f}" for final in finals]
+        training = [None if line.returns == "evaluation" else line.last_return for line in lines]
+        evaluation = [line.evaluation_return for line in lines]
+        for name, finals in (("training", training), ("evaluation", evaluation)):
+            texts = ["" if final is None else f"{final:.0f}" for final in finals]
+            columns[f"{name} return"] = texts
     output = Output(json)
     if lines:
         rows = list(zip(*columns.values(), strict=True))

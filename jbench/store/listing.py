@@ -8,7 +8,7 @@ import numpy as np
 
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS, RETURNS, ReturnsName
-from jbench.returns import final_return
+from jbench.returns import final_evaluation, final_return
 from jbench.settings.alike import variant
 from jbench.settings.run import Run, Unreadable, read_run
 from jbench.settings.variants import variant_words
@@ -28,13 +28,15 @@ class RunLine(NamedTuple):
         steps_done: control steps of these episodes, or of the finished run.
         steps: requested control steps.
         wall_time: s; of a finished run, or up to its last episode if returns are requested.
-        last_return: final return (`jbench.returns`) if requested.
+        last_return: final training return (`jbench.returns`) if requested; of an import, the final
+            return of its kind.
         created: UTC, ISO 8601.
         updated: UTC, ISO 8601.
         returns: kind of return of an import; None for a run.
         error: why a failed run failed; None for other runs.
         variant: the settings in which the listed runs of the same task, algorithm and
             representation differ, as in legends; empty for a single variant.
+        evaluation_return: final evaluation return (`jbench.returns`) if requested.
     """
 
     run: str
@@ -53,6 +55,7 @@ class RunLine(NamedTuple):
     returns: ReturnsName | None = None
     error: str | None = None
     variant: str = ""
+    evaluation_return: float | None = None
 
 
 def list_runs(
@@ -65,7 +68,7 @@ def list_runs(
 
     Args:
         filters: allowed values by field of `RunLine`.
-        returns: whether to read the episodes for the last returns.
+        returns: whether to read the episodes for the final returns.
     """
     records, problems = results.scan(kind)
     lines: list[tuple[RunLine, Record]] = []
@@ -109,7 +112,7 @@ def values_of(results: Results, setting: str) -> set[str]:
 
 
 def run_line(record: Record) -> RunLine:
-    """Returns the line of a run, without its last return."""
+    """Returns the line of a run, without its final returns."""
     settings, manifest = read_run(record.settings), record.manifest
     episodes = record.rows("episodes")
     done = _number(manifest.summary.get("steps_done"))
@@ -148,14 +151,24 @@ def _with_returns(line: RunLine, record: Record) -> RunLine:
     if record.kind == "import":
         points = record.read("import_points").to_pandas()
         returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
-        last = returns[-1:] if line.returns == "evaluation" else returns
-        return line._replace(last_return=final_return(last))
+        if line.returns == "evaluation":
+            final = final_return(returns[-1:])
+            return line._replace(last_return=final, evaluation_return=final)
+        return line._replace(last_return=final_return(returns))
     rows = record.read("episodes")
     if not len(rows):
         return line
     final = final_return(rows["episode_return"].to_numpy())
     time = line.wall_time if line.wall_time is not None else rows["wall_time"][-1].as_py()
-    return line._replace(last_return=final, wall_time=_number(time))
+    return line._replace(
+        last_return=final, evaluation_return=evaluation_return(record), wall_time=_number(time)
+    )
+
+
+def evaluation_return(record: Record) -> float | None:
+    """Returns the final evaluation return of a run; see `jbench.returns`."""
+    rows = record.read("evaluations")
+    return final_evaluation(rows["evaluation"].to_numpy(), rows["episode_return"].to_numpy())
 
 
 def _number(value: Any) -> int | float | None:

@@ -4,6 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from jbench.cli import main
 from jbench.commands.display import show_runs
 from jbench.commands.output import Output
 from jbench.report.data.curves import final_returns
@@ -50,6 +51,39 @@ def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tm
     show_runs([RUN], Results(tmp_path), Output())
     (row,) = (line for line in capsys.readouterr().out.splitlines() if RUN.id in line)
     assert row.split()[-2:] == [str(episodes), f"{mean:.0f}"]
+
+
+def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
+    record = Results(tmp_path).create("run", RUN.id, RUN.model_dump(mode="json"))
+    rows = [
+        {"run": RUN.id, "evaluation": number, "episode": episode, "episode_return": value}
+        | {"control_steps": 1000 * (number + 1)}
+        for number, values in enumerate([(900.0, 900.0), (10.0, 20.0, 60.0)])
+        for episode, value in enumerate(values)
+    ]
+    episodes = [{"run": RUN.id, "episode": 0, "control_steps": 1000, "episode_return": 7.0}]
+    record.append(
+        {
+            "evaluations": pa.Table.from_pylist(rows, schema.EVALUATIONS),
+            "episodes": pa.Table.from_pylist(episodes, schema.EPISODES),
+        }
+    )
+    (line,), _ = list_runs(Results(tmp_path), {}, returns=True)
+    assert (line.last_return, line.evaluation_return) == (7, 30)
+    assert main(["runs", "--returns", "--results", str(tmp_path)]) == 0
+    listed = capsys.readouterr().out
+    show_runs([RUN], Results(tmp_path), Output())
+    printed = capsys.readouterr().out
+    for text in (listed, printed):
+        (header,) = (
+            line
+            for line in text.splitlines()
+            if "training return" in line and "run" in line and "." not in line
+        )
+        assert header.index("training return") < header.index("evaluation return")
+        (row,) = (line for line in text.splitlines() if RUN.id in line)
+        assert row.split()[-2:] == ["7", "30"]
+    assert "Quote the evaluation return" in printed
 
 
 def test_nonfinite_returns_are_left_out():

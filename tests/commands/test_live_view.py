@@ -54,6 +54,33 @@ def test_each_process_has_line_with_steps_and_last_returns(runs):
         assert any(line.startswith("0 of 4 runs ended, ") for line in lines)
 
 
+def test_narrow_terminal_keeps_steps_and_returns_and_breaks_no_word(runs):
+    with trained(runs) as view:
+        view.started(runs[:2])
+        view.message(runs[0], episode(runs[0], 1000, 12.4))
+        view.message(runs[0], episode(runs[0], 2000, 12.4))
+        headers = {}
+        for width in (60, 80, 120):
+            console = Console(file=io.StringIO(), width=width)
+            console.print(view)
+            text = console.file.getvalue()
+            assert "face_direction" in text
+            assert "2,000/20,000" in text
+            headers[width] = next(line for line in text.splitlines() if "running" in line).split()
+    assert headers[60] == ["running", "steps", "training", "return"]
+    assert headers[80] == ["running", "steps", "training", "return", "left"]
+    assert headers[120] == [
+        "running",
+        "steps",
+        "steps/s",
+        "learning",
+        "curve",
+        "training",
+        "return",
+        "left",
+    ]
+
+
 def test_published_median_at_same_step_follows_last_returns(tmp_path):
     runs = runs_of_matrix(write_matrix(tmp_path, steps=2_000_000), tmp_path)
     with trained(runs) as view:
@@ -89,7 +116,8 @@ def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
         printed = capsys.readouterr()
         assert printed.out == ""
         assert (
-            "td3 full seed 0,1: 10,000/20,000 control steps, last returns 50; 2 of 4" in printed.err
+            "td3 full seed 0,1: 10,000/20,000 control steps, training return 50; 2 of 4"
+            in printed.err
         )
 
 

@@ -25,6 +25,18 @@ def printed(monkeypatch, capsys):
     return lines
 
 
+def test_width_of_a_pipe_is_that_of_columns(monkeypatch, capsys):
+    rows = [("word " * 20, "word " * 20)]
+    for columns, least, most in ((None, 150, 200), ("60", 40, 60)):
+        if columns is not None:
+            monkeypatch.setenv("COLUMNS", columns)
+        else:
+            monkeypatch.delenv("COLUMNS", raising=False)
+        Output().table("a title", ["one", "two"], rows)
+        longest = max(map(len, capsys.readouterr().out.splitlines()))
+        assert least <= longest <= most
+
+
 def test_cells_are_wrapped_between_words_if_words_fit(printed):
     lines = printed(55, ["run", "error"], [RUN, "no room left"])
     (first,) = [i for i, line in enumerate(lines) if RUN in line]

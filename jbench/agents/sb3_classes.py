@@ -76,8 +76,8 @@ def check(
     name: str,
     settings: Mapping[str, Any],
     observation_size: int,
+    action_size: int,
     environments: int,
-    action_size: int = 1,
 ) -> None:
     """Builds an agent once, to see whether its class takes the settings.
 
@@ -148,7 +148,7 @@ def _is_json(value: Any) -> bool:
 class Spaces(gymnasium.Env[Any, Any]):
     """An environment of which only the spaces are used."""
 
-    def __init__(self, observation_size: int, action_size: int = 1) -> None:
+    def __init__(self, observation_size: int, action_size: int) -> None:
         shape = (observation_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.action_space = gymnasium.spaces.Box(-1, 1, (action_size,), np.float32)

@@ -57,8 +57,8 @@ def export(
     inputs: Annotated[
         str | None,
         typer.Option(
-            help="Input of an exported policy: si (features in SI units, the default) or "
-            "observation (that of the environment, scaled to [-1, 1]).",
+            help="Input of an exported policy: si (features in SI units, the default for the "
+            "Jitterbug) or observation (that of the environment, the default for other robots).",
             autocompletion=complete(*INPUTS),
         ),
     ] = None,
@@ -76,7 +76,8 @@ def export(
     """Export a policy as ONNX, or a dataset for Minari."""
     chosen = format or ("minari" if run is None else "onnx")
     names.known("value of --format", chosen, FORMATS)
-    in_si_units = names.known("value of --inputs", inputs or "si", INPUTS) == "si"
+    if inputs is not None:
+        names.known("value of --inputs", inputs, INPUTS)
     output = Output(json)
     if chosen == "minari":
         if run is not None:
@@ -89,10 +90,10 @@ def export(
     elif dataset is not None or task is not None:
         raise RequestError("--dataset and --task are for datasets; leave them out with RUN.")
     else:
-        _policy(run, in_si_units, out, results, output)
+        _policy(run, inputs, out, results, output)
 
 
-def _policy(run: str, in_si_units: bool, out: Path | None, results: Path, output: Output) -> None:
+def _policy(run: str, inputs: str | None, out: Path | None, results: Path, output: Output) -> None:
     if importlib.util.find_spec("onnx") is None:
         raise RequestError("--format onnx needs the package onnx; type pip install 'jbench[onnx]'.")
     from jbench.policies.find import find_trained_agent
@@ -103,8 +104,9 @@ def _policy(run: str, in_si_units: bool, out: Path | None, results: Path, output
     if out is not None:
         check_output(out)
     id, agent = find_trained_agent(database, name)
+    in_si_units = None if inputs is None else inputs == "si"
     done = export_onnx(agent, id, out or database.path / "onnx" / f"{id}.onnx", in_si_units)
-    what = "features in SI units" if in_si_units else "the observation of the environment"
+    what = "features in SI units" if done.in_si_units else "the observation of the environment"
     output.say(
         f"Exported the policy of {id} for {agent.task}: {done.bytes / 1e3:.0f} kB in {done.path}. "
         f"Its input is {what}; its actions differ from the policy's by at most "

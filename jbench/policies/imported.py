@@ -18,7 +18,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import POLICIES, REFERENCE
 from jbench.policies.acting import acting
 from jbench.policies.sb3_zip import is_sb3_zip, sha256_start
-from jbench.tasks.features import TASK_SPECS
+from jbench.simulation import find_task
 
 GROUP = "jbench.policies"
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
@@ -61,7 +61,8 @@ class ImportedPolicy:
             RequestError: if it does not exist, or its actions are wrong.
             WorkError: if its module or its class raises an error.
         """
-        self._name, self._action_size = name, 1
+        self._name, sizes = name, find_task(task)
+        self._action_size = sizes.action_size
         if plugins.is_imported(name):
             found = plugins.imported("policy", name)
         else:
@@ -71,7 +72,7 @@ class ImportedPolicy:
         self._reset: Callable[[int], object] = getattr(found, "reset", lambda robots: None)
         self._actor = getattr(found, "act", found)
         self.reset(1)
-        self.act(np.zeros((1, TASK_SPECS[task].observation_size), np.float32))
+        self.act(np.zeros((1, sizes.observation_size), np.float32))
 
     def reset(self, robots: int) -> None:
         """Starts new episodes of this many robots."""

@@ -12,16 +12,11 @@ from onnx.reference import ReferenceEvaluator
 
 from jbench import __version__
 from jbench.errors import RequestError, WorkError
-from jbench.names import CONTROL_TIMESTEP
 from jbench.policies.saved import TrainedAgent
 from jbench.policies.traced import Graph
+from jbench.simulation import find_task
 from jbench.store.files import make_directory, write_atomic
-from jbench.tasks.features import (
-    TASK_SPECS,
-    denormalize,
-    feature_range,
-    normalize,
-)
+from jbench.tasks.features import TASK_SPECS, denormalize, feature_range, normalize
 from jbench.tasks.labels import feature_labels, feature_units
 
 INPUT, OUTPUT = "observation", "action"
@@ -36,30 +31,43 @@ class Exported(NamedTuple):
 
     Attributes:
         difference: largest absolute difference from the policy's actions.
+        in_si_units: whether the input is the features in SI units.
     """
 
     path: Path
     bytes: int
     difference: float
+    in_si_units: bool
 
 
-def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool = True) -> Exported:
+def export_onnx(
+    agent: TrainedAgent, run: str, path: Path, in_si_units: bool | None = None
+) -> Exported:
     """Writes the policy of a run as an ONNX model and compares the two.
 
-    The model has an input `observation` (robots, dim(O)) and an output `action` (robots, 1), both
-    float32. The scaling of the observation and the encoder are part of it. Its metadata describe
-    the inputs and the output; see `metadata`.
+    The model has an input `observation` (robots, dim(O)) and an output `action` (robots, dim(A)),
+    both float32. The scaling of the observation and the encoder are part of it. Its metadata
+    describe the inputs and the outputs; see `metadata`.
 
     Args:
         run: id of its run, for the metadata.
         path: of the file, which is replaced if it exists.
         in_si_units: whether the input is the features in SI units; otherwise it is the observation
-            of the environment, in which the range of each feature is mapped to [-1, 1].
+            of the environment, in which the range of each feature of the Jitterbug is mapped to
+            [-1, 1]. None for SI units where they are known: for the Jitterbug's tasks.
 
     Raises:
-        RequestError: if the encoder or the policy has an operation that can't be written.
+        RequestError: if the encoder or the policy has an operation that can't be written, or the
+            units of the observation are not known.
         WorkError: if the model's actions differ from the policy's, or it can't be written.
     """
+    has_units = agent.task in TASK_SPECS
+    if in_si_units and not has_units:
+        raise RequestError(
+            f"The units of the observations of {agent.task} are not known: type --inputs "
+            "observation."
+        )
+    in_si_units = has_units if in_si_units is None else in_si_units
     graph = Graph()
     inputs = graph.input(INPUT)
     try:
@@ -72,7 +80,7 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool = T
             f"The run {run} can't be exported to ONNX: its encoder or policy is more than layers "
             f"of numpy operations ({str(error).splitlines()[0]})."
         ) from None
-    model = _model(graph, TASK_SPECS[agent.task].observation_size)
+    model = _model(graph, agent.task)
     helper.set_model_props(model, metadata(agent, run, in_si_units))
     checker.check_model(model, full_check=True)
     difference = _difference(model, agent, in_si_units)
@@ -81,43 +89,59 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool = T
     content = model.SerializeToString()
     make_directory(path.parent)
     write_atomic(path, content)
-    return Exported(path, len(content), difference)
+    return Exported(path, len(content), difference, in_si_units)
 
 
 def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]:
     """Returns the description of a model's inputs and output; structures are JSON.
 
-    `inputs` has for each component of the observation its name and unit, and if the input is not
-    in SI units also the `minimum` and `maximum` in that unit that are mapped to -1 and 1.
+    `inputs` has for each component of the observation its name; for the Jitterbug also its unit,
+    and if the input is not in SI units the `minimum` and `maximum` in that unit that are mapped to
+    -1 and 1. `outputs` has the bounds of each action, and what they are for the actuator.
     """
-    low, high = feature_range(agent.task)
-    inputs: list[dict[str, Any]] = [
-        {"name": name, "unit": unit}
-        if in_si_units
-        else {"name": name, "unit": unit, "minimum": least, "maximum": most}
-        for name, unit, least, most in zip(
-            feature_labels(agent.task), feature_units(agent.task), low, high, strict=True
-        )
-    ]
-    action = {"name": "motor_command", "unit": "1", "minimum": -1.0, "maximum": 1.0}
+    task = find_task(agent.task)
+    inputs: list[dict[str, Any]]
+    if task.specs is None:
+        low, high = feature_range(agent.task)
+        inputs = [
+            {"name": name, "unit": unit}
+            if in_si_units
+            else {"name": name, "unit": unit, "minimum": least, "maximum": most}
+            for name, unit, least, most in zip(
+                feature_labels(agent.task), feature_units(agent.task), low, high, strict=True
+            )
+        ]
+        scaling = "SI units" if in_si_units else "minimum to -1, maximum to 1"
+        outputs = [{"name": "motor_command", "unit": "1", "minimum": -1.0, "maximum": 1.0}]
+    else:
+        inputs = [{"name": f"{part}_{i}"} for part, n in task.parts.items() for i in range(n)]
+        scaling, bounds = "none", (task.specs.action_minimum, task.specs.action_maximum)
+        outputs = [
+            {
+                "name": f"action_{i}",
+                **{"minimum": -1.0, "maximum": 1.0},
+                **{"actuator_minimum": least, "actuator_maximum": most},
+            }
+            for i, (least, most) in enumerate(zip(*bounds, strict=True))
+        ]
     return {
         "inputs": json.dumps(inputs),
-        "outputs": json.dumps([action]),
-        "input_scaling": "SI units" if in_si_units else "minimum to -1, maximum to 1",
-        "control_timestep": json.dumps({"value": CONTROL_TIMESTEP, "unit": "s"}),
+        "outputs": json.dumps(outputs),
+        "input_scaling": scaling,
+        "control_timestep": json.dumps({"value": task.control_timestep, "unit": "s"}),
         "task": agent.task,
         "run": run,
         "jbench": __version__,
     }
 
 
-def _model(graph: Graph, size: int) -> onnx.ModelProto:
+def _model(graph: Graph, task: str) -> onnx.ModelProto:
     def value(name: str, columns: int) -> onnx.ValueInfoProto:
         return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["robots", columns])
 
-    made = helper.make_graph(
-        graph.nodes, "policy", [value(INPUT, size)], [value(OUTPUT, 1)], graph.constants
-    )
+    sizes = find_task(task)
+    inputs, outputs = value(INPUT, sizes.observation_size), value(OUTPUT, sizes.action_size)
+    made = helper.make_graph(graph.nodes, "policy", [inputs], [outputs], graph.constants)
     return helper.make_model(
         made,
         producer_name="jbench",
@@ -128,7 +152,7 @@ def _model(graph: Graph, size: int) -> onnx.ModelProto:
 
 def _difference(model: onnx.ModelProto, agent: TrainedAgent, in_si_units: bool) -> float:
     """Returns the largest difference of actions over observations from the features' ranges."""
-    size = TASK_SPECS[agent.task].observation_size
+    size = find_task(agent.task).observation_size
     random = np.random.default_rng(0)
     observations = random.uniform(-1, 1, (_CHECKED, size)).astype(np.float32)
     inputs = denormalize(agent.task, observations) if in_si_units else observations

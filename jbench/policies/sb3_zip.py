@@ -15,8 +15,9 @@ import numpy as np
 import torch
 
 from jbench.errors import RequestError
+from jbench.names import TASKS
 from jbench.policies.network import Layer, Network
-from jbench.tasks.features import TASK_SPECS
+from jbench.simulation import find_task
 
 _ACTORS = {
     "actor.mu.": ("actor.latent_pi.", "relu", [Layer("tanh")]),  # SAC, TQC; DDPG, TD3
@@ -68,13 +69,13 @@ def read_sb3_zip(path: str, task: str) -> Network:
         raise RequestError(
             f"{path}: {error}; load the model in a module of yours and type MODULE:NAME."
         ) from None
-    sizes = {name: spec.observation_size for name, spec in TASK_SPECS.items()}
-    if (inputs, outputs) == (sizes[task], 1):
+    wanted = find_task(task)
+    if (inputs, outputs) == (wanted.observation_size, wanted.action_size):
         return network
-    fitting = [name for name, size in sizes.items() if size == inputs]
+    fitting = [name for name in TASKS if (find_task(name).observation_size, 1) == (inputs, outputs)]
     raise RequestError(
-        f"{path} has {inputs} inputs and {outputs} outputs, but {task} has {sizes[task]} "
-        f"observations and an action; "
+        f"{path} has {inputs} inputs and {outputs} outputs, but {task} has observations of "
+        f"{wanted.observation_size} numbers and actions of {wanted.action_size}; "
         + (f"type --task {' or '.join(fitting)}." if fitting else "choose another file.")
     )
 

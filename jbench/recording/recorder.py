@@ -24,9 +24,9 @@ from jbench.recording.environments import RecordedEnvironment
 from jbench.recording.request import external_settings, provenance_of_loop
 from jbench.recording.writer import RunWriter, copied_network
 from jbench.settings.external import ExternalSettings
+from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.store.shipped import results_to_write
-from jbench.tasks import features
 from jbench.training.environment import load_encoder_of, make_env
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ class Recording:
 
         Args:
             actor: deterministic: a torch module, a model or policy of stable-baselines3, or a
-                function that returns actions (n, 1) for (encoded) observations (n, size).
+                function that returns actions (n, action_size) for (encoded) observations (n, size).
 
         Returns:
             The returns (evaluate_episodes,), or None if no evaluation was due.
@@ -233,7 +233,7 @@ class Recording:
         writer = self._running()
         if not writer.evaluation_due():
             return None
-        with acting(actor, 1) as act:
+        with acting(actor, find_task(self._settings.task).action_size) as act:
             return writer.evaluate(act, self.control_steps)
 
     def keep_policy(self, actor: Actor) -> None:
@@ -247,9 +247,9 @@ class Recording:
             UnsupportedPolicyError: if it is anything else; a RequestError.
         """
         self._running()
-        size = features.TASK_SPECS[self._settings.task].observation_size
-        inputs = size if self._encoder is None else self._encoder.latent_size
-        self._kept = copied_network(actor, inputs), self.control_steps
+        task, encoder = find_task(self._settings.task), self._encoder
+        inputs = task.observation_size if encoder is None else encoder.latent_size
+        self._kept = copied_network(actor, inputs, task.action_size), self.control_steps
 
     def sb3_callback(self) -> "RecordingCallback":
         """Returns a callback for `learn` of a stable-baselines3 model.

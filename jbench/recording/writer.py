@@ -166,14 +166,14 @@ def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
         ) from None
 
 
-def copied_network(actor: Actor, inputs: int) -> Network:
+def copied_network(actor: Actor, inputs: int, outputs: int) -> Network:
     """Returns a copy of a policy.
 
     Raises:
         UnsupportedPolicyError: if it is not a sequence of supported layers.
     """
     if isinstance(actor, nn.Module):
-        return network_of(actor, inputs, 1)
+        return network_of(actor, inputs, outputs)
     if hasattr(actor, "predict") and hasattr(actor, "policy"):
         from jbench.agents.sb3_policy import network_of_model
 

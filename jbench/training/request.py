@@ -126,8 +126,9 @@ def runs_of(
     if runs[0].engine == "sb3" and not runs[0].is_ours:
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
 
-        size = find_task(runs[0].task).observation_size
-        sb3_classes.check(runs[0].algo, runs[0].hyperparameters, size, count)
+        task = find_task(runs[0].task)
+        sizes = task.observation_size, task.action_size
+        sb3_classes.check(runs[0].algo, runs[0].hyperparameters, *sizes, count)
     return runs
 
 

@@ -110,20 +110,20 @@ def test_none_replaces_a_default():
 )
 def test_class_that_cannot_be_trained_is_refused(name, settings, sentence):
     with pytest.raises(RequestError, match=sentence):
-        sb3_classes.check(name, sb3_classes.settings_of(name, settings), 16, 1)
+        sb3_classes.check(name, sb3_classes.settings_of(name, settings), 16, 1, 1)
 
 
 def test_settings_are_checked_with_the_environments_of_the_run():
     by_episodes = sb3_classes.settings_of(NAME, {"train_freq": [1, "episode"]})
-    sb3_classes.check(NAME, by_episodes, 16, 1)
+    sb3_classes.check(NAME, by_episodes, 16, 1, 1)
     with pytest.raises(RequestError, match="can't be in episodes with 2 environments: type a"):
-        sb3_classes.check(NAME, by_episodes, 16, 2)
+        sb3_classes.check(NAME, by_episodes, 16, 1, 2)
     # A rollout has more than one step.
     ppo = "stable_baselines3:PPO"
     one_step = sb3_classes.settings_of(ppo, {"n_steps": 1, "batch_size": 2})
-    sb3_classes.check(ppo, one_step, 16, 2)
+    sb3_classes.check(ppo, one_step, 16, 1, 2)
     with pytest.raises(RequestError, match="n_steps"):
-        sb3_classes.check(ppo, one_step, 16, 1)
+        sb3_classes.check(ppo, one_step, 16, 1, 1)
 
 
 def test_unknown_argument_is_refused():

@@ -41,10 +41,10 @@ def random_matrix(*shape):
     return np.random.default_rng(len(shape)).normal(size=shape).astype("f4")
 
 
-def policy_of(inputs):
+def policy_of(inputs, actions=1):
     """A policy with two layers."""
-    weights = [random_matrix(8, inputs) / inputs, random_matrix(1, 8)]
-    return Policy(weights, [random_matrix(8), random_matrix(1)], "tanh")
+    weights = [random_matrix(8, inputs) / inputs, random_matrix(actions, 8)]
+    return Policy(weights, [random_matrix(8), random_matrix(actions)], "tanh")
 
 
 @pytest.mark.parametrize("lacking", ["task", "encoder"])
@@ -180,6 +180,28 @@ def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
     properties = {each.key: each.value for each in onnx.load(path).metadata_props}
     motor_velocity = {"name": "motor_velocity", "unit": "rad/s", "minimum": -180, "maximum": 180}
     assert json.loads(properties["inputs"])[14] == motor_velocity
+
+
+def test_policy_of_another_robot_has_its_observation_and_all_its_motors(tmp_path):
+    path = tmp_path / "policy.onnx"
+    agent = TrainedAgent("dmc:fish-swim", policy_of(24, 5), None)
+    assert not export_onnx(agent, "a/run", path).in_si_units
+    observations = np.random.default_rng(5).normal(size=(50, 24)).astype("f4")
+    actions = run_model(path, observations)
+    assert actions.shape == (50, 5)
+    np.testing.assert_allclose(actions, agent.act(observations), atol=PRECISION)
+    properties = {each.key: each.value for each in onnx.load(path).metadata_props}
+    inputs = [each["name"] for each in json.loads(properties["inputs"])]
+    # Joint angles, the height, the target, and velocities, as dm_control names them.
+    assert inputs[6:9] == ["joint_angles_6", "upright_0", "target_0"]
+    assert len(inputs) == 24
+    bounds = {"minimum": -1, "maximum": 1, "actuator_minimum": -1, "actuator_maximum": 1}
+    assert json.loads(properties["outputs"])[4] == {"name": "action_4", **bounds}
+    assert json.loads(properties["control_timestep"]) == {"value": 0.04, "unit": "s"}
+    with pytest.raises(
+        RequestError, match="dmc:fish-swim are not known: type --inputs observation"
+    ):
+        export_onnx(agent, "a/run", path, in_si_units=True)
 
 
 class SortingEncoder:

@@ -1,0 +1,211 @@
+"""Tests of engines on robots with several motors: independent seeds, resuming, and policies."""
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+import jbench
+from jbench.agents.plugin_engine import PluginEngine
+from jbench.errors import RequestError, WorkError
+from jbench.names import ALGORITHMS
+from jbench.policies.saved import Policy, policy_files
+from tests.agents.small_rules import TD3, TD3_SETTINGS, TQC, TQC_SETTINGS
+from tests.agents.test_batched_engine import (
+    FEW,
+    LENGTH,
+    MANY,
+    SCRIPTS,
+    assert_same,
+    engine_of,
+    round_trip,
+    short_engine,
+    slow,
+    trajectory,
+)
+from tests.agents.test_plugin_engine import RandomAgent
+
+TASK, ACTIONS = "dmc:cheetah-run", 6
+CHEETAH = {"task": TASK}
+SWIMMER = {"task": "dmc:swimmer-swimmer6"}  # 5 motors; its target is part of the model
+STEPS = 120  # control steps after which rollouts and episodes end, with all settings here
+
+
+def learn(engine, steps):
+    """Trains for this many control steps, also if a rollout is not complete then."""
+    for _ in engine.learn(steps):
+        if engine.control_steps == steps:
+            return
+
+
+@pytest.mark.parametrize(
+    ("algo", "options"),
+    [
+        *((algo, CHEETAH) for algo in ALGORITHMS),
+        ("ddpg", {**SWIMMER, **SCRIPTS["ddpg"], "environments": 2}),
+        ("sac", {**CHEETAH, "ofe": FEW}),
+        slow("td3", {**CHEETAH, "ofe": MANY}),
+        slow("ppo", {**SWIMMER, "changes": {"shared_layers": True}}),
+    ],
+)
+def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
+    with (
+        engine_of(algo, [7, 5, 3], **options) as together,
+        engine_of(algo, [3], **options) as alone,
+    ):
+        among = trajectory(together, 2, STEPS)
+        assert_same(trajectory(alone, 0, STEPS), among)
+        assert not torch.equal(*together.environments.observations[[0, 2]])
+    assert among[2][-1]
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_stack_equals_single_seeds(algo):
+    options = {**CHEETAH, "dtype": torch.float64}
+    with (
+        engine_of(algo, [7, 5], stacked=True, **options) as together,
+        engine_of(algo, [5], **options) as alone,
+    ):
+        states = []
+        for engine, index in ((together, 1), (alone, 0)):
+            learn(engine, 4 * LENGTH)
+            states.append(engine.state(index))
+    assert states[0].scalars == states[1].scalars
+    for name, tensor in states[1].tensors.items():
+        torch.testing.assert_close(states[0].tensors[name], tensor, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("algo", "options"),
+    [
+        *((algo, {}) for algo in ALGORITHMS),
+        ("td3", {"changes": {"action_noise": "ornstein-uhlenbeck"}}),
+        slow("sac", {"ofe": MANY, "environments": 2}),
+    ],
+)
+def test_engine_restored_between_episodes_continues_bit_for_bit(algo, options):
+    seeds, options = [2, 9], {**SWIMMER, **options}
+    # Two or four episodes, and an incomplete rollout of PPO and TD3.
+    stop = 4 * LENGTH
+    with engine_of(algo, seeds, **options) as engine:
+        learn(engine, stop)
+        states = [round_trip(engine.state(index)) for index in range(2)]
+        if algo != "ppo":
+            kept, row = [engine.replay_rows(index) for index in range(2)], engine.replay.row
+            assert kept[0].shape[-1] == 25 + 5 + 1
+        expected = trajectory(engine, 1, STEPS)
+    with engine_of(algo, seeds, **options) as other:
+        if algo != "ppo":
+            for index in range(2):
+                other.restore_rows(index, kept[index], row)
+        other.restore(states)
+        assert_same(trajectory(other, 1, STEPS), expected)
+
+
+def test_state_within_an_episode_is_refused():
+    with engine_of("td3", [0], **CHEETAH) as engine:
+        next(engine.learn(LENGTH))
+        with pytest.raises(
+            WorkError, match="dmc:cheetah-run has a state between two episodes only"
+        ):
+            engine.state(0)
+
+
+@pytest.mark.parametrize(
+    ("algo", "options"),
+    [*((algo, {}) for algo in ALGORITHMS), ("sac", {"ofe": MANY})],
+)
+def test_extracted_policies_equal_agents(algo, options):
+    with engine_of(algo, [0, 1], **CHEETAH, **options) as engine:
+        for _ in engine.learn(40):
+            pass
+        observations = np.random.default_rng(0).normal(size=(2, 8, 17)).astype(np.float32)
+        actions = engine.act(observations)
+        policies = [engine.policy(index) for index in range(2)]
+        engine.load_policy(1, policies[0], 40)
+        loaded = engine.act(observations[[0, 0]])[1]
+    assert actions.shape == (2, 8, ACTIONS)
+    assert np.array_equal(loaded, actions[0])
+    for index, policy in enumerate(policies):
+        files = policy_files(policy)
+        saved = Policy.from_files(files["policy.safetensors"], files["policy.json"])
+        np.testing.assert_allclose(saved.act(observations[index]), actions[index], atol=2e-6)
+
+
+def test_each_motor_explores_by_itself():
+    changes = {"learning_starts": 1000, "buffer_size": 1000}
+    for uniform, deviation in ((True, 3**-0.5), (False, 0.3)):
+        warmup = {**changes, "uniform_warmup": uniform, "noise_sigma": 0.0 if uniform else 0.3}
+        with engine_of("td3", [0], **CHEETAH, changes=warmup) as engine:
+            learn(engine, 10 * LENGTH)
+            rows = engine.replay_rows(0)[0]
+        # The last row of an episode has no action.
+        actions = rows.view(10, LENGTH + 1, -1)[:, :-1, 17:-1].reshape(-1, ACTIONS).numpy()
+        # Without correlation, the largest of 15 correlations of 200 samples is about 0.2.
+        correlations = np.corrcoef(actions.T) - np.eye(ACTIONS)
+        assert abs(correlations).max() < 0.35
+        assert actions.std(axis=0) == pytest.approx([deviation] * ACTIONS, rel=0.2)
+
+
+@pytest.mark.parametrize(("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS)])
+def test_rule_of_another_package_moves_all_motors(rule, settings):
+    with (
+        short_engine(rule, settings, TASK, [7, 3]) as together,
+        short_engine(rule, settings, TASK, [3]) as alone,
+    ):
+        assert_same(trajectory(alone, 0, STEPS), trajectory(together, 1, STEPS))
+        observations = np.random.default_rng(0).normal(size=(1, 8, 17)).astype(np.float32)
+        actions = alone.act(observations)[0]
+        np.testing.assert_allclose(alone.policy(0).act(observations[0]), actions, atol=2e-6)
+    assert actions.shape == (8, ACTIONS)
+    assert np.ptp(actions, axis=1).min() > 0
+
+
+class AllMotors(RandomAgent):
+    """Has an action for each motor."""
+
+    def __init__(self, settings, environment, seed, device):
+        super().__init__(settings, environment, seed, device)
+        sizes = environment.observation_size, environment.action_size
+        self.actor = nn.Sequential(nn.Linear(*sizes), nn.Tanh())
+        self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=0.01)
+
+    def explore(self, observations):
+        actions = self.act(observations)
+        return actions + torch.randn(actions.shape).numpy()
+
+
+def plugin_engine(kind):
+    return PluginEngine("drawing", kind, kind.Settings(), TASK, 3, environments=2, episode_steps=10)
+
+
+def test_agent_of_another_package_moves_all_motors():
+    with plugin_engine(AllMotors) as whole:
+        for _ in whole.learn(40):
+            pass
+        state = whole.state(0)
+        returns = [each.tolist() for each in whole.learn(80) if each is not None]
+        assert whole._agent.transitions[-1].actions.shape == (2, ACTIONS)
+        assert whole.act(np.ones((1, 5, 17), np.float32)).shape == (1, 5, ACTIONS)
+    with plugin_engine(AllMotors) as resumed:
+        resumed.restore([state])
+        assert [each.tolist() for each in resumed.learn(80) if each is not None] == returns
+
+
+def test_agent_for_one_motor_is_refused_before_training():
+    class Unaware(jbench.Agent):
+        def __init__(self, settings, environment, seed, device):
+            pass
+
+        def explore(self, observations):
+            return np.zeros((len(observations), 1))
+
+        act, learn = explore, None
+
+    with (
+        plugin_engine(Unaware) as engine,
+        pytest.raises(WorkError, match=r"returned the shape \(2, 1\) .* return actions \(2, 6\)"),
+    ):
+        next(engine.learn(10))
+    with pytest.raises(RequestError, match="1 outputs, not 17 and 6"):
+        plugin_engine(RandomAgent)

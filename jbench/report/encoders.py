@@ -103,5 +103,6 @@ def _labels(rows: pd.DataFrame) -> list[str]:
     for (task, kind, name), variant in zip(keys, kept, strict=True):
         variants.setdefault((task, kind), {})[name] = variant
     labels = {key: variant_labels(found) for key, found in variants.items()}
-    # An option that is not set has its default.
-    return [re.sub(r"\w+=\(not set\)(, )?", "", labels[t, k][name]) for t, k, name in keys]
+    # An option that is not set has its default; the scale is in the representation's name.
+    redundant = re.compile(r"\w+=\(not set\)(, )?|(re)?scale=[^,]+(, )?")
+    return [redundant.sub("", labels[t, k][name]).strip(", ") for t, k, name in keys]

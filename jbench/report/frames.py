@@ -130,7 +130,7 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
         baselines=policies.baseline_frame(tasks),
         verdicts=verdicts,
         decisions=decisions,
-        pairs=compare.pair_frame(lead),
+        pairs=compare.pair_frame(lead, verdicts[verdicts["returns"] == returns]),
         profiles=compare.profile_frame(lead),
         encoders=encoders,
         predictions=prediction_frame(verified(lead), encoders),

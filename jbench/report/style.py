@@ -5,10 +5,11 @@ The first seven kinds and all algorithms have colors that the color-blind tell a
 """
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+import pandas as pd
 from matplotlib.figure import Figure
 
 Dash = tuple[float, ...]
@@ -99,25 +100,36 @@ PAPER: dict[Any, Any] = {
 
 
 class Look(NamedTuple):
-    """How a series looks; no two of a figure are equal in color and dash."""
+    """How a series looks; no two of a figure are equal in color and dash.
+
+    Attributes:
+        number: of its entry in the legend, by which the page hides it.
+    """
 
     color: str
     dash: Dash = ()
     marker: str = "o"
+    number: int = 0
 
     @property
-    def linestyle(self) -> Any:
+    def line(self) -> Any:
         """The dash for matplotlib."""
         return (0, self.dash) if self.dash else "-"
 
+    @property
+    def series(self) -> str:
+        """The id of its marks."""
+        return f"series-{self.number}"
 
-def representation_looks(names: Iterable[tuple[str, str]]) -> dict[str, Look]:
-    """Returns the look of each representation.
+
+def representation_looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
+    """Returns the look of each series of representations, by its name.
 
     Args:
-        names: representations and their kinds, such as `dae12` and `dae`.
+        rows: with the names of series and a column `kind`.
+        name: column of the names.
     """
-    kinds = {name: _family(kind) for name, kind in names}
+    kinds = dict(zip(rows[name], map(_family, rows["kind"]), strict=True))
     strange = sorted({kind for kind in kinds.values() if kind not in _KINDS})
     known = dict(_KINDS)
     for i, kind in enumerate(strange):
@@ -134,16 +146,16 @@ def _family(kind: str) -> str:
     return max(known, key=len, default=kind)
 
 
-def algorithm_looks(names: Iterable[tuple[str, str]]) -> dict[str, Look]:
-    """Returns the look of each series.
+def algorithm_looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
+    """Returns the look of each series of algorithms, by its name.
 
     Args:
-        names: names of series and their algorithms, such as `TD3, bfloat16` and `TD3`.
+        rows: with the names of series, and a column `algo` unless each is an algorithm.
+        name: column of the names.
     """
-    algorithms = dict(names)
-    strange = sorted({algo for algo in algorithms.values() if algo not in _ALGORITHMS})
+    algorithms = dict(zip(rows[name], rows["algo" if "algo" in rows else name], strict=True))
     known = dict(_ALGORITHMS)
-    for i, algo in enumerate(strange):
+    for i, algo in enumerate(sorted({*algorithms.values()} - {*known})):
         known[algo] = _OTHER_ALGORITHMS[i % len(_OTHER_ALGORITHMS)]
     markers = {algo: _MARKERS[i % len(_MARKERS)] for i, algo in enumerate(known)}
     return _looks({name: (known[algo], markers[algo]) for name, algo in algorithms.items()})
@@ -153,12 +165,13 @@ def _looks(series: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
     """Returns looks that differ in color or dash, from a color and a marker for each series."""
     count: dict[str, int] = {}
     looks = {}
-    for name, (color, marker) in series.items():
+    for number, (name, (color, marker)) in enumerate(series.items()):
         nth = count[color] = count.get(color, -1) + 1
         turns, index = divmod(nth, len(_DASHES))
         # After all dashes were used they are stretched, so that no two are equal.
         dash = tuple(length * (1 + 0.7 * turns) for length in _DASHES[index])
-        looks[name] = Look(color, dash if dash or not turns else (12 + 4 * turns, 2), marker)
+        dash = dash if dash or not turns else (12 + 4 * turns, 2)
+        looks[name] = Look(color, dash, marker, number)
     return looks
 
 

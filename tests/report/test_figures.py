@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from jbench.names import ENCODER_KINDS, kind_of
 from jbench.report import style
 from jbench.report.figures import charts, cleaned, drawings
-from jbench.report.figures.chart import thinned
+from jbench.report.figures.marks import thinned
 from jbench.report.frames import frames
 from jbench.report.request import Request
 from jbench.report.svg import panel_svgs
@@ -45,8 +45,13 @@ def drawn(panel, version=None):
     return axes
 
 
+def representation_looks(names):
+    rows = pd.DataFrame({"name": names, "kind": [kind_of(name) for name in names]})
+    return style.representation_looks(rows, "name")
+
+
 def test_no_two_representations_look_alike():
-    looks = style.representation_looks([(name, kind_of(name)) for name in NAMES])
+    looks = representation_looks(NAMES)
     assert set(looks) == set(NAMES)
     assert len({(look.color, look.dash) for look in looks.values()}) == len(looks)
     assert style.PUBLISHED_DASH not in {look.dash for look in looks.values()}
@@ -58,9 +63,9 @@ def test_no_two_representations_look_alike():
 def test_no_two_algorithms_look_alike_and_none_has_the_color_of_a_representation():
     names = [("TD3", "TD3"), *((f"TD3, tau={i}", "TD3") for i in range(20)), ("mine", "mine")]
     names += [("DDPG", "DDPG"), ("SAC", "SAC"), ("PPO", "PPO"), ("other", "other")]
-    looks = style.algorithm_looks(names)
+    looks = style.algorithm_looks(pd.DataFrame(names, columns=["name", "algo"]), "name")
     assert len({(look.color, look.dash) for look in looks.values()}) == len(names)
-    others = style.representation_looks([(name, kind_of(name)) for name in NAMES])
+    others = representation_looks(NAMES)
     colors = {look.color for look in others.values()}
     assert not colors & {look.color for look in looks.values()}
 
@@ -69,7 +74,7 @@ def test_the_color_blind_can_tell_the_main_representations_apart():
     """Distances in a space of two dimensions, of which one is luminance (Machado et al., 2009)."""
     deuteranopia = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
     main = ("full", "scaled", "planar", "random", "pca", "dae", "forward")
-    looks = style.representation_looks([(name, name) for name in main])
+    looks = representation_looks(main)
     rgb = [[int(look.color[i : i + 2], 16) / 255 for i in (1, 3, 5)] for look in looks.values()]
     seen = np.array(rgb) @ deuteranopia.T
     apart = np.linalg.norm(seen[:, None] - seen[None], axis=2)[np.triu_indices(len(main), 1)]
@@ -142,7 +147,7 @@ def test_the_forest_has_each_seed_and_the_policies(fabric):
 def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
     add_runs(fabric)
     found = frames(fabric.results)
-    assert not {"figure4", "figure5", "sequences"} & {chart.name for chart in charts(found)}
+    assert not {"motor", "positions", "sequences"} & {chart.name for chart in charts(found)}
     names = {"task": "face_direction", "policy": "p", "label": "p (median 5)", "median": 5.0}
     velocity = np.linspace(-1, 1, 50)
     found.motor = pd.DataFrame({**names, "velocity": velocity, "density": 1 - abs(velocity)})
@@ -151,9 +156,9 @@ def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
     trained = found.curves[found.curves["returns"] == "training"]
     found.sequences = pd.concat([trained, trained.assign(source="published", seeds=1)])
     made = {chart.name: chart for chart in charts(found)}
-    density = drawn(made["figure4"].panels[0]).lines[0].get_ydata()
+    density = drawn(made["motor"].panels[0]).lines[0].get_ydata()
     assert list(density[1:-1]) == pytest.approx(list(1 - abs(velocity))[1:-1])
-    mesh = drawn(made["figure5"].panels[0]).collections[0].get_array()
+    mesh = drawn(made["positions"].panels[0]).collections[0].get_array()
     assert sorted(mesh.compressed()) == [0.01]
     lines = drawn(made["sequences"].panels[0]).lines
     assert sum(line.get_gid() == "series-0" for line in lines) == 1

@@ -145,16 +145,20 @@ def left_out(
     return notes
 
 
-def pair_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
+def pair_frame(
+    configurations: Sequence[Configuration], verdicts: pd.DataFrame | None = None
+) -> pd.DataFrame:
     """Returns the probability that a run of configuration a ends above one of b, both ways.
 
     Only runs on the plain robot are paired, of at least `DECIDING_SEEDS` seeds each that were
     trained equally long. Columns: task, returns, a, b (configurations), their labels and kinds of
-    representation, p with its 95% interval (low, high), decided (whether 0.5 is outside of the
-    interval that is corrected for the number of pairs), steps (of training).
+    representation, p with its 95% interval (low, high), decided (as in the verdicts; for others,
+    whether 0.5 is outside of the interval that is corrected for the number of pairs), steps (of
+    training).
 
     Args:
         configurations: of one kind of return.
+        verdicts: see `verdict_frame`; of the same kind of return.
     """
     known = [
         (one, scores)
@@ -170,14 +174,20 @@ def pair_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         if one.task == other.task and ours.control_steps == theirs.control_steps
     ]
     level = corrected_level([_ends(sample) for *_, sample in found], _excludes_half)
+    known_verdicts: dict[frozenset[str], bool] = {}
+    if verdicts is not None:
+        final = verdicts[verdicts["claim"] == "a"]
+        names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
+        known_verdicts = dict(zip(names, final["verdict"].isin(["higher", "lower"]), strict=True))
     rows = []
     for one, other, sample in found:
         p, low, high, _ = sample.estimate()
-        decided = _excludes_half(*_ends(sample)(1 - level))
+        pair = frozenset((one.configuration, other.configuration))
+        decided = known_verdicts.get(pair, _excludes_half(*_ends(sample)(1 - level)))
         for a, b, *numbers in ((one, other, p, low, high), (other, one, 1 - p, 1 - high, 1 - low)):
-            names = a.task, a.kind, a.configuration, b.configuration, a.label, b.label
+            labels = a.task, a.kind, a.configuration, b.configuration, a.label, b.label
             kinds = kind_of(a.representation), kind_of(b.representation)
-            rows.append((*names, *kinds, *numbers, decided, int(a.longest)))
+            rows.append((*labels, *kinds, *numbers, decided, int(a.longest)))
     return pd.DataFrame(rows, columns=PAIRS)
 
 

@@ -52,7 +52,7 @@ SEQUENTIAL = "sequential test"
 """Origin of the verdicts of `--until-decided`."""
 
 VERDICTS = [
-    *(*ID, "returns", "against", "claim", "verdict", "mark", "value", "low", "high"),
+    *(*ID, "returns", "against", "baseline", "claim", "verdict", "mark", "value", "low", "high"),
     *("corrected_low", "corrected_high", "corrected_by", "text", "seeds", "steps"),
 ]
 DECISIONS = [
@@ -77,10 +77,10 @@ Ends = Callable[[float], tuple[float, float]]
 def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFrame) -> pd.DataFrame:
     """Returns the verdicts on each reduced representation against each baseline.
 
-    Columns: `ID`, returns, against, claim (a: final return, b: variability, c: speed), verdict,
-    mark, value with its 95% interval (low, high), corrected_low and corrected_high (the interval
-    that decides), corrected_by, text, seeds, steps. Beside reduced representations, `scaled` is
-    compared with `full`: the effect of scaling alone.
+    Columns: `ID`, returns, against, baseline (its configuration), claim (a: final return, b:
+    variability, c: speed), verdict, mark, value with its 95% interval (low, high), corrected_low
+    and corrected_high (the interval that decides), corrected_by, text, seeds, steps. Beside reduced
+    representations, `scaled` is compared with `full`: the effect of scaling alone.
 
     Args:
         decisions: see `decision_frame`.
@@ -127,6 +127,7 @@ class _Question:
         against = shown_representation(theirs.representation)
         self.row: dict[str, Any] = {
             **{**ours.identity, "returns": ours.kind, "against": against, "claim": claim},
+            "baseline": theirs.configuration,
             **{"value": value, "low": low, "high": high},
             **{"seeds": self.seeds, "steps": one.control_steps},
         }

@@ -8,7 +8,7 @@ from functools import partial
 import pandas as pd
 from matplotlib.figure import Figure
 
-from jbench.report.figures import behavior, curves, encoders, returns, shares
+from jbench.report.figures import curves, returns, shares
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 from jbench.report.table import clean
@@ -20,11 +20,11 @@ MAKERS = (
     returns.comparisons,
     shares.pairs,
     shares.profiles,
-    encoders.predictions,
-    encoders.errors,
+    returns.predictions,
+    returns.errors,
     curves.by_processor_time,
-    behavior.motor,
-    behavior.positions,
+    shares.motor,
+    shares.positions,
     curves.augmented_sequences,
 )
 """Functions that make a figure of frames, in the order of the page; None without enough data."""

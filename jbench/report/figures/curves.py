@@ -2,38 +2,37 @@
 
 from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib import ticker
+from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.data.configuration import OWN
-from jbench.report.figures.chart import Chart, Draw, Panel, numbers
-from jbench.report.figures.lines import PUBLISHED, draw_curves
+from jbench.report.data.published import PUBLISHED
+from jbench.report.data.returns import EVALUATION, SOLVED, TRAINING
+from jbench.report.figures.chart import Chart, Draw, Panel, by_task
+from jbench.report.figures.marks import add_line, add_points, narrow, thinned
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
 _ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
+_ROOM = 0.09  # of the height of a panel, between words beside it
 _GROUP = ["task", "algo", "words", "source"]
 _UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
 
 
 def by_representation(frames: Frames) -> Chart | None:
     """Returns the curves of each task and algorithm with several representations."""
-    curves = frames.curves.assign(series=frames.curves["representation"])
-    curves = curves[_is_compared(frames)]
+    curves = frames.curves.assign(series=frames.curves["representation"])[_is_compared(frames)]
     published = frames.published.assign(series=frames.published["representation"])
-    looks = style.representation_looks(_pairs(curves, "representation", "kind"))
-    return _chart(
-        frames,
-        "representations",
-        "Learning curves by representation",
-        curves,
-        published,
-        looks,
-        _GROUP,
-    )
+    looks = style.representation_looks(curves, "series")
+    names = "representations", "Learning curves by representation"
+    return _chart(frames, *names, curves, published, looks, _GROUP)
 
 
 def by_algorithm(frames: Frames) -> Chart | None:
@@ -46,84 +45,44 @@ def by_algorithm(frames: Frames) -> Chart | None:
     curves = curves[~(single & compared.loc[curves.index])]
     published = frames.published[frames.published["kind"] == "full"]
     first = dict(zip(curves["algo"][::-1], curves["series"][::-1], strict=True))
-    names = [first.get(algo, algo) for algo in published["algo"]]
-    published = published.assign(series=names)
-    looks = style.algorithm_looks(_pairs(curves, "series", "algo"))
+    published = published.assign(series=[first.get(algo, algo) for algo in published["algo"]])
+    looks = style.algorithm_looks(curves, "series")
     title = "Learning curves by algorithm" if curves["series"].nunique() > 1 else "Learning curves"
     return _chart(frames, "algorithms", title, curves, published, looks, ["task"])
 
 
 def augmented_sequences(frames: Frames) -> Chart | None:
     """Returns the curves of agents that are trained on augmented robots in sequence."""
-    rows = frames.sequences
-    rows = rows[rows["returns"] == "training"] if not rows.empty else rows
-    if rows.empty:
+    rows = frames.sequences[frames.sequences["returns"] == TRAINING]
+    rows = rows.assign(series=rows["algo"] + " " + rows["representation"])
+    theirs = rows["source"] == PUBLISHED
+    if rows[~theirs].empty:
         return None
-    own = rows[rows["source"] != PUBLISHED]
-    own = own.assign(series=own["algo"] + " " + own["representation"])
-    published = rows[rows["source"] == PUBLISHED]
-    published = published.assign(series=published["algo"] + " " + published["representation"])
-    looks = style.algorithm_looks(_pairs(own, "series", "algo"))
-    panels = []
-    for task, group in own.groupby("task", sort=False):
-        old = published[published["task"] == task]
-        draw = partial(
-            draw_curves, group, looks=looks, order=numbers(looks), published=old, scale="linear"
-        )
-        panels.append(Panel(str(task), {"": draw}))
-    return Chart(
-        "sequences",
-        "Augmented robots in sequence",
-        "median and 10 to 90% band of training returns; dotted: the paper's",
-        panels,
-        "sequences",
-        looks,
-    )
+    looks = style.algorithm_looks(rows[~theirs], "series")
+    panels = by_task(rows[~theirs], partial(draw_curves, looks=looks, published=rows[theirs]))
+    note = "median and 10 to 90% band of training returns; dotted: the paper's"
+    return Chart("sequences", "Augmented robots in sequence", note, panels, "sequences", looks)
 
 
 def by_processor_time(frames: Frames) -> Chart | None:
     """Returns the median return against the processor time of a seed."""
     rows = frames.processor
-    if rows.empty or rows["configuration"].nunique() < 2:
+    if rows["configuration"].nunique() < 2:
         return None
     longest = float(rows["seconds"].max())
     size, unit = next((size, unit) for least, size, unit in _UNITS if longest >= least)
     rows = rows.assign(series=rows["label"], steps=rows["seconds"] / size, q10=np.nan, q90=np.nan)
-    looks = _configuration_looks(rows)
-    panels = [
-        Panel(
-            str(task),
-            {
-                "": partial(
-                    draw_curves,
-                    group,
-                    looks=looks,
-                    order=numbers(looks),
-                    scale="linear" if longest / size < 100 else "log",
-                    x=f"{unit} of processor time of a seed",
-                )
-            },
-            (5.2, 2.8),
-        )
-        for task, group in rows.groupby("task", sort=False)
-    ]
+    looks = style.representation_looks(rows, "series")
+    x, scale = f"{unit} of processor time of a seed", "linear" if longest / size < 100 else "log"
+    panels = by_task(rows, partial(draw_curves, looks=looks, x=x, scale=scale), 5.2, 2.8)
     note = "median over seeds; evaluations included"
     return Chart("processor", "Return against processor time", note, panels, "processor", looks)
 
 
-def _configuration_looks(rows: pd.DataFrame) -> dict[str, Look]:
-    """Returns a look for each label: the color is the representation's, the dash the variant's."""
-    return style.representation_looks(_pairs(rows, "label", "kind"))
-
-
-def _pairs(rows: pd.DataFrame, name: str, group: str) -> list[tuple[str, str]]:
-    return list(rows[[name, group]].drop_duplicates().itertuples(index=False, name=None))
-
-
 def _is_compared(frames: Frames) -> pd.Series:
     """Returns whether the configuration of each curve is one of several representations."""
-    groups = frames.curves.groupby(_GROUP)["representation"]
-    return groups.transform("nunique") > 1
+    compared: pd.Series = frames.curves.groupby(_GROUP)["representation"].transform("nunique") > 1
+    return compared
 
 
 def _chart(
@@ -132,7 +91,7 @@ def _chart(
     title: str,
     curves: pd.DataFrame,
     published: pd.DataFrame,
-    looks: Mapping[str, Look],
+    looks: dict[str, Look],
     by: list[str],
 ) -> Chart | None:
     """Returns curves with a panel for each group; evaluations first if there are enough."""
@@ -144,83 +103,168 @@ def _chart(
     nearest = published["steps"].min() / curves["steps"].max() if len(published) else 0
     if (ends.max() / ends.min()).max() > _UNEQUAL or nearest > 1:
         scales.reverse()
+    legend = looks | {PUBLISHED: Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))}
     panels = []
-    seen_published = False
     groups = curves.groupby(by, sort=False)
-    size = (5.6, 2.9) if groups.ngroups < 3 else (4.2, 2.5)
+    seen = pd.DataFrame()
     for key, rows in groups:
-        task, algo = rows[["task", "algo"]].iloc[0]
-        old = published[published["task"] == task]
-        if name == "representations":
-            old = old[(old["algo"] == algo) & old["kind"].isin(rows["kind"])]
-            # The paper has one reduced observation; it is drawn beside the one of its size.
-            old = old[old["series"].isin(rows["series"])]
-            old = _one_figure(old, last=False)
-        else:
-            old = _one_figure(old[old["algo"].isin(rows["algo"])], last=True)
-        old = _near(old, rows)
-        seen_published |= not old.empty
+        old = _beside(published, rows, name)
+        seen = old if seen.empty else seen
         common = {
-            "looks": looks,
-            "order": numbers(looks),
+            "looks": legend,
             "published": old,
-            "baselines": frames.baselines[frames.baselines["task"] == task],
-            "each": frames.run_curves if not frames.run_curves.empty else None,
+            "baselines": frames.baselines[frames.baselines["task"] == rows["task"].iloc[0]],
+            "each": frames.run_curves,
             "each_seed": frames.request.each_seed,
         }
-        panels.append(Panel(_panel_title(key), _versions(rows, kinds, scales, common), size))
-    legend = dict(looks)
-    if seen_published:
-        legend[PUBLISHED] = Look(style.SOFT, style.PUBLISHED_DASH, "")
+        words = [str(word) for word in key if word and word != OWN]
+        size = (5.6, 2.9) if groups.ngroups < 3 else (4.2, 2.5)
+        panels.append(Panel(", ".join(words), _versions(rows, kinds, scales, common), size))
+    legend = looks if seen.empty else legend
     band = "10 to 90% band" if curves["q10"].notna().any() else "each seed"
-    note = f"median and {band}" + ("; dotted: the paper's" if seen_published else "")
-    switches = [(scales[0], scales[1])]
-    if len(kinds) > 1:
-        switches.insert(0, (kinds[0], kinds[1]))
+    note = f"median and {band}" + ("" if seen.empty else "; dotted: the paper's")
+    switches = [(kinds[0], kinds[1])] if len(kinds) > 1 else []
+    switches.append((scales[0], scales[1]))
     return Chart(name, title, note, panels, "curves", legend, switches)
-
-
-def _panel_title(key: object) -> str:
-    words = [str(word) for word in key] if isinstance(key, tuple) else [str(key)]
-    return ", ".join(word for word in words if word and word != OWN)
 
 
 def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
     """Returns the kinds of return, the one that is shown first in front."""
     points = curves.groupby(["returns", "configuration"])["steps"].size().groupby("returns").max()
-    kinds = [kind for kind in (leading, "evaluation", "training") if kind in points.index]
-    kinds = list(dict.fromkeys(kinds))
-    if kinds[0] == "evaluation" and points["evaluation"] < _ENOUGH:
-        kinds.reverse()
-    return kinds
+    kinds = dict.fromkeys((leading, EVALUATION, TRAINING))
+    found = [kind for kind in kinds if kind in points.index]
+    if found[0] == EVALUATION and points[EVALUATION] < _ENOUGH:
+        found.reverse()
+    return found
 
 
-def _one_figure(published: pd.DataFrame, *, last: bool) -> pd.DataFrame:
-    """Returns the curves of the first or last of the paper's figures that has the algorithm."""
-    if published.empty:
-        return published
-    chosen = published.groupby("algo")["figure"].transform("max" if last else "min")
-    return published[published["figure"] == chosen]
-
-
-def _near(published: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the published points up to the end of our curves, and at least some."""
-    if published.empty:
-        return published
-    end = max(float(rows["steps"].max()), 2 * float(published["steps"].min()))
-    return published[published["steps"] <= end]
+def _beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Returns the published points beside curves, up to their end, and at least some."""
+    same = (published["task"] == rows["task"].iloc[0]) & published["algo"].isin(rows["algo"])
+    old: pd.DataFrame = published[same]
+    if name == "representations":
+        # The paper has one reduced observation; it is drawn beside the one of its size.
+        old = old[old["series"].isin(rows["series"])]
+    if old.empty:
+        return old
+    # Of several of the paper's figures, the first has representations, the last all algorithms.
+    figure = old.groupby("algo")["figure"].transform("min" if name == "representations" else "max")
+    old = old[old["figure"] == figure]
+    end = max(float(rows["steps"].max()), 2 * float(old["steps"].min()))
+    return old[old["steps"] <= end]
 
 
 def _versions(
-    rows: pd.DataFrame, kinds: list[str], scales: list[str], common: Mapping[str, object]
+    rows: pd.DataFrame, kinds: list[str], scales: list[str], common: Mapping[str, Any]
 ) -> dict[str, Draw]:
     """Returns the drawings of a panel by kind of return and scale of the axis."""
     present = [kind for kind in kinds if (rows["returns"] == kind).any()]
-    drawn: dict[str, Draw] = {}
-    for kind in present:
-        of_kind = rows[rows["returns"] == kind]
-        for scale in scales:
-            names = f"{kind} {scale}" if len(present) > 1 else scale
-            y = f"{kind} return"
-            drawn[names] = partial(draw_curves, of_kind, scale=scale, y=y, **common)  # type: ignore[arg-type]
-    return drawn
+    return {
+        f"{kind} {scale}" if len(present) > 1 else scale: partial(
+            draw_curves, rows[rows["returns"] == kind], scale=scale, y=f"{kind} return", **common
+        )
+        for kind in present
+        for scale in scales
+    }
+
+
+def draw_curves(
+    rows: pd.DataFrame,
+    axes: Axes,
+    *,
+    looks: Mapping[str, Look],
+    published: pd.DataFrame | None = None,
+    baselines: pd.DataFrame | None = None,
+    each: pd.DataFrame | None = None,
+    each_seed: bool = False,
+    scale: str = "linear",
+    x: str = "control steps",
+    y: str = "return",
+) -> None:
+    """Draws the curves of a panel.
+
+    Args:
+        rows: rows of `frames.curves` of one kind of return, with a column `series`.
+        published: rows of `frames.published`, with a column `series`; those of the task are drawn.
+        baselines: rows of `frames.baselines` of the task.
+        each: `frames.run_curves`; drawn where there are too few seeds for a band.
+    """
+    alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
+    for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
+        look, curve = looks[str(name)], curve.iloc[thinned(len(curve))]
+        band = curve["q10"], curve["q90"]
+        at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
+        add_line(axes, at, median, _tips(str(name), curve), look, band=band, alpha=alpha)
+        if each is not None and (each_seed or band[0].isna().all()) and curve["seeds"].iloc[0] > 1:
+            first = curve.iloc[0]
+            keys = ["configuration", "returns"]
+            mine = each[(each[keys] == first[keys]).all(axis=1)]
+            width = mpl.rcParams["lines.linewidth"] / 2
+            thin: Any = {"color": look.color, "alpha": 0.5, "linewidth": width, "gid": look.series}
+            for _, seed in mine.groupby("run", sort=False):
+                axes.plot(seed["steps"], seed["value"], **thin)
+    if published is not None:
+        _draw_published(axes, published[published["task"].isin(rows["task"])], looks)
+    _set_axes(axes, rows, scale)
+    axes.set(xlabel=x, ylabel=y)
+    _draw_levels(axes, baselines)
+
+
+def _tips(name: str, curve: pd.DataFrame) -> list[str]:
+    """Returns the tip of each point: its median, band and number of seeds."""
+    seeds = curve["seeds"] if "seeds" in curve else curve["q10"] * np.nan
+    columns = (curve["steps"], curve["median"], curve["q10"], curve["q90"], seeds)
+    return [
+        f"{name} at {f'{at:,.0f}' if at >= 100 else f'{at:.3g}'}: {median:.0f}"
+        + ("" if np.isnan(low) else f" [{low:.0f}, {high:.0f}]")
+        + ("" if np.isnan(count) else f", n = {count:.0f}")
+        for at, median, low, high, count in zip(*(c.tolist() for c in columns), strict=True)
+    ]
+
+
+def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Look]) -> None:
+    entry = looks.get(PUBLISHED, Look(style.SOFT, (), "", len(looks)))
+    for (name, _), curve in published.groupby(["series", "source"], sort=False):
+        look = looks.get(str(name), entry)._replace(number=entry.number)
+        called = " ".join(curve[["algo", "representation"]].iloc[0])
+        curve = curve.iloc[thinned(len(curve), 100)]
+        at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
+        dotted = (0, style.PUBLISHED_DASH)
+        axes.plot(at, median, color=look.color, linestyle=dotted, gid=look.series)
+        shown = thinned(len(at), 20)
+        tips = [f"{called}, published, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
+        add_points(axes, at[shown], median[shown], tips, look, seen=False)
+
+
+def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
+    low, high = float(rows["median"].min()), float(rows["median"].max())
+    axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
+    axes.set_xscale(scale)
+    if scale == "log":
+        positive = rows["steps"][rows["steps"] > 0]
+        axes.set_xlim(left=float(positive.min()) * 0.95)
+        subs = (1, 2, 5) if not narrow(axes) or rows["steps"].max() < 10 * positive.min() else (1,)
+        axes.xaxis.set_major_locator(ticker.LogLocator(subs=subs, numticks=8))
+        axes.xaxis.set_minor_locator(ticker.NullLocator())
+    else:
+        axes.set_xlim(left=0)
+        axes.xaxis.set_major_locator(ticker.MaxNLocator(4 if narrow(axes) else 6))
+    axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
+
+
+def _draw_levels(axes: Axes, baselines: pd.DataFrame | None) -> None:
+    """Draws the returns of policies without training and that of a solved task."""
+    levels = {"solved": float(SOLVED)}
+    if baselines is not None:
+        levels |= dict(zip(baselines["policy"], baselines["median"], strict=True))
+    low, high = axes.get_ylim()
+    place = -np.inf
+    for name, level in sorted(levels.items(), key=lambda item: item[1]):
+        dash = "-" if name == "solved" else (0, (3, 2))
+        axes.axhline(level, color=style.SOFT, linewidth=0.7, linestyle=dash, zorder=1)
+        place = max((level - low) / (high - low), place + _ROOM)
+        if not narrow(axes, 1.5):
+            axes.text(
+                1.02, place, str(name), transform=axes.transAxes, va="center",
+                size=mpl.rcParams["font.size"] * 0.9, color=style.SOFT,
+            )  # fmt: skip

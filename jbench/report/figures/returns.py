@@ -1,27 +1,31 @@
-"""Final returns: a forest plot, the variability of agents, pairs, profiles and comparisons."""
+"""Final returns and other numbers in rows: forest plots, differences, errors of encoders."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import SOLVED
-from jbench.report.figures.chart import (
-    Chart,
-    Panel,
+from jbench.report.figures.chart import Chart, Panel, by_task
+from jbench.report.figures.marks import (
+    ROW,
     add_points,
-    numbers,
-    series,
-    shortened,
+    add_rows,
+    add_solved,
+    interval_text,
+    name_rows,
+    narrow,
 )
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
-_ROW = 0.25  # inches
+_FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
+_NARROW = 3  # representations with R² from which a figure is drawn
 
 
 def forest(frames: Frames) -> Chart | None:
@@ -32,45 +36,34 @@ def forest(frames: Frames) -> Chart | None:
         return None
     # The paper has only training returns.
     published = frames.configurations.groupby("configuration")["published"].max()
-    rows = rows.assign(published=rows["configuration"].map(published))
+    rows = rows.assign(published=rows["configuration"].map(published), name=rows["label"])
     seeds = frames.seeds[frames.seeds["returns"] == frames.returns]
-    looks = kind_looks(rows)
+    looks = style.representation_looks(rows, "kind")
     panels = []
     for task, group in rows.groupby("task", sort=False):
         policies = frames.baselines[frames.baselines["task"] == task]
-        height = 0.55 + _ROW * (len(group) + len(policies))
-        draw = partial(
-            draw_forest, group, seeds=seeds[seeds["task"] == task], policies=policies, looks=looks
-        )
+        height = 0.55 + ROW * (len(group) + len(policies))
+        draw = partial(draw_forest, group, looks=looks, seeds=seeds, policies=policies)
         panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
-        spread = group[group["s"].notna()] if "s" in group else group.iloc[:0]
-        if len(spread) > 1:
-            variability = partial(draw_variability, spread, looks=looks)
-            height = 0.55 + _ROW * len(spread)
-            panels.append(Panel(f"{task}: variability", {"": variability}, (5.2, height)))
+        known = group[group["s"].notna()]
+        if len(known) > 1:
+            draw, height = partial(draw_variability, known, looks=looks), 0.55 + ROW * len(known)
+            panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
     note = (
         "large mark: interquartile mean with 95% interval; dots: seeds with twice their standard "
         "error; |: the paper's training return"
     )
-    return Chart(
-        "returns", "Final returns", note, panels, "configurations", looks, columns=2, alike=False,
-        minimum=440,
-    )  # fmt: skip
-
-
-def kind_looks(rows: pd.DataFrame) -> dict[str, Look]:
-    """Returns a look for each kind of representation, by its name."""
-    kinds = list(dict.fromkeys(rows["kind"]))
-    return style.representation_looks([(kind, kind) for kind in kinds])
+    more: Any = {"columns": 2, "alike": False, "minimum": 440}
+    return Chart("returns", "Final returns", note, panels, "configurations", looks, **more)
 
 
 def draw_forest(
     rows: pd.DataFrame,
     axes: Axes,
     *,
+    looks: Mapping[str, Look],
     seeds: pd.DataFrame,
     policies: pd.DataFrame,
-    looks: Mapping[str, Look],
 ) -> None:
     """Draws the final returns of a task: the interquartile mean, its interval, and all seeds.
 
@@ -79,47 +72,35 @@ def draw_forest(
         seeds: rows of `frames.seeds`.
         policies: rows of `frames.baselines`.
     """
-    order = numbers(looks)
+    seeds = seeds[seeds["configuration"].isin(rows["configuration"]) & seeds["final"].notna()]
     for place, row in enumerate(rows.to_dict("records")):
-        look, number = looks[row["kind"]], order[row["kind"]]
-        _draw_seeds(
-            axes, seeds[seeds["configuration"] == row["configuration"]], place, look, number
-        )
-        _draw_interval(axes, place, row["iqm"], row["iqm_low"], row["iqm_high"], look, number)
-        interval = _interval(row["iqm"], row["iqm_low"], row["iqm_high"])
-        tip = f"{row['label']}: {interval}, n = {row['seeds']}"
-        add_points(axes, [row["iqm"]], [place], [tip], look, number, size=7.5)
+        look, mine = looks[row["kind"]], seeds[seeds["configuration"] == row["configuration"]]
+        final, below = mine["final"], np.full(len(mine), place + 0.27)
+        error = 2 * mine["episode_sd"] / np.sqrt(mine["episodes"])
+        axes.hlines(
+            below, final - error, final + error, color=look.color, alpha=0.35, linewidth=0.8,
+            gid=look.series,
+        )  # fmt: skip
+        tips = [
+            f"seed {seed}: {value:.0f}" + (f" ± {twice:.0f}" if np.isfinite(twice) else "")
+            for seed, value, twice in zip(mine["seed"], final, error, strict=True)
+        ]
+        add_points(axes, final, below, tips, look._replace(marker="o"), size=3.2, alpha=0.6)
         if np.isfinite(row["published"]):
-            tip = f"{row['label']}, the paper's training return: {row['published']:.0f}"
-            published = Look(look.color, (), "|")
-            add_points(axes, [row["published"]], [place], [tip], published, number, size=11)
+            tip = f"{row['name']}, the paper's training return: {row['published']:.0f}"
+            add_points(axes, [row["published"]], [place], [tip], look._replace(marker="|"), size=11)
+    add_rows(axes, rows, looks, value="iqm", ends=("iqm_low", "iqm_high"))
+    names = [_POLICIES.get(name, name) for name in policies["policy"]]
+    apart = Look(style.SOFT, (), "D", len(looks))
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
         axes.plot([row["q10"], row["q90"]], [place] * 2, color=style.SOFT, linewidth=1)
-        tip = f"{_POLICIES.get(row['policy'], row['policy'])}: median {row['median']:.0f}"
-        tip += f" [{row['q10']:.0f}, {row['q90']:.0f}]" if np.isfinite(row["q10"]) else ""
-        look = Look(style.SOFT, (), "D")
-        add_points(axes, [row["median"]], [place], [tip], look, len(looks), size=5.5, hollow=True)
-    axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
-    names = [*rows["label"], *(_POLICIES.get(name, name) for name in policies["policy"])]
-    _name_rows(axes, names)
-    high = max(1000.0, float(seeds["final"].max()) * 1.03) if len(seeds) else 1000.0
-    axes.set_xlim(min(0.0, float(seeds["final"].min())) if len(seeds) else 0, high)
-
-
-def _draw_seeds(axes: Axes, seeds: pd.DataFrame, place: int, look: Look, number: int) -> None:
-    """Draws a dot for each seed, a little below its row, with twice the standard error."""
-    seeds = seeds[seeds["final"].notna()]
-    below = np.full(len(seeds), place + 0.27)
-    error = 2 * seeds["episode_sd"] / np.sqrt(seeds["episodes"])
-    axes.hlines(
-        below, seeds["final"] - error, seeds["final"] + error, color=look.color, alpha=0.35,
-        linewidth=0.8, gid=series(number),
-    )  # fmt: skip
-    tips = [
-        f"seed {seed}: {final:.0f}" + (f" ± {twice:.0f}" if np.isfinite(twice) else "")
-        for seed, final, twice in zip(seeds["seed"], seeds["final"], error, strict=True)
-    ]
-    add_points(axes, seeds["final"], below, tips, Look(look.color), number, size=3.2, alpha=0.6)
+        numbers = interval_text(row["median"], row["q10"], row["q90"])
+        tip = f"{names[place - len(rows)]}: median {numbers}"
+        add_points(axes, [row["median"]], [place], [tip], apart, size=5.5, hollow=True)
+    add_solved(axes)
+    name_rows(axes, [*rows["name"], *names])
+    ends = np.array([0.0, 1000.0, *seeds["final"]])
+    axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))
 
 
 def draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
@@ -128,85 +109,124 @@ def draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look
     Args:
         rows: rows of `frames.configurations` of one task and kind of return, with s.
     """
-    order = numbers(looks)
-    for place, row in enumerate(rows.to_dict("records")):
-        look, number = looks[row["kind"]], order[row["kind"]]
-        value = max(row["s"], 0.0)
-        _draw_interval(axes, place, value, row["s_low"], row["s_high"], look, number)
-        tip = f"{row['label']}: s = {_interval(row['s'], row['s_low'], row['s_high'])}"
-        add_points(
-            axes, [value], [place], [tip], look, number, size=7.5, hollow=not row["s_low"] > 0
-        )
-    _name_rows(axes, rows["label"])
+    add_rows(
+        axes, rows, looks, value="s", ends=("s_low", "s_high"),
+        hollow=~(rows["s_low"].to_numpy() > 0),
+    )  # fmt: skip
     # A few configurations with few seeds have intervals that would hide all others.
     ends = rows["s_high"][np.isfinite(rows["s_high"])]
-    highest = max(
-        1.0, 1.2 * float(rows["s"].max()), min(float(ends.max()), 3 * float(ends.median()))
-    )
+    widest = min(float(ends.max()), 3 * float(ends.median()))
+    highest = max(1.0, 1.2 * float(rows["s"].max()), widest)
     axes.set_xlim(-0.02 * highest, highest)
     axes.set_xlabel("s, standard deviation")
 
 
-def _draw_interval(
-    axes: Axes, place: int, value: float, low: float, high: float, look: Look, number: int
-) -> None:
-    if np.isfinite(low):
-        # An interval without an upper end reaches the edge.
-        high = high if np.isfinite(high) else 1e6
-        axes.plot(
-            [low, high], [place] * 2, color=look.color, linewidth=2.2, solid_capstyle="butt",
-            gid=series(number),
-        )  # fmt: skip
-
-
-def _interval(value: float, low: float, high: float) -> str:
-    return f"{value:.0f}" + (f" [{low:.0f}, {high:.0f}]" if np.isfinite(low) else "")
-
-
-def _name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
-    axes.set_yticks(range(len(names)), [shortened(name) for name in names])
-    axes.set_ylim(len(names) - 0.5, -0.6)
-    axes.tick_params(axis="y", length=0)
-    axes.grid(axis="y", visible=False)
-
-
 def comparisons(frames: Frames) -> Chart | None:
     """Returns the differences between the two sides of `--compare`."""
-    rows = frames.comparisons
-    rows = rows[rows["returns"] == frames.returns] if not rows.empty else rows
+    rows = frames.comparisons[frames.comparisons["returns"] == frames.returns]
     if len(rows) < 2:
         return None
-    looks = style.algorithm_looks([(name, name) for name in dict.fromkeys(rows["algo"])])
+    words = [f", {one}" if one else "" for one in rows["words"]]
+    rows = rows.assign(name=rows["algo"] + " " + rows["representation"] + words)
+    looks = style.algorithm_looks(rows, "algo")
+
+    def draw(group: pd.DataFrame, axes: Axes) -> None:
+        add_rows(axes, group, looks, value="difference", ends=("low", "high"), look="algo")
+        axes.axvline(0, color=style.SOFT, linewidth=0.7)
+
+    panels = by_task(rows, draw, 5.2, 0.6 + ROW * rows.groupby("task").size().max())
     first, other = rows[["a", "b"]].iloc[0]
-    panels = [
-        Panel(
-            str(task),
-            {"": partial(draw_differences, group, looks=looks)},
-            (5.2, 0.6 + _ROW * len(group)),
-        )
-        for task, group in rows.groupby("task", sort=False)
-    ]
     note = f"final return with {first} minus that with {other}; 95% interval"
-    return Chart(
-        "comparisons", "Differences", note, panels, "comparisons", looks, columns=2, minimum=440
-    )
+    more: Any = {"columns": 2, "minimum": 440}
+    return Chart("comparisons", "Differences", note, panels, "comparisons", looks, **more)
 
 
-def draw_differences(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
-    """Draws differences of interquartile means with their intervals.
+def errors(frames: Frames) -> Chart | None:
+    """Returns the errors of encoders: a row each, or by number of latents if sizes differ."""
+    rows = frames.encoders
+    if len(rows) < 2:
+        return None
+    settings = rows["settings"].fillna("")
+    unsized = rows["representation"].str.replace(r"(?<=[a-z])\d+", "", n=1, regex=True)
+    rows = rows.assign(series=(unsized + " " + settings).str.strip())
+    rows = rows.assign(name=(rows["representation"] + " " + settings).str.strip())
+    looks = style.representation_looks(rows, "series")
+    panels = []
+    for task, group in rows.groupby("task", sort=False):
+        by_size = group.groupby("series")["latents"].nunique().max() > 1
+        size = (4.2, 2.6) if by_size else (5.2, 0.7 + ROW * len(group))
+        draw = partial(draw_errors, group.sort_values("latents") if by_size else group, looks=looks)
+        panels.append(Panel(str(task), {"": draw}, size))
+    note = "filled: held-out episodes of the dataset; hollow: episodes of the hand-written policy"
+    title = "Reconstruction error by encoder"
+    more: Any = {"columns": 2, "alike": False, "minimum": 400}
+    return Chart("encoders", title, note, panels, "encoders", looks, **more)
+
+
+def draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
+    """Draws the unexplained variance of encoders.
 
     Args:
-        rows: rows of `frames.comparisons` of one task and kind of return.
+        rows: rows of `frames.encoders` of one task, with columns `series` and `name`; several
+            sizes of a series are drawn against the number of latents.
     """
-    order = numbers(looks)
-    names = []
-    for place, row in enumerate(rows.to_dict("records")):
-        look, number = looks[row["algo"]], order[row["algo"]]
-        names.append(
-            ", ".join(filter(None, (f"{row['algo']} {row['representation']}", row["words"])))
-        )
-        _draw_interval(axes, place, row["difference"], row["low"], row["high"], look, number)
-        tip = f"{names[-1]}: {_interval(row['difference'], row['low'], row['high'])}"
-        add_points(axes, [row["difference"]], [place], [tip], look, number, size=7)
-    axes.axvline(0, color=style.SOFT, linewidth=0.7)
-    _name_rows(axes, names)
+    by_size = rows.groupby("series")["latents"].nunique().max() > 1
+    places = dict(zip(rows["name"], range(len(rows)), strict=False))
+    for column, hollow in (("test", False), ("heuristic", True)):
+        for name, group in rows[rows[column].notna()].groupby("series", sort=False):
+            look, errors = looks[str(name)], group[column].clip(lower=_FLOOR)
+            tips = [
+                f"{one}: {value:.3g} not explained"
+                for one, value in zip(group["name"], group[column], strict=True)
+            ]
+            if by_size:
+                width = 0.8 if hollow else 1.6
+                line: Any = {"color": look.color, "linestyle": look.line, "linewidth": width}
+                axes.plot(group["latents"], errors, gid=look.series, **line)
+                add_points(axes, group["latents"], errors, tips, look, size=5, hollow=hollow)
+            else:
+                at = group["name"].map(places)
+                add_points(axes, errors, at, tips, look, size=6.5, hollow=hollow)
+    if by_size:
+        axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
+        axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
+    else:
+        name_rows(axes, rows["name"])
+        axes.set(xscale="log", xlabel="fraction of the variance not explained")
+        axes.xaxis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
+
+
+def predictions(frames: Frames) -> Chart | None:
+    """Returns final returns against what latents predict of the next control step."""
+    rows = frames.predictions
+    looks = style.representation_looks(rows, "representation")
+    panels = [
+        Panel(f"{task}, {algo}", {"": partial(draw_predictions, points, looks=looks)}, (3.2, 2.3))
+        for (task, algo), group in rows.groupby(["task", "algo"], sort=False)
+        if group["configuration"].nunique() >= _NARROW
+        for _, points in group.groupby("quantity", sort=False)
+    ]
+    if not panels:
+        return None
+    note = "interquartile mean with 95% interval against R² one step ahead; correlation only"
+    title = "Return against what latents predict"
+    more: Any = {"columns": 4, "alike": False, "minimum": 260}
+    return Chart("predictions", title, note, panels, "predictions", looks, **more)
+
+
+def draw_predictions(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
+    """Draws final returns against an R².
+
+    Args:
+        rows: rows of `frames.predictions` of one task, algorithm and quantity.
+    """
+    for row in rows.to_dict("records"):
+        look, at = looks[row["representation"]], max(row["r2"], 0.0)
+        if np.isfinite(row["low"]):
+            axes.plot([at, at], [row["low"], row["high"]], color=look.color, gid=look.series)
+        tip = f"{row['label']}: {row['iqm']:.0f}, R² {row['r2']:.2f}"
+        add_points(axes, [at], [row["iqm"]], [tip], look, size=6)
+    axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
+    axes.set(xlim=(-0.03, 1.03), ylim=(0, 1000))
+    if narrow(axes):
+        axes.xaxis.set_major_locator(ticker.MaxNLocator(3))

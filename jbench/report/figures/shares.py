@@ -1,7 +1,8 @@
-"""Which runs reach the higher return: pairs of configurations, and performance profiles."""
+"""Shares: pairs of configurations, performance profiles, motor velocities and positions."""
 
 from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -10,22 +11,16 @@ from matplotlib import colors
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import SOLVED
-from jbench.report.figures.chart import (
-    Chart,
-    Panel,
-    add_unseen,
-    numbers,
-    series,
-    shortened,
-    thinned,
-)
+from jbench.report.figures.chart import Chart, Panel, by_task
+from jbench.report.figures.marks import add_line, add_solved, shortened
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
 _PROFILES = 6  # lines that can be told apart
 _SHARES = colors.LinearSegmentedColormap.from_list("share", ["#e08214", "#f3f1ee", "#4d8fc4"])
 _DARK = "#1a1f27"  # text on the light colors of the pairs, in both themes
+_TARGET = "#d00000"
+_FULL_SPEED = 180  # rad/s, an observed velocity of 1
 
 
 def pairs(frames: Frames) -> Chart | None:
@@ -36,17 +31,18 @@ def pairs(frames: Frames) -> Chart | None:
         counts = rows.groupby("a")["b"].nunique()
         kept = counts.index[counts > 1]
         rows = rows[rows["a"].isin(kept) & rows["b"].isin(kept)]
-        count = rows["a"].nunique()
-        if count > 2:
-            draw = partial(draw_pairs, rows)
-            panels.append(Panel(str(task), {"": draw}, (5.2, 1.4 + 0.33 * count)))
+        if (count := rows["a"].nunique()) > 2:
+            panels.append(
+                Panel(str(task), {"": partial(draw_pairs, rows)}, (5.2, 1.4 + 0.33 * count))
+            )
     if not panels:
         return None
-    note = "percentage of pairs of runs in which the row's ends above the column's; bold: decided"
-    return Chart(
-        "pairs", "Which reaches the higher return", note, panels, "pairs", {}, columns=2,
-        alike=False, minimum=440,
-    )  # fmt: skip
+    note = (
+        "percentage of pairs of runs in which the row's ends above the column's; bold: decided, "
+        "corrected for the number of pairs"
+    )
+    more: Any = {"columns": 2, "alike": False, "minimum": 440}
+    return Chart("pairs", "Which reaches the higher return", note, panels, "pairs", **more)
 
 
 def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
@@ -56,9 +52,8 @@ def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
         rows: rows of `frames.pairs` of one task.
     """
     names = list(dict.fromkeys(rows["a_label"]))
-    share = rows.pivot_table(index="a_label", columns="b_label", values="p").reindex(
-        index=names, columns=names
-    )
+    share = rows.pivot_table(index="a_label", columns="b_label", values="p")
+    share = share.reindex(index=names, columns=names)
     axes.pcolormesh(share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, edgecolors="none")
     for row in rows.to_dict("records"):
         axes.text(
@@ -66,8 +61,7 @@ def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
             f"{100 * row['p']:.0f}", ha="center", va="center", color=_DARK,
             weight="bold" if row["decided"] else "normal", size=mpl.rcParams["font.size"] * 0.9,
         )  # fmt: skip
-    middles = np.arange(len(names)) + 0.5
-    shown = [shortened(name) for name in names]
+    middles, shown = np.arange(len(names)) + 0.5, [shortened(name) for name in names]
     axes.set_yticks(middles, shown)
     axes.set_xticks(middles, shown, rotation=40, ha="right", rotation_mode="anchor")
     axes.set_ylim(len(names), 0)
@@ -79,20 +73,12 @@ def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
 def profiles(frames: Frames) -> Chart | None:
     """Returns the share of runs above each return, of tasks with few enough configurations."""
     rows = frames.profiles
-    if rows.empty:
-        return None
     lines = rows.groupby("task")["label"].transform("nunique")
     rows = rows[(lines > 1) & (lines <= _PROFILES)]
     if rows.empty:
         return None
-    rows = rows.assign(series=rows["label"])
-    looks = style.representation_looks(
-        list(rows[["series", "kind"]].drop_duplicates().itertuples(index=False, name=None))
-    )
-    panels = [
-        Panel(str(task), {"": partial(draw_profiles, group, looks=looks)}, (5.2, 2.8))
-        for task, group in rows.groupby("task", sort=False)
-    ]
+    looks = style.representation_looks(rows, "label")
+    panels = by_task(rows, partial(draw_profiles, looks=looks), 5.2, 2.8)
     note = "share of runs that end above a return; bands: 95% intervals"
     return Chart("profiles", "Performance profiles", note, panels, "profiles", looks)
 
@@ -101,25 +87,79 @@ def draw_profiles(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) 
     """Draws the share of runs above each return.
 
     Args:
-        rows: rows of `frames.profiles` of one task, with a column `series`.
+        rows: rows of `frames.profiles` of one task.
     """
-    order = numbers(looks)
-    for name, line in rows.groupby("series", sort=False):
-        look, number = looks[str(name)], order[str(name)]
+    for name, line in rows.groupby("label", sort=False):
         values = line[["share", "low", "high"]]
         steps = (values != values.shift()).any(axis=1) | (values != values.shift(-1)).any(axis=1)
         line = line[steps]
         x, share = line["final_return"].to_numpy(), line["share"].to_numpy()
-        axes.step(
-            x, share, where="post", color=look.color, linestyle=look.linestyle, gid=series(number)
-        )
-        axes.fill_between(
-            x, line["low"], line["high"], step="post", color=look.color, alpha=0.12, linewidth=0,
-            gid=series(number),
-        )  # fmt: skip
-        shown = thinned(len(x), 40)
-        tips = [f"{name}: {100 * share[i]:.0f}% above {x[i]:.0f}" for i in shown]
-        add_unseen(axes, x[shown], share[shown], tips, number)
-    axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
+        tips = [f"{name}: {100 * y:.0f}% above {at:.0f}" for at, y in zip(x, share, strict=True)]
+        band, look = (line["low"], line["high"]), looks[str(name)]
+        add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
+    add_solved(axes)
     axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
     axes.set_xlim(left=0)
+
+
+def motor(frames: Frames) -> Chart | None:
+    """Returns the distribution of motor velocities of evaluated policies (Figure 4)."""
+    rows = frames.motor
+    if rows.empty:
+        return None
+    looks = style.algorithm_looks(rows, "label")
+    panels = by_task(rows, partial(draw_motor, looks=looks), 5.0, 2.8)
+    note = "distribution over all states of the evaluated episodes (the paper's Figure 4)"
+    return Chart("motor", "Motor velocities", note, panels, "motor", looks, columns=2)
+
+
+def draw_motor(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
+    """Draws the density of motor velocities.
+
+    Args:
+        rows: rows of `frames.motor` of one task.
+    """
+    for name, line in rows.groupby("label", sort=False):
+        velocity, density = line["velocity"].to_numpy(), line["density"].to_numpy()
+        density = np.where(density > 0, density, np.nan)  # the axis is logarithmic
+        tips = [
+            f"{name}: density {value:.2g} at {at * _FULL_SPEED:.0f} rad/s"
+            for at, value in zip(velocity, density, strict=True)
+        ]
+        add_line(axes, velocity, density, tips, looks[str(name)], step="mid", marked=False)
+    axes.set(yscale="log", xlabel="motor velocity as observed (1: 180 rad/s)", ylabel="density")
+
+
+def positions(frames: Frames) -> Chart | None:
+    """Returns the positions of the robot with evaluated policies (Figure 5)."""
+    panels = [
+        Panel(str(label), {"": partial(draw_positions, group)}, (3.4, 3.2))
+        for (_, label), group in frames.positions.groupby(["task", "label"], sort=False)
+    ]
+    note = (
+        "share of all states, from light to dark on a logarithmic scale; cross: start; arrow: the "
+        "target's direction (the paper's Figure 5)"
+    )
+    more: Any = {"columns": 3, "minimum": 260}
+    return Chart("positions", "Positions", note, panels, "positions", **more) if panels else None
+
+
+def draw_positions(rows: pd.DataFrame, axes: Axes) -> None:
+    """Draws a map of the torso's positions.
+
+    Args:
+        rows: rows of `frames.positions` of one policy.
+    """
+    reach, yaw = (float(rows[name].iloc[0]) for name in ("reach", "target_yaw"))
+    share = rows.pivot_table(index="y", columns="x", values="share").where(lambda one: one > 0)
+    axes.pcolormesh(
+        share.columns.to_numpy(float), share.index.to_numpy(float), share.to_numpy(),
+        cmap="viridis_r", norm=colors.LogNorm(1e-6, 0.1), shading="nearest", rasterized=True,
+    )  # fmt: skip
+    axes.plot(0, 0, "+", color=_TARGET, markersize=9)
+    if np.isfinite(yaw):
+        x, y = reach * np.cos(yaw), reach * np.sin(yaw)
+        arrow = {"arrowstyle": "->", "color": _TARGET}
+        axes.annotate("", (0.85 * x, 0.85 * y), (0.55 * x, 0.55 * y), arrowprops=arrow)
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x (m)", ylabel="y (m)")
+    axes.set_aspect("equal")

@@ -1,0 +1,164 @@
+"""What figures are drawn of: lines, points with tips, and rows with names."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from jbench.report import style
+from jbench.report.data.returns import SOLVED
+from jbench.report.style import Look
+
+MOST_POINTS = 200
+"""Points of a curve that are drawn; a panel of a page is about 300 pixels wide."""
+
+ROW = 0.25
+"""Height of a row in inches."""
+
+_TIPS = 40  # points of a curve that have a tip, if it has too many for markers
+_UNSEEN = [(-1, -1), (1, 1)]  # corners of a mark; a circle would take 200 bytes
+_LONGEST = 34  # characters of a name beside a panel
+
+
+def add_points(
+    axes: Axes,
+    x: Any,
+    y: Any,
+    tips: Sequence[str],
+    look: Look,
+    *,
+    size: float = 4.5,
+    hollow: bool = False,
+    alpha: float = 1,
+    seen: bool = True,
+) -> None:
+    """Draws marks, each with a tip on the page.
+
+    Args:
+        size: diameter in points.
+        seen: else there are only the tips.
+    """
+    face = "none" if not seen else "#ffffff" if hollow else look.color
+    axes.scatter(
+        x,
+        y,
+        s=size**2,
+        marker=look.marker if seen else _UNSEEN,
+        facecolors=face,
+        edgecolors=None if look.marker == "|" else look.color if seen and hollow else "none",
+        alpha=alpha if seen else None,
+        urls=list(tips),
+        gid=look.series,
+        zorder=3,
+    )
+
+
+def add_line(
+    axes: Axes,
+    x: Any,
+    y: Any,
+    tips: Sequence[str],
+    look: Look,
+    *,
+    band: tuple[Any, Any] | None = None,
+    alpha: float = 0.14,
+    step: Any = None,
+    marked: bool = True,
+) -> None:
+    """Draws a line with a band; if it has few points, with marks, else with some unseen tips.
+
+    Args:
+        step: where a step is, as matplotlib's `pre`, `mid` or `post`; None for a line.
+        marked: whether few points have marks.
+    """
+    drawn: Any = {"color": look.color, "linestyle": look.line, "gid": look.series, "zorder": 2.5}
+    axes.plot(x, y, drawstyle=f"steps-{step}" if step else "default", **drawn)
+    if band is not None and np.isfinite(np.asarray(band[0], float)).any():
+        axes.fill_between(
+            x, *band, step=step, color=look.color, alpha=alpha, linewidth=0, gid=look.series
+        )
+    shown = thinned(len(x), _TIPS)
+    seen = marked and len(x) <= _TIPS
+    texts = [tips[int(i)] for i in shown]
+    size = mpl.rcParams["lines.markersize"]
+    add_points(axes, np.asarray(x)[shown], np.asarray(y)[shown], texts, look, size=size, seen=seen)
+
+
+def add_interval(axes: Axes, place: float, low: float, high: float, look: Look) -> None:
+    """Draws an interval in a row; one without an upper end reaches the edge."""
+    if np.isfinite(low):
+        ends = [low, high if np.isfinite(high) else 1e6]
+        axes.plot(
+            ends, [place] * 2, color=look.color, linewidth=2.2, solid_capstyle="butt",
+            gid=look.series,
+        )  # fmt: skip
+
+
+def add_rows(
+    axes: Axes,
+    rows: pd.DataFrame,
+    looks: Mapping[str, Look],
+    *,
+    value: str,
+    ends: tuple[str, str],
+    look: str = "kind",
+    hollow: Any = None,
+) -> None:
+    """Draws a row for each configuration: its name, a number and the interval of this number.
+
+    Args:
+        rows: with a column `name`.
+        look: column of the names in `looks`.
+        hollow: whether each mark is hollow.
+    """
+    for place, row in enumerate(rows.to_dict("records")):
+        low, high = row[ends[0]], row[ends[1]]
+        add_interval(axes, place, low, high, looks[row[look]])
+        tip = f"{row['name']}: {interval_text(row[value], low, high)}"
+        tip += f", n = {row['seeds']}" if "seeds" in row else ""
+        drawn = looks[row[look]]
+        blank = hollow is not None and bool(hollow[place])
+        add_points(axes, [row[value]], [place], [tip], drawn, size=7.5, hollow=blank)
+    name_rows(axes, rows["name"])
+
+
+def interval_text(value: float, low: float, high: float) -> str:
+    """Formats a number with its interval."""
+    return f"{value:.0f}" + (f" [{low:.0f}, {high:.0f}]" if np.isfinite(low) else "")
+
+
+def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
+    """Writes a name beside each row."""
+    axes.set_yticks(range(len(names)), [shortened(name) for name in names])
+    axes.set_ylim(len(names) - 0.5, -0.6)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="y", visible=False)
+
+
+def add_solved(axes: Axes) -> None:
+    """Draws the return of a solved task as a vertical line."""
+    axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
+
+
+def shortened(name: str) -> str:
+    """Returns a name that leaves room for a panel beside it."""
+    return name if len(name) <= _LONGEST else f"{name[:20]}…{name[-10:]}"
+
+
+def narrow(axes: Axes, inches: float = 2.2) -> bool:
+    """Returns whether a panel is narrower, as before its labels are placed."""
+    figure = axes.get_figure(root=True)
+    return figure is not None and axes.get_position().width * figure.get_figwidth() < inches
+
+
+def thinned(count: int, most: int = MOST_POINTS) -> Any:
+    """Returns indices of at most so many points: half of them equally, half logarithmically."""
+    if count <= most:
+        return np.arange(count)
+    half = most // 2
+    equal = np.linspace(0, count - 1, most - half)
+    logarithmic = np.geomspace(1, count, half) - 1
+    return np.unique(np.concatenate([equal, logarithmic]).round().astype(int))

@@ -178,8 +178,8 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
 
 def _watch(database: "Results", out: Path, request: "Request", output: Output) -> None:
     """Writes a page whenever the results change, and the whole report after Ctrl-C."""
+    from jbench.commands.watching import remembered_interrupt, watch
     from jbench.report.data.sources import NothingYetError
-    from jbench.report.report import remembered_interrupt, watch
 
     def write(request: "Request") -> None:
         try:

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.report.data.sources import PATHS, run_paths
+from jbench.report.data.points import PATHS, run_paths
 from jbench.report.frames import frames
 from jbench.store import schema
 from tests.report.conftest import evaluations

@@ -11,7 +11,7 @@ import pytest
 
 from jbench.cli import main
 from jbench.commands.report import open_page
-from jbench.report.report import Interrupt, fingerprint, remembered_interrupt, watch
+from jbench.commands.watching import Interrupt, fingerprint, remembered_interrupt, watch
 from jbench.report.request import Request
 from tests.forking import COMMAND, Piped
 

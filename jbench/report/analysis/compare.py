@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from jbench.names import kind_of
 from jbench.report.analysis.scores import compared_scores, scores_of
 from jbench.report.analysis.verdicts import Ends, corrected_level, difference_text
 from jbench.report.data.configuration import (
@@ -23,8 +22,7 @@ from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 
 PAIRS = [
-    *("task", "returns", "a", "b", "a_label", "b_label", "a_kind", "b_kind"),
-    *("p", "low", "high", "decided", "steps"),
+    *("task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"),
 ]
 PROFILES = [*ID, "returns", "seeds", "final_return", "share", "low", "high"]
 COMPARISONS = [
@@ -151,8 +149,8 @@ def pair_frame(
     """Returns the probability that a run of configuration a ends above one of b, both ways.
 
     Only runs on the plain robot are paired, of at least `DECIDING_SEEDS` seeds each that were
-    trained equally long. Columns: task, returns, a, b (configurations), their labels and kinds of
-    representation, p with its 95% interval (low, high), decided (as in the verdicts; for others,
+    trained equally long. Columns: task, returns, a, b (configurations), their labels, p with
+    its 95% interval (low, high), decided (as in the verdicts; for others,
     whether 0.5 is outside of the interval that is corrected for the number of pairs), steps (of
     training).
 
@@ -186,8 +184,7 @@ def pair_frame(
         decided = known_verdicts.get(pair, _excludes_half(*_ends(sample)(1 - level)))
         for a, b, *numbers in ((one, other, p, low, high), (other, one, 1 - p, 1 - high, 1 - low)):
             labels = a.task, a.kind, a.configuration, b.configuration, a.label, b.label
-            kinds = kind_of(a.representation), kind_of(b.representation)
-            rows.append((*labels, *kinds, *numbers, decided, int(a.longest)))
+            rows.append((*labels, *numbers, decided, int(a.longest)))
     return pd.DataFrame(rows, columns=PAIRS)
 
 

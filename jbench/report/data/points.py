@@ -14,6 +14,10 @@ from jbench.statistics import FloatArray
 POINT = ["episode_return", "control_steps", "processor_time"]
 """Columns of the tables `episodes` and `evaluations` that are read."""
 
+_POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]
+PATHS = ("run", "evaluation", "control_steps", *_POSES)
+"""Columns of the table `paths` that are read."""
+
 FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
 """Columns of points; see `configuration.Configuration`."""
 
@@ -47,6 +51,32 @@ def with_more_episodes(tables: Mapping[str, pa.Table]) -> pa.Table:
     more = more.assign(episode=np.arange(len(more)) + 1_000_000)  # never the first of an evaluation
     rows = pa.Table.from_pandas(more[evaluations.column_names], preserve_index=False)
     return pa.concat_tables([evaluations, rows.cast(evaluations.schema)])
+
+
+def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
+    """Returns the points of the paths of each run in the order of its evaluations.
+
+    Columns: run, steps (control steps of the run at the evaluation), episode_return (of the
+    episode; NaN if it is unknown), x, y (m) and heading (rad) of the robot, target_x, target_y (m)
+    and target_yaw (rad) of the target; NaN if they are not random. A path of one point is left out.
+
+    Args:
+        paths: rows of the table of that name, with `PATHS`; None if there are none.
+        evaluations: rows of the table of that name.
+    """
+    columns = ["run", "steps", "episode_return", *_POSES]
+    if paths is None or not paths.num_rows:  # older versions recorded none
+        return pd.DataFrame(columns=columns)
+    keys = ["run", "evaluation"]
+    points: pd.DataFrame = paths.to_pandas(use_threads=False).astype({"run": str})
+    numbers = points[["evaluation", "control_steps", "x", "y", "heading"]].astype(float)
+    points = points[np.isfinite(numbers.to_numpy()).all(axis=1)]
+    points = points[points.groupby(keys)["x"].transform("size") > 1]
+    returns = evaluations.to_pandas(use_threads=False).astype({"run": str})
+    returns = returns[returns["episode"] == 0].drop_duplicates(keys)
+    points = points.merge(returns[[*keys, "episode_return"]], on=keys, how="left")
+    named: pd.DataFrame = points.rename(columns={"control_steps": "steps"})
+    return named[columns]
 
 
 def training_points(episodes: pa.Table) -> dict[str, pd.DataFrame]:

@@ -16,7 +16,7 @@ from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.imported import as_runs, with_spacing_note
-from jbench.report.data.points import POINT, with_more_episodes
+from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
 from jbench.report.request import Request
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
@@ -29,10 +29,6 @@ _MORE = (
     *("encoders", "encoder_errors", "encoder_predictions"),
     *("policy_evaluations", "policy_episodes"),
 )
-_POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]
-PATHS = ("run", "evaluation", "control_steps", *_POSES)
-"""Columns of the table `paths` that are read."""
-
 _COLUMNS = {
     "episodes": ("run", "episode", *POINT),
     "evaluations": ("run", "evaluation", "episode", *POINT),
@@ -176,32 +172,6 @@ def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError
     return NothingYetError(
         f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
     )
-
-
-def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
-    """Returns the points of the paths of each run in the order of its evaluations.
-
-    Columns: run, steps (control steps of the run at the evaluation), episode_return (of the
-    episode; NaN if it is unknown), x, y (m) and heading (rad) of the robot, target_x, target_y (m)
-    and target_yaw (rad) of the target; NaN if they are not random. A path of one point is left out.
-
-    Args:
-        paths: rows of the table of that name, with `PATHS`; None if there are none.
-        evaluations: rows of the table of that name.
-    """
-    columns = ["run", "steps", "episode_return", *_POSES]
-    if paths is None or not paths.num_rows:  # older versions recorded none
-        return pd.DataFrame(columns=columns)
-    keys = ["run", "evaluation"]
-    points: pd.DataFrame = paths.to_pandas(use_threads=False).astype({"run": str})
-    numbers = points[["evaluation", "control_steps", "x", "y", "heading"]].astype(float)
-    points = points[np.isfinite(numbers.to_numpy()).all(axis=1)]
-    points = points[points.groupby(keys)["x"].transform("size") > 1]
-    returns = evaluations.to_pandas(use_threads=False).astype({"run": str})
-    returns = returns[returns["episode"] == 0].drop_duplicates(keys)
-    points = points.merge(returns[[*keys, "episode_return"]], on=keys, how="left")
-    named: pd.DataFrame = points.rename(columns={"control_steps": "steps"})
-    return named[columns]
 
 
 def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:

@@ -214,9 +214,9 @@ def _show(written: "Report", output: Output) -> None:
     from jbench.commands.display import show_table
     from jbench.report.tables import tables
 
-    asked = {"final_returns", "verdicts"}
-    asked |= {"claims"} if written.frames.request.claims else set()
-    asked |= {"comparisons"} if written.frames.request.compare else set()
+    request = written.frames.request
+    asked = {"comparisons"} if request.compare else {"final_returns", "verdicts"}
+    asked |= {"claims"} if request.claims else set()
     for table in tables(written.frames):
         if table.name in asked:
             show_table(table, output)

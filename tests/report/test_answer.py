@@ -16,6 +16,8 @@ from scipy.stats import trim_mean
 
 import jbench
 from jbench.names import kind_of
+from jbench.report.frames import frames
+from jbench.store.shipped import shipped_results
 from tests.command_line import succeed
 from tests.documentation import ROOT
 
@@ -278,6 +280,11 @@ def test_comparisons_that_the_sequential_test_has_decided(tmp_path):
     succeed("merge", "reference", results=tmp_path)
     typed = ("sweep", "question", "--until-decided", "--dry-run", "--json")
     rows = json.loads(succeed(*typed, results=tmp_path).stdout)["comparisons"]
+    # The report has the same decisions.
+    tested = [(row["difference"], row["low"], row["high"]) for row in rows if row["seeds"]]
+    shown = frames(shipped_results()).decisions[["difference", "low", "high"]]
+    finite = shown.replace([np.inf, -np.inf], np.nan)  # JSON has no infinite numbers
+    np.testing.assert_allclose(finite, np.array(tested, float), rtol=1e-9)
     decided = {
         (*row["comparison"].replace(" td3", "").replace("against ", "").split(), row["verdict"])
         for row in rows

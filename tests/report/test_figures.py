@@ -153,6 +153,12 @@ def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
     found.motor = pd.DataFrame({**names, "velocity": velocity, "density": 1 - abs(velocity)})
     places = {"x": [-0.1, 0.1], "y": [0.1, -0.1], "share": [0.01, 0.0], "target_yaw": 0.5}
     found.positions = pd.DataFrame({**names, **places, "reach": 0.2})
+    encoders = [
+        {"task": "face_direction", "kind": "pca", "representation": f"pca{size}", "settings": ""}
+        | {"latents": size, "test": 0.1 / size, "heuristic": 0.2}
+        for size in (2, 4)
+    ]
+    found.encoders = pd.DataFrame(encoders)
     trained = found.curves[found.curves["returns"] == "training"]
     found.sequences = pd.concat([trained, trained.assign(source="published", seeds=1)])
     made = {chart.name: chart for chart in charts(found)}
@@ -162,6 +168,12 @@ def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
     assert sorted(mesh.compressed()) == [0.01]
     lines = drawn(made["sequences"].panels[0]).lines
     assert sum(line.get_gid() == "series-0" for line in lines) == 1
+    for name in ("motor", "encoders"):
+        axes = drawn(made[name].panels[0])
+        axes.figure.canvas.draw()
+        ticks = [tick.get_text() for tick in (*axes.get_xticklabels(), *axes.get_yticklabels())]
+        assert ticks
+        assert not any("$" in text for text in ticks)
     for chart in made.values():
         assert style.image(chart.figure(2), "png").startswith(b"\x89PNG")
 

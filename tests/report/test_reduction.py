@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from jbench.report.analysis.compare import return_frame
-from jbench.report.analysis.verdicts import decision_frame, verdict_frame
+from jbench.report.analysis.verdicts import corrected_level, decision_frame, verdict_frame
 from jbench.report.encoders import prediction_frame
 from jbench.report.frames import frames
 
@@ -74,6 +74,53 @@ def test_difference_that_excludes_zero_but_not_margin_is_higher(fabric):
     assert (row["verdict"], row["mark"]) == ("higher", "✓")
     assert 0 < row["low"] < 50 < row["high"]
     assert row["text"].endswith("; by more than 50: undecided")
+
+
+def test_every_verdict_is_corrected_for_the_others(fabric):
+    # The difference excludes 0 by itself, but not as one of many.
+    near = FINALS["full"] + np.linspace(0, 9, 8) - 1
+    learn(fabric, {"full": FINALS["full"], "pca4": near + 4}, algo="sac")
+    alone = verdicts(fabric)["pca4", "full", "c"]
+    assert (alone["verdict"], alone["corrected_by"]) == ("undecided", "")
+    learn(fabric)
+    found = verdicts(fabric)
+    assert {row["corrected_by"] for row in found.values()} == {"Holm, 8 comparisons"}
+    for row in found.values():
+        assert row["corrected_low"] <= row["low"] <= row["high"] <= row["corrected_high"]
+
+
+def test_error_rate_is_divided_by_the_comparisons_that_are_left():
+    # Intervals that exclude 0 at two-sided rates above 0.001, 0.02, 0.024 and never.
+    def interval(rate):
+        return lambda confidence: (1.0, 2.0) if 1 - confidence >= rate else (-100.0, 100.0)
+
+    intervals = [interval(rate) for rate in (0.001, 0.02, 0.024, 1)]
+    # 0.05 / 4 decides the first, 0.05 / 3 none of the others.
+    assert corrected_level(intervals) == pytest.approx(0.05 / 3)
+    # 0.05 / 3 decides two of three, and 0.05 the last one.
+    intervals = [interval(rate) for rate in (0.001, 0.016, 0.04)]
+    assert corrected_level(intervals) == pytest.approx(0.05)
+    assert corrected_level([]) == 0.05
+
+
+def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):
+    steps = {"steps": 100_000, "engine": "batched"}
+    for seeds, verdict in ((5, "undecided"), (10, "higher")):
+        for name, level in (("full", 300.0), ("planar12", 700.0)):
+            for seed in range(seeds - 5, seeds):
+                final = level + 10 * seed
+                more = {"representation": name, "evaluated": {100_000: final}}
+                fabric.run([final] * 100, seed, **steps, **more)
+        found = frames(fabric.results)
+        (decision,) = found.decisions.to_dict("records")
+        row = found.verdicts[
+            (found.verdicts["claim"] == "a") & (found.verdicts["returns"] == "evaluation")
+        ].iloc[0]
+        assert decision["seeds"] == seeds
+        # All ten labels of a block have to be right: 1 / 252 is more than the share of 0.001.
+        assert decision["verdict"] == row["verdict"] == verdict
+        assert row["corrected_by"] == "sequential test"
+    assert found.pairs["decided"].all()
 
 
 def test_few_seeds_are_undecided(fabric):

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.report.analysis.scores import compared_scores, scores_of
-from jbench.report.analysis.verdicts import Ends, corrected_level, difference_text
+from jbench.report.analysis.verdicts import Ends, corrected_level, difference_text, judged
 from jbench.report.data.configuration import (
     ID,
     Configuration,
@@ -78,23 +78,22 @@ def comparison_frame(pairs: Sequence[tuple[Configuration, Configuration]]) -> pd
         found = [
             (ours, theirs, compare(ours, theirs)) for ours, theirs in pairs if ours.kind == kind
         ]
+        enough = [min(one.seeds) >= st.DECIDING_SEEDS for *_, one in found]
         ends: list[Ends] = [_ends(one.difference) for *_, one in found]
-        enough = [
-            e
-            for e, (*_, one) in zip(ends, found, strict=True)
-            if min(one.seeds) >= st.DECIDING_SEEDS
-        ]
-        level = corrected_level(enough)
-        for (ours, theirs, one), interval in zip(found, ends, strict=True):
+        level = corrected_level([one for one, known in zip(ends, enough, strict=True) if known])
+        for (ours, theirs, one), interval, known in zip(found, ends, enough, strict=True):
             low, high = interval(1 - level)
             row: dict[str, Any] = {name: ours.identity[name] for name in COMPARISONS[:4]}
             row |= {"returns": kind, "a": ours.source, "b": theirs.source}
             row |= {"seeds_a": one.seeds[0], "seeds_b": one.seeds[1], "steps": one.control_steps}
             numbers = [n for sample in one[2:] for n in sample.estimate()[:3]]
             row |= dict(zip(COMPARISONS[10:19], numbers, strict=True))
-            text = f"{ours.source} {difference_text(low, high)}"
+            verdict = judged(low, high) if known else "undecided"
+            text = f"{verdict}: {difference_text(low, high)}"
             if np.isnan(low):
                 text = f"{signed(one.difference.value)}, too few seeds"
+            elif verdict in ("higher", "lower"):
+                text = f"{ours.source} {difference_text(low, high)}"
             rows.append({**row, "corrected_low": low, "corrected_high": high, "text": text})
     return pd.DataFrame(rows, columns=COMPARISONS)
 

@@ -6,6 +6,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
@@ -17,6 +18,9 @@ MOST_POINTS = 200
 
 ROW = 0.25
 """Height of a row in inches."""
+
+PLAIN = ticker.StrMethodFormatter("{x:g}")
+"""Formats the numbers of a logarithmic axis, since texts are not parsed as mathematics."""
 
 _TIPS = 40  # points of a curve that have a tip, if it has too many for markers
 _UNSEEN = [(-1, -1), (1, 1)]  # corners of a mark; a circle would take 200 bytes

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from jbench.report import style
 from jbench.report.figures.chart import Chart, Panel, by_task
 from jbench.report.figures.marks import (
+    PLAIN,
     ROW,
     add_points,
     add_rows,
@@ -190,10 +191,11 @@ def draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) ->
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
+        axes.yaxis.set_major_formatter(PLAIN)
     else:
         name_rows(axes, rows["name"])
         axes.set(xscale="log", xlabel="fraction of the variance not explained")
-        axes.xaxis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_major_formatter(PLAIN)
 
 
 def predictions(frames: Frames) -> Chart | None:

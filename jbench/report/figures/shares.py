@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.figures.chart import Chart, Panel, by_task
-from jbench.report.figures.marks import add_line, add_solved, shortened
+from jbench.report.figures.marks import PLAIN, add_line, add_solved, shortened
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
@@ -128,6 +128,7 @@ def draw_motor(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> 
         ]
         add_line(axes, velocity, density, tips, looks[str(name)], step="mid", marked=False)
     axes.set(yscale="log", xlabel="motor velocity as observed (1: 180 rad/s)", ylabel="density")
+    axes.yaxis.set_major_formatter(PLAIN)
 
 
 def positions(frames: Frames) -> Chart | None:

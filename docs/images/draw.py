@@ -1,13 +1,10 @@
-"""Draws the pictures of the README: python docs/images/draw.py, headless or on a desktop."""
+"""Draws the portrait of the README: python docs/images/draw.py, headless or on a desktop."""
 
 from pathlib import Path
 
 from jbench.opengl import choose_backend
 
 HERE = Path(__file__).parent
-
-# The target of this episode stays in view of the fixed camera.
-SEED = 5
 
 # Of the portrait: pixels, and how many times larger it is drawn for smooth edges.
 WIDTH, HEIGHT, FINER = 1280, 720, 2
@@ -38,21 +35,6 @@ def portrait() -> None:
     drawn.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS).save(HERE / "robot.png", optimize=True)
 
 
-def episodes() -> None:
-    """Draws the hand-written policy of move_to_pose as an animation and as a strip."""
-    from jbench.rendering.episode import Scene
-    from jbench.rendering.write import render_to_file
-    from jbench.tasks.heuristics import heuristic
-
-    policy, task = heuristic("move_to_pose"), "move_to_pose"
-    scene = Scene(task, seed=SEED, camera="spectator", width=480, height=360)
-    path = HERE / "move_to_pose.gif"
-    render_to_file(policy, scene, path, name="heuristic", speed=0.5, steps=400)
-    scene = Scene(task, seed=SEED, camera="spectator", width=320, height=240)
-    render_to_file(policy, scene, HERE / "strip.png", name="heuristic", steps=250)
-
-
 if __name__ == "__main__":
     choose_backend()
     portrait()
-    episodes()

@@ -1,0 +1,35 @@
+"""Tests of the gallery of the README: its animations, and the returns in their captions."""
+
+import importlib.util
+import re
+
+import pytest
+from PIL import Image
+
+from jbench.names import TASKS
+from tests.documentation import ROOT
+
+_SPEC = importlib.util.spec_from_file_location("gallery", ROOT / "docs" / "images" / "gallery.py")
+gallery = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(gallery)
+
+
+def test_each_task_has_an_animation_that_loads_fast():
+    assert {clip.task for clip in gallery.GALLERY} == set(TASKS)
+    for clip in gallery.GALLERY:
+        path = gallery.path_of(clip)
+        assert path.stat().st_size < 1_000_000
+        with Image.open(path) as image:
+            assert image.width == 480
+            assert (
+                image.n_frames == clip.steps // 2 + 1
+            )  # an image each 0.02 s, slowed down to 0.04
+
+
+@pytest.mark.parametrize("clip", gallery.GALLERY, ids=lambda clip: clip.task)
+def test_caption_has_the_policy_and_the_return_of_its_episode(clip):
+    text = (ROOT / "README.md").read_text()
+    (caption,) = re.findall(rf"`{clip.task}`, (.*?): return (\d+)", text)
+    assert caption[0] == ("hand-written policy" if clip.policy == "heuristic" else "TD3")
+    # On another processor an episode ends a little differently.
+    assert gallery.whole_return(clip) == pytest.approx(float(caption[1]), abs=100)

@@ -12,7 +12,7 @@ from jbench.sweeps.deciding import Look, Outcome
 _VERDICTS = {
     "larger": "higher",
     "smaller": "lower",
-    "equal": f"equal within {MARGIN:g}",
+    "equal": f"similar, within {MARGIN:g}",
     "undecided": "undecided",
 }
 

@@ -57,13 +57,13 @@ def _on_sides(comparisons: pd.DataFrame) -> str:
     enough = comparisons[["seeds_a", "seeds_b"]].min(axis=1) >= DECIDING_SEEDS
     ends = comparisons[enough][["corrected_low", "corrected_high"]]
     words = [judged(*pair) for pair in ends.itertuples(index=False)]
-    of = f"of {len(comparisons)} configurations" if len(comparisons) > 1 else "configuration"
-    found = [
-        f"{word} in {words.count(word)} {of}"
-        for word in ("higher", "lower", "similar")
-        if word in words
-    ]
-    answer = ", ".join(found) or "not shown to differ from it"
+    counts = {word: words.count(word) for word in ("higher", "lower", "similar") if word in words}
+    answer = one_of([f"{word} in {count}" for word, count in counts.items()], "and")
+    answer += f" of {len(comparisons)} configurations"
+    if not counts:
+        answer = "not shown to differ from it"
+    elif len(comparisons) == 1:
+        (answer,) = counts
     return f"The final return with {first}, compared with {other}, is {answer}."
 
 

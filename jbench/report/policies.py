@@ -151,24 +151,15 @@ def _read(record: Record) -> _States:
         median, policy = float(record.manifest.summary["median"]), str(settings["policy"])
         label = f"{policy} (median return {median:.0f}, {int(settings['episodes'])} episodes)"
         names = {"task": str(settings["task"]), "policy": policy, "label": label, "median": median}
-        return _States(names, np.nan if yaw is None else float(yaw), *_columns(states))
+        columns = [states[name].to_numpy() for name in ("motor_velocity", "x", "y")]
+        if not (states.num_rows and np.isfinite(columns).all()):
+            raise ValueError("no states, or states that are not finite")
+        return _States(names, np.nan if yaw is None else float(yaw), *columns)
     except (KeyError, TypeError, ValueError) as error:
         raise WorkError(
             f"The evaluation {record.id} has invalid settings or states ({error}); delete "
             f"{record.path} to make it again."
         ) from None
-
-
-def _columns(states: pa.Table) -> list[np.ndarray]:
-    """Returns motor velocities and positions.
-
-    Raises:
-        ValueError: if there are none, or some are not finite.
-    """
-    columns = [states[name].to_numpy() for name in ("motor_velocity", "x", "y")]
-    if not (states.num_rows and all(np.isfinite(column).all() for column in columns)):
-        raise ValueError("no states, or states that are not finite")
-    return columns
 
 
 def _motor(one: _States) -> pd.DataFrame:

@@ -62,6 +62,17 @@ class TestCompare:
         assert len(found.configurations) == 3
         assert any(note.startswith("Only in engine=sb3:") for note in found.notes)
 
+    def test_headline_speaks_of_the_comparison(self, fabric):
+        for seed in range(6):
+            for engine, level in (("sb3", 0), ("batched", 100)):
+                fabric.run(FLAT + level + seed, seed, engine=engine)
+                fabric.run(FLAT + seed, seed, engine=engine, algo="sac")
+        found = frames(fabric.results, Request(compare=("engine=batched", "engine=sb3")))
+        assert found.headline == (
+            "The final return with engine=batched, compared with engine=sb3, is higher in 1 and "
+            "similar in 1 of 2 configurations."
+        )
+
     def test_omitted_setting_is_compared_by_its_default(self, fabric):
         fabric.run(FLAT)
         fabric.run(FLAT + 10, precision="bfloat16")

@@ -18,7 +18,7 @@ _VERDICTS = {
 
 
 def introduction(chosen: Sequence[Comparison], max_seeds: int) -> str:
-    """Returns the sentence printed before the first look: the comparisons and the error rate."""
+    """Returns the sentence printed at first: the comparisons and the error rate."""
     rates = dict.fromkeys(f"{share:.2%}" for share in sorted(one.share for one in chosen))
     return (
         f"Final returns are compared after each {sequential.BLOCK} seeds, up to {max_seeds}. Of "

@@ -173,7 +173,7 @@ def _run_row(record: Record) -> tuple[object, ...]:
 
 
 def warn_of_short_runs(runs: Sequence[RunSettings], output: Output) -> None:
-    """Warns of what a user may not expect of the control steps of runs, one of each cell."""
+    """Warns of unexpected numbers of control steps of runs, one of each configuration."""
     for sentence in dict.fromkeys(chain.from_iterable(map(_short_steps, runs))):
         output.warn(sentence)
 

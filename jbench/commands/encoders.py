@@ -32,8 +32,7 @@ TasksOption = Annotated[
 LatentsOption = Annotated[
     str | None,
     typer.Option(
-        help="Number of latents, or several: 2,4,8 or 1-16 (default: 12, or the only size of the "
-        "kind)."
+        help="Number of latents, or several: 2,4,8 or 1-16 (default: 12; some kinds have one size)."
     ),
 ]
 NoiseOption = Annotated[

@@ -33,10 +33,10 @@ class Batch:
 
     @property
     def name(self) -> str:
-        """The cell and the seeds, or the number of cells."""
+        """The configuration and the seeds, or the number of configurations."""
         run, seeds = self.runs[0], ",".join(str(run.seed) for run in self.runs)
         if self._cells > 1:
-            return f"{run.algo} {len(self.runs)} runs of {self._cells} cells"
+            return f"{run.algo} {len(self.runs)} runs of {self._cells} configurations"
         return f"{run.task} {run.algo} {run.representation} seed {seeds}"
 
     @property
@@ -100,7 +100,7 @@ def sparkline(returns: Sequence[float]) -> str:
 
 
 def published_median(run: RunSettings, control_steps: float) -> float | None:
-    """Returns the paper's median return of a run's cell at a control step, if it has one."""
+    """Returns the paper's median return at a control step, if it has a curve like the run."""
     from jbench.report.data.published import best_median
 
     cell = run.task, run.algo, run.representation

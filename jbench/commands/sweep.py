@@ -77,7 +77,8 @@ def sweep(
     max_seeds: Annotated[
         int | None,
         typer.Option(
-            help=f"With --until-decided: maximum number of seeds per cell (default: {_MAX_SEEDS})."
+            help=f"With --until-decided: maximum number of seeds of a configuration (default: "
+            f"{_MAX_SEEDS})."
         ),
     ] = None,
     executor: Annotated[
@@ -220,9 +221,8 @@ def _decide(
         show_look(look, output)
     needed = [run.id for run in all_runs(look.needed)]
     if needed:
-        output.say(
-            f"Needed next: {counted(len(needed), 'run')} in {counted(len(look.needed), 'cell')}."
-        )
+        configurations = counted(len(look.needed), "configuration")
+        output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
     tried = (run for one in look.outcomes for run in one.needed)
     failures = failures_among(run_statuses(tried, results))
     output.document(

@@ -25,7 +25,7 @@ def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> lis
 def show_matrix(
     title: str, statuses: Sequence[CellStatus], jobs: int, times: bool, output: Output
 ) -> None:
-    """Prints how many seeds of each cell are finished, and with `times` the time that is left."""
+    """Prints how many seeds of each configuration are finished, and on request the time left."""
     settings = [_settings(each.cell) for each in statuses]
     varied = [name for name in settings[0] if len({each[name] for each in settings}) > 1]
     header = ["task", "algo", "representation", *varied]
@@ -52,7 +52,7 @@ def show_matrix(
 
 
 def _settings(cell: Cell) -> dict[str, str]:
-    """Returns the settings of a cell that are shown if they differ between cells."""
+    """Returns the settings that the table has if they differ between configurations."""
     run = cell.runs[0]
     return {
         "settings": cell.settings,

@@ -107,8 +107,8 @@ def comparisons(
     every = _found(cells, planned) if planned else list(_with_baselines(cells))
     if not every:
         raise RequestError(
-            "No two cells of this matrix differ only in a representation and full or scaled, so "
-            "there is nothing to decide; leave --until-decided out."
+            "No two configurations of this matrix differ only in a representation and full or "
+            "scaled, so there is nothing to decide; leave --until-decided out."
         )
     names = list(dict.fromkeys(name for one in every for name in one.claims))
     for claim in claims:

@@ -174,6 +174,6 @@ def test_process_of_several_cells_shows_their_number(tmp_path):
         view.started([*runs, *other])
         view.message(runs[0], episode(runs[0], 2_000_000, 12.4))
         (line,) = (line for line in shown(view) if "td3" in line)
-    assert line.startswith("td3 4 runs of 2 cells 2,000,000/8,000,000 ")
+    assert line.startswith("td3 4 runs of 2 configurations 2,000,000/8,000,000 ")
     assert " 12" in line
     assert "published" not in line

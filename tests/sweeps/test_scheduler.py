@@ -121,7 +121,7 @@ def test_gpu_trains_all_cells_of_algorithm_in_one_process(tmp_path, monkeypatch)
     td3, ppo = ([run for run in all_runs(cells) if run.algo == algo] for algo in ("td3", "ppo"))
     assert len(td3) == len(ppo) == 4
     assert gpu.given == [td3, ppo, td3]
-    assert notes == ["The process of 4 runs of td3 in 2 cells died; they are tried again."]
+    assert notes == ["The process of 4 runs of td3 in 2 configurations died; they are tried again."]
 
 
 class Crashing(Gpu):

@@ -186,7 +186,7 @@ class SB3Evaluator(EvaluationSchedule):
     def __call__(
         self, act: Callable[[Any], Any], control_steps: int
     ) -> tuple[list[tuple[float, int]], Path | None]:
-        """Returns return and length of each episode, and the path in the first of them.
+        """Returns return and length of each episode, and the Jitterbug's path in the first of them.
 
         Args:
             control_steps: control steps of training so far; they determine the robot.
@@ -201,14 +201,15 @@ class SB3Evaluator(EvaluationSchedule):
         for _ in range(self.final_episodes if is_last else self._episodes):
             observation, info = self._env.reset()
             ended, total, length = False, 0.0, 0
-            points = [path_point(robot_env.state)]
+            follows = path is None and self._settings.specs is None
+            points = [path_point(robot_env.state)] if follows else []
             while not ended:
                 observation, reward, terminated, truncated, _ = self._env.step(act(observation))
                 total, length, ended = total + float(reward), length + 1, terminated or truncated
-                if path is None and length % PATH_EVERY == 0:
+                if follows and length % PATH_EVERY == 0:
                     points.append(path_point(robot_env.state))
             outcome.append((total, length))
-            if path is None:
+            if follows:
                 path = path_of(self._settings.task, points, info.get("target", np.zeros(0)))
         return outcome, path
 

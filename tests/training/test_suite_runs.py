@@ -1,0 +1,74 @@
+"""Tests of runs on robots of dm_control's suite, with one and several motors."""
+
+import numpy as np
+import pytest
+from gymnasium.envs.registration import registry
+
+from jbench.policies.saved import load_agent
+from jbench.registration import environment_id
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.run import RunSettings
+from jbench.simulation import find_task
+from jbench.store import Results
+from jbench.training import sb3_run
+from jbench.training.batched_run import run_batch
+from jbench.training.reproduce import reproduce
+from tests.training.small_runs import EPISODE, rows
+from tests.training.test_resume import kill
+
+SMALL = {"hidden_layers": [8], "batch_size": 16, "learning_starts": 50, "train_freq": 30}
+
+
+def settings(algo, task, seed=0, **changes):
+    """Settings of a run with networks of eight units."""
+    overrides = {**SMALL, "gradient_steps": 2}
+    algorithm = algorithm_settings(algo, "suite", overrides).model_dump(mode="json")
+    about = {
+        **{"task": task, "specs": find_task(task).specs, "algo": algo, "seed": seed},
+        **{"hyperparameters": algorithm, "engine": "batched", "steps": 8 * EPISODE},
+        **{"evaluate_every": 3 * EPISODE, "evaluate_episodes": 1},
+    }
+    return RunSettings(**{**about, **changes})
+
+
+@pytest.mark.parametrize(
+    ("algo", "task"),
+    [
+        ("td3", "dmc:cheetah-run"),
+        ("sac", "dmc:cartpole-swingup"),
+        pytest.param("sac", "dmc:cheetah-run", marks=pytest.mark.slow),
+        pytest.param("td3", "dmc:cartpole-swingup", marks=pytest.mark.slow),
+    ],
+)
+def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, task, tmp_path):
+    runs = [settings(algo, task, seed) for seed in (0, 3)]
+    answer = kill(tmp_path, runs, at="random", kills=4)
+    assert answer["kills"] == 4
+    # Not all of them were before the first checkpoint.
+    assert {steps for folder in answer["steps"] for both in folder for steps in both} != {0}
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path):
+    run, results = settings("sac", "dmc:cheetah-run"), Results(tmp_path)
+    assert run_batch([run], results, None) == {}
+    record = results.find("run", run.id)
+    done = reproduce(results, record, 2)
+    assert (done.evaluation.verdict, done.equal) == ("equal", True)
+    observations = np.random.default_rng(0).normal(size=(5, 17)).astype(np.float32)
+    actions = load_agent(results, run.id).act(observations)
+    assert actions.shape == (5, 6)
+    assert np.ptp(actions, axis=1).min() > 0
+    assert all(0 <= row["episode_return"] <= EPISODE for row in rows(record))
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
+    run = settings("td3", "dmc:cheetah-run", engine="sb3", steps=4 * EPISODE)
+    monkeypatch.setattr(registry[environment_id(run.task)], "max_episode_steps", EPISODE)
+    results = Results(tmp_path)
+    record = sb3_run.run(run, results, None)
+    assert record.rows("episodes") == 4
+    assert record.rows("paths") == 0
+    assert load_agent(results, run.id).policy.weights[-1].shape == (6, 8)
+    assert reproduce(results, record, 1).equal

@@ -1,11 +1,12 @@
 """Compares the training speed with stable-baselines3 and SBX: `python benchmarks/train.py`.
 
 It measures whole training on `face_direction` with the published networks and one update per
-control step: two single-threaded processes with five of ten seeds each, against two processes of
-each library with one seed each. All processes stay in memory and run alternately for a few seconds,
-so that other work on the machine affects them equally; a ratio is the median over the rounds. Rates
-are per second of wall time and per second of processor time, which other processes do not take.
-Then it measures DDPG's update relative to its own matrix products, and what takes the time of whole
+control step (`--task dmc:cheetah-run` and the like: with the settings for the suite, without SBX):
+two single-threaded processes with five of ten seeds each, against two processes of each library
+with one seed each. All processes stay in memory and run alternately for a few seconds, so that
+other work on the machine affects them equally; a ratio is the median over the rounds. Rates are per
+second of wall time and per second of processor time, which other processes do not take. Then it
+measures DDPG's update relative to its own matrix products, and what takes the time of whole
 training with the published settings.
 
 SBX is built on JAX and needs a separate environment: `--make-sbx DIR` creates it and compares with
@@ -30,7 +31,7 @@ from jbench.names import ONE_THREAD
 
 HERE = Path(__file__).parent
 SBX = "sbx-rl==0.28.0"
-SEEDS = 10
+SEEDS, TASK = 10, "face_direction"
 CLOCKS = ("wall", "processor")
 
 Request = dict[str, Any]
@@ -92,13 +93,15 @@ def contender(name: str, python: str, requests: list[Request]) -> Iterator[Conte
             process.wait()
 
 
-def contenders_of(algo: str, sbx_python: str | None) -> list[tuple[str, str, list[Request]]]:
+def contenders_of(
+    algo: str, task: str, sbx_python: str | None
+) -> list[tuple[str, str, list[Request]]]:
     """Returns names, interpreters and requests of the contenders on one algorithm."""
     cores = sorted(os.sched_getaffinity(0))[:2]
 
     def requests(kind: str, seeds: Sequence[Sequence[int]], **more: Any) -> list[Request]:
         return [
-            {"kind": kind, "algo": algo, "core": core, "seeds": list(its), **more}
+            {"kind": kind, "task": task, "algo": algo, "core": core, "seeds": list(its), **more}
             for core, its in zip(cores, seeds, strict=True)
         ]
 
@@ -112,7 +115,7 @@ def contenders_of(algo: str, sbx_python: str | None) -> list[tuple[str, str, lis
     ]
     if algo != "ppo":  # refused in bfloat16
         found.append(("… in bfloat16", sys.executable, requests("batched", shares, **low)))
-    if sbx_python is not None and algo != "ppo":
+    if sbx_python is not None and algo != "ppo" and task == TASK:
         found.append(("SBX", sbx_python, requests("sbx", one)))
     return found
 
@@ -120,7 +123,7 @@ def contenders_of(algo: str, sbx_python: str | None) -> list[tuple[str, str, lis
 def compare(algo: str, arguments: argparse.Namespace) -> None:
     """Prints the control steps per second of all contenders and their ratios to the libraries."""
     with ExitStack() as stack:
-        wanted = contenders_of(algo, arguments.sbx_python)
+        wanted = contenders_of(algo, arguments.task, arguments.sbx_python)
         contenders = [stack.enter_context(contender(*each)) for each in wanted]
         rounds = [
             {each.name: each.run(arguments.seconds) for each in contenders}
@@ -149,6 +152,7 @@ def make_sbx(directory: Path) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--algos", default="ddpg,td3,sac,ppo", help="algorithms to compare")
+    parser.add_argument("--task", default=TASK, help="task to train on")
     parser.add_argument("--sbx-python", help="interpreter of an environment with SBX")
     parser.add_argument("--make-sbx", type=Path, metavar="DIR", help="create such an environment")
     parser.add_argument("--rounds", type=int, default=7, help="rounds of all contenders")

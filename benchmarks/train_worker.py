@@ -1,6 +1,7 @@
 """A process that trains on one core on request, for `benchmarks/train.py`.
 
-    python benchmarks/train_worker.py '{"kind": "sb3", "algo": "td3", "seeds": [0], "core": 0}'
+    python benchmarks/train_worker.py \
+        '{"kind": "sb3", "task": "face_direction", "algo": "td3", "seeds": [0], "core": 0}'
 
 It prints {"ready": true} after its warm-up. Then it reads lines like {"seconds": 2} and answers
 each with its control steps per second of wall time and per second of processor time. Each kind
@@ -14,7 +15,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-TASK = "face_direction"
 WARM_UP = 300  # control steps of each seed; updates begin after 256
 
 Request = dict[str, Any]
@@ -23,12 +23,12 @@ Run = Callable[[float], int]
 
 
 def settings_of(request: Request) -> Any:
-    """Returns the published settings with one update per control step."""
-    from jbench.settings.algorithms import algorithm_settings
+    """Returns the settings of the task with one update per control step."""
+    from jbench.settings.algorithms import algorithm_settings, base_of
 
     every = {"train_freq": 1, "gradient_steps": 1, "learning_starts": 256, "buffer_size": 100_000}
     changes = {} if request["algo"] == "ppo" else every
-    return algorithm_settings(request["algo"], overrides=changes)
+    return algorithm_settings(request["algo"], base_of(request["task"]), changes)
 
 
 def batched(request: Request) -> Run:
@@ -36,7 +36,8 @@ def batched(request: Request) -> Run:
     from jbench.agents.batched.make import Computation, make_engine
 
     settings, computation = settings_of(request), Computation(**request.get("options", {}))
-    engine = make_engine(request["algo"], settings, TASK, request["seeds"], computation=computation)
+    about = request["algo"], settings, request["task"], request["seeds"]
+    engine = make_engine(*about, computation=computation)
     steps = engine.learn(10**12)
     while engine.control_steps < WARM_UP:
         next(steps)
@@ -73,14 +74,14 @@ def library(agent: Any) -> Run:
     return run
 
 
-def environment(count: int = 1) -> Any:
+def environment(task: str, count: int = 1) -> Any:
     """Returns the environment that a library trains in."""
     import gymnasium
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     from jbench.registration import environment_id
 
-    made = environment_id(TASK)
+    made = environment_id(task)
     return DummyVecEnv([lambda: gymnasium.make(made, disable_env_checker=True)] * count)
 
 
@@ -89,7 +90,7 @@ def sb3(request: Request) -> Run:
     from jbench.agents import sb3 as ours
 
     settings = settings_of(request)
-    env = environment(getattr(settings, "n_envs", 1))
+    env = environment(request["task"], getattr(settings, "n_envs", 1))
     return library(ours.build(request["algo"], settings, env, request["seeds"][0]))
 
 
@@ -108,7 +109,9 @@ def sbx(request: Request) -> Run:
         "gradient_steps": 1,
     }
     kind = {"ddpg": jax_agents.DDPG, "td3": jax_agents.TD3, "sac": jax_agents.SAC}[algo]
-    return library(kind("MlpPolicy", environment(), seed=request["seeds"][0], **arguments))
+    return library(
+        kind("MlpPolicy", environment(request["task"]), seed=request["seeds"][0], **arguments)
+    )
 
 
 KINDS = {"batched": batched, "sb3": sb3, "sbx": sbx}

@@ -164,14 +164,11 @@ class TestVariants:
             "TD3 full, stable-baselines3"
         ]
 
-    def test_different_evaluations_are_named_only_within_task(self, fabric):
-        for task, every in (("face_direction", 10), ("face_direction", 20), ("move_to_pose", 30)):
-            fabric.run([1], task=task, evaluate_every=every)
-        assert [cell.label for cell in fabric.configurations()[0]] == [
-            "TD3 full, evaluate_every=10",
-            "TD3 full, evaluate_every=20",
-            "TD3 full",
-        ]
+    def test_different_evaluations_are_no_different_configurations(self, fabric):
+        for seed, every in enumerate((10, 20, 30)):
+            fabric.run([1], seed, evaluate_every=every, evaluate_episodes=seed + 1)
+        (found,) = fabric.configurations()[0]
+        assert (found.label, found.seeds.tolist()) == ("TD3 full", [0, 1, 2])
 
 
 def test_known_names_precede_others_in_alphabetical_order():

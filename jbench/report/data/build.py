@@ -23,6 +23,7 @@ from jbench.report.data.points import (
     training_points,
 )
 from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.settings.alike import comparable
 from jbench.settings.run import parse_run
 from jbench.settings.variants import variant_words
 from jbench.statistics import BoolArray, FloatArray, IntArray
@@ -89,6 +90,9 @@ def build(
         divergence=pd.Series([divergence(t) for t in runs["diverged"]], runs.index, object),
         typed=pd.Series([parse_run(text) for text in runs["settings"]], runs.index, object),
     )
+    # Evaluation does not affect training, so runs that differ only in it are one configuration.
+    alike = runs["typed"].map(comparable)
+    runs["variant"] = runs.groupby(alike)["variant"].transform("min")
     idle = (runs["recorded"] == 0) & runs["divergence"].isna()
     notes = [
         f"The run {run} ({status}) has no episodes yet."

@@ -48,6 +48,9 @@ SUITE_TASKS = tuple(
 )
 """The tasks of dm_control's suite with episodes of 1000 control steps, for completion."""
 
+TASK_GROUP = "jbench.tasks"
+"""Entry points of functions that return a `dm_env.Environment`."""
+
 ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
 

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
@@ -12,6 +13,7 @@ from jbench.commands.options import (
     ReadResultsOption,
     ResultsOption,
     ThreadsOption,
+    complete_tasks,
 )
 from jbench.commands.output import Output
 from jbench.errors import WorkError
@@ -29,19 +31,29 @@ def collect(
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     threads: ThreadsOption = 0,
     augment: AugmentOption = None,
+    task: Annotated[
+        str | None,
+        typer.Option(
+            help="Task of another robot (default: the Jitterbug, for its five tasks).",
+            autocompletion=complete_tasks,
+        ),
+    ] = None,
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Collect a random-policy dataset that serves all five tasks."""
+    """Collect a random-policy dataset, of the Jitterbug for its five tasks, or of another robot."""
     from jbench.commands import display
     from jbench.datasets import collect as collect_dataset
     from jbench.settings.base import validated
     from jbench.settings.dataset import DatasetSettings
+    from jbench.simulation.find import checked_task, dataset_robot
 
     output, database = Output(json), parsing.results_to_write(results)
+    robot = {} if task is None or task in names.TASKS else dataset_robot(checked_task(task))
     settings = validated(
         DatasetSettings,
         "the dataset",
+        **robot,
         steps=parsing.count("--steps", steps),
         seed=parsing.seed(seed),
         augment=parsing.augmented(augment),
@@ -51,9 +63,10 @@ def collect(
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
     with output.progress("collect", settings.steps, "control steps") as progress:
         record = collect_dataset(settings, database, parsing.all_cores(threads), progress)
+    of_task = f" --task {task}" if robot else ""
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
-        f"{record.path}. Next: {with_results('jbench train-dae', results)}"
+        f"{record.path}. Next: {with_results(f'jbench train-dae{of_task}', results)}"
     )
     output.document(display.described(record, bytes=record.size))
 
@@ -91,12 +104,13 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
 
 
 def _row(listed: "Listed") -> tuple[str, ...]:
-    augment = listed.settings.augment
+    augment, robot = listed.settings.augment, listed.settings.robot
+    plain = "plain" if listed.settings.specs is None else robot
     return (
         listed.record.id,
         listed.record.status,
         done_of(listed.steps, listed.settings.steps),
-        "plain" if augment is None else f"--augment {augment}",
+        plain if augment is None else f"--augment {augment}",
         f"{listed.record.size / 1e6:.1f}",
         listed.record.manifest.updated[:16].replace("T", " "),
     )

@@ -7,7 +7,14 @@ import typer
 
 from jbench import names
 from jbench.commands import parsing
-from jbench.commands.options import RESULTS, DatasetOption, JsonOption, ResultsOption, complete
+from jbench.commands.options import (
+    RESULTS,
+    DatasetOption,
+    JsonOption,
+    ResultsOption,
+    complete,
+    complete_tasks,
+)
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers, parse_seeds
@@ -25,8 +32,9 @@ _FAR_LESS = 0.1  # of the variance
 TasksOption = Annotated[
     str,
     typer.Option(
-        help=f"Task of the observations: {', '.join(names.TASKS)}, or all.",
-        autocompletion=complete("all", *names.TASKS),
+        help=f"Task of the observations: {', '.join(names.TASKS)}, all (of these), or a task of "
+        "another robot (jbench tasks).",
+        autocompletion=complete_tasks,
     ),
 ]
 LatentsOption = Annotated[
@@ -164,11 +172,14 @@ def _train(
     from jbench.devices import find_device
     from jbench.encoders.settings import encoder_settings, options_with_epochs
     from jbench.encoders.states import States
+    from jbench.settings.dataset import JITTERBUG
+    from jbench.simulation.find import dataset_robot, find_task
 
     database = parsing.results_to_write(results)
-    tasks = names.TASKS if task == "all" else (names.known("task", task, (*names.TASKS, "all")),)
+    tasks = names.TASKS if task == "all" else (task,)
     train_on = find_device(device)
-    source = find_dataset(database, dataset)
+    robot = dataset_robot(find_task(tasks[0])).get("robot", JITTERBUG)
+    source = find_dataset(database, dataset, robot)
     given = {name: value for name, value in options.items() if value is not None}
     planned = [
         encoder_settings(

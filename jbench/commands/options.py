@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import importlib.metadata
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +13,12 @@ from jbench import names
 def complete(*known: str) -> Callable[[str], list[str]]:
     """Returns a shell completion that offers the names with the typed prefix."""
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
+
+
+def complete_tasks(incomplete: str) -> list[str]:
+    """Offers the Jitterbug's tasks, installed ones, and those of dm_control's suite."""
+    points = importlib.metadata.entry_points(group=names.TASK_GROUP)
+    return complete(*names.TASKS, *sorted(p.name for p in points), *names.SUITE_TASKS)(incomplete)
 
 
 def complete_records(kind: str, *known: str) -> Callable[[typer.Context, str], list[str]]:
@@ -85,18 +92,23 @@ DryRunOption = Annotated[
 ]
 TaskOption = Annotated[
     str,
-    typer.Option(help=f"Task: {', '.join(names.TASKS)}.", autocompletion=complete(*names.TASKS)),
+    typer.Option(
+        help=f"Task: {', '.join(names.TASKS)}, {names.SUITE}DOMAIN-TASK of dm_control's suite, one "
+        "of another package (jbench tasks), or MODULE:NAME of a function that returns a "
+        "dm_env.Environment.",
+        autocompletion=complete_tasks,
+    ),
 ]
 PolicyTaskOption = Annotated[
     str | None,
     typer.Option(
         help="Task (default: the task of a trained policy; of other policies, evaluate takes "
         "face_direction, render and view move_to_pose).",
-        autocompletion=complete(*names.TASKS),
+        autocompletion=complete_tasks,
     ),
 ]
 OneTaskOption = Annotated[
-    str | None, typer.Option(help="Only this task.", autocompletion=complete(*names.TASKS))
+    str | None, typer.Option(help="Only this task.", autocompletion=complete_tasks)
 ]
 OneAlgorithmOption = Annotated[
     str | None,

@@ -1,4 +1,4 @@
-"""Collecting a random-policy dataset, one simulation for all five tasks."""
+"""Collecting a random-policy dataset: one simulation for all five tasks, or of another robot."""
 
 import math
 from collections import deque
@@ -12,8 +12,8 @@ import pyarrow as pa
 
 from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS, TASKS
-from jbench.settings.dataset import DatasetSettings
-from jbench.simulation import simulate
+from jbench.settings.dataset import JITTERBUG, DatasetSettings
+from jbench.simulation import Task, Worlds, find_task, simulate
 from jbench.store import Record, Results
 from jbench.tasks import model as robot
 from jbench.tasks import resets
@@ -38,6 +38,7 @@ def collect(
         progress: called with the number of completed control steps.
 
     Raises:
+        RequestError: if its robot is not installed or has changed.
         WorkError: if another process collects it, or the disk is full.
     """
     with results.locked("dataset", settings.id) as existing:
@@ -57,33 +58,37 @@ def _collect_rest(
     The next files are simulated while one is written.
     """
     total = settings.steps // EPISODE_STEPS
-    first = record.rows("dataset_episodes")
+    _, of_episodes = layout.tables(settings.robot)
+    first = record.rows(of_episodes)
     starts = range(first, total, _PART_EPISODES)
     progress(first * EPISODE_STEPS)
-    model = load_model(settings.augment)
-    # Enough files to keep all threads busy while one file is written.
-    max_files = 1 + math.ceil(threads / _PART_EPISODES)
+    is_jitterbug = settings.robot == JITTERBUG
+    task, model = find_task(TASKS[0] if is_jitterbug else settings.robot), None
+    if is_jitterbug:
+        model = load_model(settings.augment)
+    # Enough files to keep all threads busy while one file is written. Others are made in one.
+    max_files = 1 + math.ceil(threads / _PART_EPISODES) if is_jitterbug else 1
+
+    def commit(tables: Mapping[str, pa.Table]) -> None:
+        record.append(tables)
+        progress(record.rows(of_episodes) * EPISODE_STEPS)
+
     # The pools are closed in reverse order: simulations stop before the makers that wait for them.
-    with _pool(max_files) as makers, _pool(threads) as simulators:
+    with _pool(max_files) as makers, _pool(threads) as simulators, task.worlds(1) as worlds:
 
         def make(start: int) -> dict[str, pa.Table]:
             episodes = range(start, min(start + _PART_EPISODES, total))
+            if model is None:
+                return _part_of_task(task, worlds, settings.seed, episodes)
             return _part(model, settings.seed, episodes, simulators)
 
         ahead = deque(makers.submit(make, start) for start in starts[:max_files])
         for start in starts[max_files:]:
             tables = ahead.popleft().result()
             ahead.append(makers.submit(make, start))
-            _commit(record, tables, progress)
+            commit(tables)
         for part in ahead:
-            _commit(record, part.result(), progress)
-
-
-def _commit(
-    record: Record, tables: Mapping[str, pa.Table], progress: Callable[[int], None]
-) -> None:
-    record.append(tables)
-    progress(record.rows("dataset_episodes") * EPISODE_STEPS)
+            commit(part.result())
 
 
 @contextmanager
@@ -113,3 +118,22 @@ def _part(
         "steps": layout.steps_table(episodes.start, state, stacked),
         "dataset_episodes": layout.episodes_table(episodes.start, targets),
     }
+
+
+def _part_of_task(task: Task, worlds: Worlds, seed: int, episodes: range) -> dict[str, pa.Table]:
+    """Steps some episodes of another robot, one after another, and returns their rows."""
+    count = len(episodes)
+    observations = np.empty((count, EPISODE_STEPS + 1, task.observation_size), np.float32)
+    actions = np.empty((count, EPISODE_STEPS, task.action_size), np.float32)
+    rewards, seeds = np.empty((count, EPISODE_STEPS), np.float32), np.empty(count, np.int64)
+    for i, episode in enumerate(episodes):
+        random = resets.episode_generator(seed, episode)
+        (observations[i, 0],) = worlds.reset([random])
+        (seeds[i],) = worlds.state(slice(0, 1))["seeds"]
+        actions[i] = random.uniform(-1, 1, actions[i].shape)
+        for step, action in enumerate(actions[i]):
+            (observations[i, step + 1],), (rewards[i, step],) = worlds.step(action[None])
+    columns = {"episode": list(episodes), "seed": seeds}
+    names = layout.tables(task.name)
+    steps = layout.observations_table(task, episodes.start, observations, actions, rewards)
+    return {names[0]: steps, names[1]: pa.table(columns, schema=layout.SEEDS)}

@@ -1,4 +1,8 @@
-"""The columns of a dataset: states and actions, and the targets of every task per episode."""
+"""The columns of datasets.
+
+Those of the Jitterbug have states and actions, and per episode the targets of every task. Those of
+another robot have its observations, actions and rewards, and per episode its seed.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,8 +11,53 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from jbench.settings.dataset import JITTERBUG
+from jbench.simulation import Task
 from jbench.store.schema import DATASET_EPISODES, STATE_COLUMNS, STEPS
 from jbench.tasks.features import TARGET_HEIGHT, State, Target
+
+SEEDS = pa.schema([("episode", pa.int32()), ("seed", pa.int64())])
+"""Episodes of a dataset of another robot: the seed from which each begins."""
+
+
+def tables(robot: str) -> tuple[str, str]:
+    """Returns the names of the tables of a robot's datasets: of the steps, and of the episodes."""
+    return ("steps", "dataset_episodes") if robot == JITTERBUG else ("observations", "seeds")
+
+
+def observations_schema(task: Task) -> pa.Schema:
+    """Returns the columns of the steps of another robot: an action and its reward are null last."""
+    names = [*task.labels, *(f"action_{i}" for i in range(task.action_size)), "reward"]
+    counts = [("episode", pa.int32()), ("step", pa.int16())]
+    return pa.schema([*counts, *((name, pa.float32()) for name in names)])
+
+
+def observations_table(
+    task: Task,
+    first_episode: int,
+    observations: NDArray[np.float32],
+    actions: NDArray[np.float32],
+    rewards: NDArray[np.float32],
+) -> pa.Table:
+    """Returns the rows of consecutive episodes of another robot.
+
+    Args:
+        observations: (episodes, steps + 1, size).
+        actions: (episodes, steps, action_size).
+        rewards: (episodes, steps).
+    """
+    episodes, steps, _ = actions.shape
+    made = np.concatenate([actions, rewards[..., None]], axis=-1)
+    padded = np.concatenate([made, np.zeros_like(made[:, :1])], axis=1)
+    step = np.tile(np.arange(steps + 1), episodes)
+    columns = [
+        np.repeat(np.arange(first_episode, first_episode + episodes), steps + 1),
+        step,
+        *observations.reshape(-1, observations.shape[-1]).T,
+        *(pa.array(column, mask=step == steps) for column in padded.reshape(len(step), -1).T),
+    ]
+    schema = observations_schema(task)
+    return pa.table(dict(zip(schema.names, columns, strict=True)), schema=schema)
 
 
 def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) -> pa.Table:
@@ -48,18 +97,20 @@ def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int
     """Returns a problem of the rows of whole episodes, to follow "holds"; None if they are valid.
 
     Args:
-        steps: rows of `STEPS`.
-        targets: rows of `DATASET_EPISODES`.
+        steps: rows of `STEPS` or of `observations_schema`.
+        targets: rows of `DATASET_EPISODES` or of `SEEDS`.
         episodes: expected episode numbers.
     """
+    made = [name for name in steps.column_names if name.startswith("action") or name == "reward"]
     numbers, step_numbers = np.arange(episodes.start, episodes.stop), np.arange(episode_steps + 1)
     expected = (np.repeat(numbers, len(step_numbers)), np.tile(step_numbers, len(numbers)), numbers)
     columns = (steps["episode"], steps["step"], targets["episode"])
     if not all(map(np.array_equal, columns, expected)):
         return "other rows than those of whole episodes in their order"
-    if not np.array_equal(steps["action"].is_null(), expected[1] == episode_steps):
+    last = expected[1] == episode_steps
+    if not all(np.array_equal(steps[name].is_null(), last) for name in made):
         return "a state without its action, or an action after the last state"
-    for table in (steps.drop_columns("action"), targets, steps.select(["action"]).drop_null()):
+    for table in (steps.drop_columns(made), targets, steps.select(made).drop_null()):
         for name, column in zip(table.column_names, table.columns, strict=True):
             if column.null_count:
                 return f"empty cells in the column {name}"

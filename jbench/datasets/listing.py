@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
+from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Record, Results
@@ -34,6 +35,6 @@ def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
                 f"({error.errors()[0]['msg']}); delete {record.path} to make it again."
             )
             continue
-        steps = record.rows("dataset_episodes") * EPISODE_STEPS
+        steps = record.rows(layout.tables(settings.robot)[1]) * EPISODE_STEPS
         datasets.append(Listed(record, settings, steps))
     return datasets, problems

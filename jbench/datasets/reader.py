@@ -6,11 +6,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.datasets import layout
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS, TASKS, known
+from jbench.names import EPISODE_STEPS
+from jbench.settings.dataset import JITTERBUG
+from jbench.settings.specs import Specs
+from jbench.simulation import Task, find_task
+from jbench.simulation.find import check_specs
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
 from jbench.store.shipped import results_to_read
@@ -23,7 +28,7 @@ class Block(NamedTuple):
 
     Attributes:
         observations: (episodes, 1001, dim(O)) float32, the last after the last action.
-        actions: (episodes, 1000) float32.
+        actions: (episodes, 1000) float32; of another robot (episodes, 1000, action_size).
         rewards: (episodes, 1000) float32, at the end of each control step.
     """
 
@@ -37,6 +42,7 @@ class Dataset:
 
     Attributes:
         id: such as random/s00-1f9a2c4e.
+        robot: "jitterbug", or the task of another robot.
         parts: the episodes of each file; `blocks(task, parts=[i])` reads part i.
     """
 
@@ -44,8 +50,10 @@ class Dataset:
         """Opens the dataset of a record."""
         self.record = record
         self.id = record.id
-        self.episodes = record.rows("dataset_episodes")
-        counts = (entry.rows for entry in record.parts("dataset_episodes"))
+        self.robot = str(record.settings.get("robot", JITTERBUG))
+        self._tables = layout.tables(self.robot)
+        self.episodes = record.rows(self._tables[1])
+        counts = (entry.rows for entry in record.parts(self._tables[1]))
         bounds = itertools.accumulate(counts, initial=0)
         self.parts = tuple(range(*pair) for pair in itertools.pairwise(bounds))
 
@@ -56,11 +64,11 @@ class Dataset:
             parts: indices of `Dataset.parts` in the order of reading; all by default.
 
         Raises:
-            RequestError: if there is no such task.
+            RequestError: if there is no such task, or the dataset is of another robot.
             WorkError: if a file is damaged or has invalid columns or values.
         """
-        known("task", task, TASKS)
-        files = self.record.parts("steps"), self.record.parts("dataset_episodes")
+        self._check_task(task)
+        files = [self.record.parts(table) for table in self._tables]
         if len(files[0]) != len(files[1]):
             raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it again.")
         for part in range(len(self.parts)) if parts is None else parts:
@@ -72,22 +80,39 @@ class Dataset:
         Raises:
             RequestError, WorkError: see `blocks`.
         """
-        known("task", task, TASKS)
-        size = features.TASK_SPECS[task].observation_size
+        self._check_task(task)
+        size = find_task(task).observation_size
         observations = np.empty((self.episodes, EPISODE_STEPS, size), np.float32)
         for episodes, block in zip(self.parts, self.blocks(task), strict=True):
             observations[episodes.start : episodes.stop] = block.observations[:, :-1]
         return observations
 
+    def _check_task(self, task: str) -> None:
+        """Raises a RequestError if it has no observations of a task."""
+        found = find_task(task)
+        if (JITTERBUG if found.specs is None else task) != self.robot:
+            raise RequestError(
+                f"The dataset {self.id} is of {self.robot}, not of {task}; name another with "
+                f"--dataset, or type jbench collect --task {task}."
+            )
+        if found.specs is not None:
+            check_specs(task, Specs.model_validate(self.record.settings.get("specs")))
+
     def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
-        rows = self.record.read_part(steps, schema.STEPS)
-        targets = self.record.read_part(episodes, schema.DATASET_EPISODES)
+        is_jitterbug = self.robot == JITTERBUG
+        columns = schema.STEPS if is_jitterbug else layout.observations_schema(find_task(task))
+        rows = self.record.read_part(steps, columns)
+        targets = self.record.read_part(
+            episodes, schema.DATASET_EPISODES if is_jitterbug else layout.SEEDS
+        )
         flaw = layout.flaw(rows, targets, part, EPISODE_STEPS)
         if flaw is not None:
             raise WorkError(
                 f"{steps.name} of the dataset {self.id} holds {flaw}; collect it again after "
                 f"deleting {self.record.path}."
             )
+        if not is_jitterbug:
+            return _block_of_task(find_task(task), rows)
         state = layout.state_of(rows, EPISODE_STEPS)
         targets_of_task = layout.target_of(task, targets)
         target = features.Target(
@@ -102,14 +127,30 @@ class Dataset:
         )
 
 
-def find_dataset(results: Results | Path | str, id: str | None = None) -> Dataset:
-    """Returns a dataset by its id, or the newest finished one of the plain robot.
+def _block_of_task(task: Task, rows: pa.Table) -> Block:
+    """Returns the episodes of another robot."""
+    values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
+    values = values.reshape(-1, EPISODE_STEPS + 1, values.shape[-1])
+    size = task.observation_size
+    made = values[:, :-1, size:]
+    observations = np.ascontiguousarray(values[..., :size])
+    return Block(observations, np.ascontiguousarray(made[..., :-1]), made[..., -1].copy())
+
+
+def find_dataset(
+    results: Results | Path | str, id: str | None = None, robot: str = JITTERBUG
+) -> Dataset:
+    """Returns a dataset by its id, or the newest finished one of a robot that is not augmented.
+
+    Args:
+        robot: "jitterbug", or the task of another robot.
 
     Raises:
         RequestError: if there is none, or it is not finished.
     """
     results = results_to_read(results)
-    collect = with_results("jbench collect", results.name)
+    verb = "jbench collect" if robot == JITTERBUG else f"jbench collect --task {robot}"
+    collect = with_results(verb, results.name)
     if id is not None:
         id = results.complete_id("dataset", id)
         record = results.find("dataset", id)
@@ -126,11 +167,16 @@ def find_dataset(results: Results | Path | str, id: str | None = None) -> Datase
             )
         return Dataset(record)
     records, problems = results.scan("dataset")
-    finished = [record for record in records if record.status == "finished"]
+    finished = [
+        record
+        for record in records
+        if record.status == "finished" and record.settings.get("robot", JITTERBUG) == robot
+    ]
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
+        of_robot = "" if robot == JITTERBUG else f" of {robot}"
         raise RequestError(
-            f"No finished dataset in {results.name}{reason}; run {collect} first "
+            f"No finished dataset{of_robot} in {results.name}{reason}; run {collect} first "
             "(--steps 100000 makes a small one)."
         )
     plain = [record for record in finished if record.settings.get("augment") is None]

@@ -18,6 +18,7 @@ from jbench.encoders.kinds.pca import PrincipalComponents
 from jbench.encoders.kinds.random_projection import RandomProjection
 from jbench.encoders.moments import FloatArray, Moments, affine_errors
 from jbench.encoders.states import Shard, States
+from jbench.names import TASKS
 from jbench.simulation import find_task, rollout
 from jbench.tasks import resets
 from jbench.tasks.heuristics import heuristic
@@ -57,16 +58,20 @@ def evaluate_encoder(
 ) -> dict[str, Errors]:
     """Returns the errors on held-out episodes, `test`, and on the heuristic's, `heuristic`.
 
+    Of another robot no heuristic is known.
+
     Args:
         weights: numpy arrays in float32.
         states: the encoder's training data.
     """
-    augment = states.dataset.record.settings.get("augment")
-    observations, *actions_and_rewards = heuristic_episodes(states.task, augment)
-    scaled = states.scaled(observations)
-    shard = Shard(*map(torch.from_numpy, (scaled, *actions_and_rewards))).to(states.device)
+    data: dict[str, tuple[Iterable[Shard], Moments]] = {"test": (states.test(), states.held_out)}
+    if states.task in TASKS:
+        augment = states.dataset.record.settings.get("augment")
+        observations, *actions_and_rewards = heuristic_episodes(states.task, augment)
+        scaled = states.scaled(observations)
+        shard = Shard(*map(torch.from_numpy, (scaled, *actions_and_rewards))).to(states.device)
+        data["heuristic"] = [shard], Moments.of(scaled)
     on_device = {n: torch.from_numpy(v).to(states.device) for n, v in weights.items()}
-    data = {"test": (states.test(), states.held_out), "heuristic": ([shard], Moments.of(scaled))}
     # There may be more latents than features.
     size = min(latents, states.size)
     baselines = {

@@ -19,7 +19,8 @@ from jbench.encoders.batch import Batch
 from jbench.encoders.moments import Moments
 from jbench.encoders.states import Scale, States
 from jbench.settings.base import Settings, omissible
-from jbench.tasks.features import TASK_SPECS, Array
+from jbench.simulation import find_task
+from jbench.tasks.features import Array
 
 Weights = Mapping[str, Any]
 """Named float32 arrays, either all numpy or all torch."""
@@ -63,7 +64,7 @@ class Kind(Settings):
 
         A kind whose size is determined by the task returns a range of one number.
         """
-        return range(1, TASK_SPECS[task].observation_size + 1)
+        return range(1, find_task(task).observation_size + 1)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns latents (..., latents) for scaled states (..., size), of the same array type."""
@@ -123,7 +124,10 @@ class Learned(Kind):
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns initial weights by name, drawn on the CPU."""
+        """Returns initial weights by name, drawn on the CPU.
+
+        A kind that uses the actions of robots with several actuators takes `action_size`, too.
+        """
         raise NotImplementedError
 
     def constants(self, states: States) -> dict[str, Tensor]:

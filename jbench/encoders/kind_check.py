@@ -46,7 +46,10 @@ def check_kind(
 
     constants = attempt("constants", lambda: kind.constants(states))
     learner = attempt(
-        "initial", lambda: EncoderLearner(kind, states.size, latents, 0, device, constants)
+        "initial",
+        lambda: EncoderLearner(
+            kind, states.size, latents, 0, device, constants, action_size=states.action_size
+        ),
     )
     ahead = kind.steps_ahead
     rows = torch.arange(min(_ROWS, states.sample.pairs(ahead)), device=device)

@@ -44,11 +44,13 @@ class EncoderLearner:
         seed: int,
         device: torch.device,
         constants: Mapping[str, Tensor] | None = None,
+        action_size: int = 1,
     ) -> None:
         """Draws the initial weights; `constants` are not trained."""
         self.kind, self.latents, self.device = kind, latents, device
         self.random = torch.Generator().manual_seed(seed)
-        initial = kind.initial(size, latents, self.random)
+        several = {"action_size": action_size} if kind.uses_actions and action_size > 1 else {}
+        initial = kind.initial(size, latents, self.random, **several)
         flat = torch.cat([value.reshape(-1) for value in initial.values()])
         self._flat = flat.to(device, torch.float32)
         self._flat.grad = torch.zeros_like(self._flat)

@@ -18,9 +18,12 @@ from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.kinds.planar import physical_scaling, to_planar
 from jbench.encoders.moments import Moments
 from jbench.encoders.states import Shard, States
+from jbench.names import TASKS
+from jbench.simulation import find_task
 
 TARGETS = ("yaw_rate", "tilt_rate", "forward_speed", "reward")
-"""Predicted quantities of the next control step, defined in `docs/encoders.md`."""
+"""Predicted quantities of the Jitterbug's next control step, defined in `docs/encoders.md`; of
+another robot these are the change of each part of the observation, and the reward."""
 
 # The probe has two hidden ReLU layers. Larger values of these do not change the order of kinds.
 _LEARNED_ROWS, _TEST_ROWS = 60_000, 30_000
@@ -64,7 +67,7 @@ class Probe(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """Inputs (rows, latents + 1) and targets (rows, columns) of a probe."""
+    """Inputs (rows, latents + action_size) and targets (rows, columns) of a probe."""
 
     inputs: Tensor
     targets: Tensor
@@ -79,8 +82,10 @@ def probe(kind: Kind, weights: Weights, states: States) -> Probe:
     """
     learned = _rows_of(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
     test = _rows_of(kind, weights, states, next(states.test()), _TEST_ROWS)
-    rank = effective_rank(test.inputs[:, :-1].numpy())
-    linear, amplitudes = _regression(learned)
+    columns = _columns(states.task)
+    latents = learned.inputs.shape[1] - states.action_size
+    rank = effective_rank(test.inputs[:, :latents].numpy())
+    linear, amplitudes = _regression(learned, latents)
     linear_errors = (linear(test.inputs) - test.targets).square().mean(0)
     scaling = [_standard(part) for part in learned]
     raw_variance = test.targets.var(0, correction=0)
@@ -91,11 +96,11 @@ def probe(kind: Kind, weights: Weights, states: States) -> Probe:
     errors = (_trained(learned)(test.inputs) - test.targets).square().mean(0)
     variance = test.targets.var(0, correction=0)
     predictions = {}
-    for target, columns in zip(TARGETS, _COLUMNS, strict=True):
-        linear_r2 = _r2(linear_errors[columns], raw_variance[columns])
-        amplitude = float(amplitudes[columns].square().mean().sqrt())
+    for target, its in columns.items():
+        linear_r2 = _r2(linear_errors[its], raw_variance[its])
+        amplitude = float(amplitudes[its].square().mean().sqrt())
         predictions[target] = Prediction(
-            _r2(errors[columns], variance[columns]),
+            _r2(errors[its], variance[its]),
             linear_r2,
             amplitude if linear_r2 is not None and linear_r2 >= _LINEAR else None,
         )
@@ -113,8 +118,16 @@ def effective_rank(rows: NDArray[np.floating]) -> float:
     return float(np.exp(-(shares * np.log(shares)).sum()))
 
 
-_COLUMNS = ([0], [1, 2], [3], [4])
-"""Columns of each target; the tilt rate has two axes."""
+def _columns(task: str) -> dict[str, list[int]]:
+    """Returns the columns of each target by name; the tilt rate has two axes."""
+    if task in TASKS:
+        return dict(zip(TARGETS, ([0], [1, 2], [3], [4]), strict=True))
+    columns, first = {}, 0
+    for name, size in {**find_task(task).parts, "reward": 1}.items():
+        columns[name] = list(range(first, first + size))
+        first += size
+    return columns
+
 
 _MIRROR_SIGNS = (-1, 1, -1, 1)
 """Of yaw rate, tilt rates and forward speed."""
@@ -126,24 +139,31 @@ def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, max_row
     pairs = shard.pairs(1)
     random = torch.Generator().manual_seed(_SEED)
     batch = shard.take(torch.randperm(pairs, generator=random)[:max_rows], 1, with_actions=True)
+    assert batch.rewards is not None
+    assert batch.actions is not None
+    latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
+    if states.task not in TASKS:
+        changes = torch.cat([batch.later - batch.now, batch.rewards], 1)
+        return _Rows(torch.cat([torch.from_numpy(latents), batch.actions], 1), changes)
     gain, offset = physical_scaling(states.task, states.scaling)
     later = to_planar(states.task, batch.later.double().numpy() * gain + offset)
-    assert batch.rewards is not None
     # Rates in the heading frame, in which the robot faces -y.
     rates = np.stack([later[:, 8], later[:, 6], later[:, 7], -later[:, 4]], axis=1)
-    assert batch.actions is not None
     actions = batch.actions.numpy()
     signs = kind.action_signs(weights, batch.now.numpy())
     if signs is not None:  # these latents are predicted what the mirrored robot does
         actions, rates = actions * signs, np.where(signs < 0, rates * _MIRROR_SIGNS, rates)
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
-    latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
     inputs = np.concatenate([latents, actions], axis=1)
     return _Rows(torch.from_numpy(inputs), torch.from_numpy(targets))
 
 
-def _regression(rows: _Rows) -> tuple[Callable[[Tensor], Tensor], Tensor]:
-    """Returns a linear regression of the targets on the inputs, and its amplitudes (columns,)."""
+def _regression(rows: _Rows, latents: int) -> tuple[Callable[[Tensor], Tensor], Tensor]:
+    """Returns a linear regression of the targets on the inputs, and its amplitudes (columns,).
+
+    Args:
+        latents: number of inputs before the actions.
+    """
     inputs, targets = (part.double() for part in rows)
     moments = Moments.of(torch.cat([inputs, targets], 1).numpy())
     size = inputs.shape[1]
@@ -151,9 +171,8 @@ def _regression(rows: _Rows) -> tuple[Callable[[Tensor], Tensor], Tensor]:
     weights = np.linalg.pinv(covariance[:size, :size], rcond=1e-12, hermitian=True)
     slopes = weights @ covariance[:size, size:]
     offset = moments.mean[size:] - moments.mean[:size] @ slopes
-    # Without the action, which is the last input.
-    along, latents = slopes[:-1], covariance[: size - 1, : size - 1]
-    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, latents, along), 0))
+    along, of_latents = slopes[:latents], covariance[:latents, :latents]
+    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, of_latents, along), 0))
     norms = np.linalg.norm(along, axis=0)
     amplitudes = np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0)
     slope, shift = (torch.from_numpy(value) for value in (slopes, offset))

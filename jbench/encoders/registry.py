@@ -72,13 +72,25 @@ def code_of(kind: str) -> dict[str, str | None]:
     return {} if kind in ENCODER_KINDS else plugins.code_of(_WHAT, kind, _offered())
 
 
+def latent_sizes(kind: str, task: str) -> range:
+    """Returns the allowed numbers of latents of a kind; none if it is the Jitterbug's only.
+
+    Raises:
+        RequestError, WorkError: see `find_kind`.
+    """
+    try:
+        return find_kind(kind).latent_sizes(task)
+    except KeyError:  # it looks up the features of one of the five tasks
+        return range(0)
+
+
 def only_size(kind: str, task: str) -> int | None:
     """Returns the number of latents of a kind if the task determines it, else None.
 
     Raises:
         RequestError, WorkError: see `find_kind`.
     """
-    sizes = find_kind(kind).latent_sizes(task)
+    sizes = latent_sizes(kind, task)
     return sizes[0] if len(sizes) == 1 else None
 
 
@@ -114,7 +126,7 @@ def wanted_encoder(name: str, task: str) -> Wanted | None:
         return None
     if kind not in kind_names() and plugins.is_imported(name):
         raise RequestError(f"{name} is a class; type --encoder {short_name(name)}12, for example.")
-    sizes = find_kind(kind).latent_sizes(task)
+    sizes = latent_sizes(kind, task)
     scales = {option: match[option] for option in SCALES if match and match[option]}
     latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
     if match and match["latents"]:
@@ -122,6 +134,8 @@ def wanted_encoder(name: str, task: str) -> Wanted | None:
     if latents in sizes:
         return Wanted(kind, latents, scales)
     ending = "".join(f"-{word}" for word in scales.values())
+    if not sizes:
+        raise RequestError(f"There is no {kind} encoder of {task}; choose dae, pca or forward.")
     if len(sizes) == 1:
         raise RequestError(f"{kind} of {task} has {sizes[0]} latents; choose {kind}{ending}.")
     raise RequestError(

@@ -24,7 +24,8 @@ from jbench.encoders.registry import (
 from jbench.encoders.scaling import Scaling
 from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import TASKS, known, one_of
+from jbench.names import one_of
+from jbench.simulation import find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
 from jbench.tasks.features import Array
@@ -201,7 +202,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
         RequestError: if there is none, or it encodes the observations of another task.
     """
     results = results_to_read(results)
-    known("task", task, TASKS)
+    find_task(task)
     encoder = wanted_encoder(f"dae{name}" if name.isdecimal() else name, task)
     matches = [
         record

@@ -7,11 +7,11 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from jbench.encoders.kind import Learned
-from jbench.encoders.registry import SCALES, find_kind, make_kind, representation
+from jbench.encoders.registry import SCALES, latent_sizes, make_kind, representation
 from jbench.encoders.states import split_episodes
-from jbench.names import EPISODE_STEPS, TASKS, known
-from jbench.settings.base import Seed, Settings, settings_hash, validated
-from jbench.tasks.features import TASK_SPECS
+from jbench.names import EPISODE_STEPS
+from jbench.settings.base import Seed, Settings, in_id, settings_hash, validated
+from jbench.simulation import find_task
 
 
 class EncoderSettings(Settings):
@@ -26,8 +26,7 @@ class EncoderSettings(Settings):
 
     @model_validator(mode="after")
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
-        known("task", self.task, TASKS)
-        sizes = find_kind(self.kind).latent_sizes(self.task)
+        sizes = latent_sizes(self.kind, self.task)
         if self.latents in sizes:
             return self
         if not sizes:
@@ -36,7 +35,7 @@ class EncoderSettings(Settings):
             raise ValueError(
                 f"{self.kind} of {self.task} has {sizes[0]} latents, not {self.latents}"
             )
-        size = TASK_SPECS[self.task].observation_size
+        size = find_task(self.task).observation_size
         most = (
             f"{self.task} has {size} features" if sizes[-1] == size else f"{self.kind} is limited"
         )
@@ -50,7 +49,7 @@ class EncoderSettings(Settings):
     @property
     def id(self) -> str:
         """The encoder's id, such as face_direction/dae12/s00-1f9a2c4e."""
-        return f"{self.task}/{self.representation}/s{self.seed:02d}-{self.hash}"
+        return f"{in_id(self.task)}/{self.representation}/s{self.seed:02d}-{self.hash}"
 
     @property
     def scales(self) -> dict[str, str]:

@@ -19,7 +19,7 @@ from jbench.encoders.moments import Moments
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
-from jbench.tasks.features import TASK_SPECS
+from jbench.simulation import find_task
 
 MEMORY = 1 << 30
 """Maximum number of bytes of states in memory; larger datasets are streamed."""
@@ -51,7 +51,7 @@ class Shard(NamedTuple):
 
     Attributes:
         states: (episodes, 1001, size) scaled.
-        actions: (episodes, 1000).
+        actions: (episodes, 1000), or (episodes, 1000, action_size) of another robot.
         rewards: (episodes, 1000) of the actions.
     """
 
@@ -75,9 +75,8 @@ class Shard(NamedTuple):
         if not with_actions:
             return batch
         steps = (rows - episode)[:, None] + torch.arange(ahead, device=rows.device)
-        return batch._replace(
-            actions=self.actions.view(-1)[steps], rewards=self.rewards.view(-1)[steps]
-        )
+        actions = self.actions.flatten(0, 1)[steps].flatten(1)
+        return batch._replace(actions=actions, rewards=self.rewards.view(-1)[steps])
 
     def blocks(self, ahead: int, with_actions: bool = False) -> Iterator[Batch]:
         """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
@@ -97,6 +96,7 @@ class States:
         seed: of the choice of held-out episodes.
         scale: of the features.
         size: number of features.
+        action_size: number of actuators.
         device: of the states.
         scaling: of the observations; available after `read`, like the following ones.
         learned: moments of the scaled training states.
@@ -134,7 +134,9 @@ class States:
                 "jbench collect with more --steps."
             )
         self.dataset, self.task, self.seed, self.scale = dataset, task, seed, scale
-        self.size = TASK_SPECS[task].observation_size
+        found = find_task(task)
+        self.size, self.action_size = found.observation_size, found.action_size
+        self._actions = () if found.specs is None else (self.action_size,)
         learned, held_out = split_episodes(dataset.episodes, seed)
         # Training episodes first, then the held-out ones.
         self._order, self._first_held_out = np.concatenate([learned, held_out]), len(learned)
@@ -192,7 +194,8 @@ class States:
         first = 0 if self.in_memory else first_held_out
         last = len(order) if self.in_memory else min(len(order), first + SAMPLE_EPISODES)
         states = np.empty((last - first, _STATES, self.size), np.float32)
-        actions, rewards = np.empty((2, last - first, EPISODE_STEPS), np.float32)
+        actions = np.empty((last - first, EPISODE_STEPS, *self._actions), np.float32)
+        rewards = np.empty((last - first, EPISODE_STEPS), np.float32)
         moments = [Moments.none(self.size), Moments.none(self.size)]
         extremes: list[Scaling] = []
         for episodes, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):

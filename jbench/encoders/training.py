@@ -26,9 +26,9 @@ from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS
+from jbench.simulation import find_task
 from jbench.store import Record, Results, encoder_schema
 from jbench.store.provenance import device_provenance
-from jbench.tasks.labels import feature_labels
 
 CHECKPOINT = "checkpoint.safetensors"
 
@@ -138,7 +138,15 @@ def _weights(
         return {name: np.ascontiguousarray(v, np.float32) for name, v in fitted.items()}
     assert isinstance(kind, Learned)
     constants = kind.constants(states)
-    learner = EncoderLearner(kind, states.size, settings.latents, settings.seed, device, constants)
+    learner = EncoderLearner(
+        kind,
+        states.size,
+        settings.latents,
+        settings.seed,
+        device,
+        constants,
+        action_size=states.action_size,
+    )
     if CHECKPOINT in record.roles():
         learner.restore(record.read_file(CHECKPOINT))
     _learn(learner, states, record, progress, commit_every)
@@ -206,38 +214,37 @@ def _tables(
     record: Record, settings: EncoderSettings, errors: Mapping[str, Errors]
 ) -> dict[str, pa.Table]:
     """Returns the rows of an encoder's errors, per feature and over all features."""
-    test, heuristic = errors["test"], errors["heuristic"]
-    columns = {
-        "test_mse": test.mse,
-        "test_variance": test.variance,
-        "pca_mse": test.pca,
-        "random_mse": test.random,
-        "heuristic_mse": heuristic.mse,
-        "heuristic_variance": heuristic.variance,
-        "pca_heuristic_mse": heuristic.pca,
-        "random_heuristic_mse": heuristic.random,
-    }
-    labels = feature_labels(settings.task)
-    features = {
-        "encoder": [record.id] * len(labels),
-        "index": range(len(labels)),
-        "feature": labels,
-        **columns,
-    }
-    totals = {
-        "encoder": record.id,
-        "test_states": test.states,
-        "heuristic_states": heuristic.states,
-        **{name: float(values.mean()) for name, values in columns.items()},
-        "test_explained": test.explained(test.mse),
-        "pca_explained": test.explained(test.pca),
-        "random_explained": test.explained(test.random),
-        "heuristic_explained": heuristic.explained(heuristic.mse),
-        "pca_heuristic_explained": heuristic.explained(heuristic.pca),
-        "random_heuristic_explained": heuristic.explained(heuristic.random),
-    }
+    columns: dict[str, Any] = {}
+    totals: dict[str, Any] = {"encoder": record.id}
+    for which, end in (("test", ""), ("heuristic", "_heuristic")):
+        if which not in errors:  # no heuristic is known of another robot
+            continue
+        found = errors[which]
+        columns |= {
+            f"{which}_mse": found.mse,
+            f"{which}_variance": found.variance,
+            f"pca{end}_mse": found.pca,
+            f"random{end}_mse": found.random,
+        }
+        totals |= {
+            f"{which}_states": found.states,
+            f"{which}_explained": found.explained(found.mse),
+            f"pca{end}_explained": found.explained(found.pca),
+            f"random{end}_explained": found.explained(found.random),
+        }
+    labels = find_task(settings.task).labels
+    features = [
+        {
+            "encoder": record.id,
+            "index": index,
+            "feature": label,
+            **{name: float(values[index]) for name, values in columns.items()},
+        }
+        for index, label in enumerate(labels)
+    ]
+    totals |= {name: float(values.mean()) for name, values in columns.items()}
     return {
-        "encoder_features": pa.table(features, schema=encoder_schema.ENCODER_FEATURES),
+        "encoder_features": pa.Table.from_pylist(features, encoder_schema.ENCODER_FEATURES),
         "encoder_errors": pa.Table.from_pylist([totals], encoder_schema.ENCODER_ERRORS),
     }
 
@@ -271,7 +278,7 @@ def _finish(
         "options": settings.options,
         "task": settings.task,
         "latents": settings.latents,
-        "features": feature_labels(settings.task),
+        "features": find_task(settings.task).labels,
         "minimum": states.scaling.minimum.tolist(),
         "maximum": states.scaling.maximum.tolist(),
     }

@@ -10,21 +10,18 @@ from typing import Any
 
 from jbench import plugins
 from jbench.errors import RequestError
-from jbench.names import SUITE, SUITE_TASKS, TASKS, closest, one_of
+from jbench.names import SUITE, SUITE_TASKS, TASK_GROUP, TASKS, closest, one_of
 from jbench.settings.specs import Specs
 from jbench.simulation.jitterbug import JitterbugTask
 from jbench.simulation.suite import DmTask
 from jbench.simulation.task import Task
-
-GROUP = "jbench.tasks"
-"""Group of entry points of factories, which return a `dm_env.Environment`."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 
 
 def installed_tasks() -> dict[str, EntryPoint]:
     """Returns the entry points of the tasks of other packages by name."""
-    return dict(sorted(plugins.offered(GROUP, _NAME, TASKS).items()))
+    return dict(sorted(plugins.offered(TASK_GROUP, _NAME, TASKS).items()))
 
 
 @lru_cache(maxsize=64)
@@ -60,6 +57,11 @@ def checked_task(name: str) -> Task:
     if isinstance(task, DmTask):
         task.check()
     return task
+
+
+def dataset_robot(task: Task) -> dict[str, Any]:
+    """Returns the fields of `DatasetSettings` that describe the robot of a task."""
+    return {} if task.specs is None else {"robot": task.name, "specs": task.specs}
 
 
 def check_specs(name: str, recorded: Specs | None) -> None:

@@ -15,6 +15,7 @@ from jbench.simulation.task import State as WorldState
 from jbench.simulation.task import Step, Task, Worlds
 from jbench.tasks import resets
 from jbench.tasks.features import FEATURE_SIZES, TASK_SPECS, State, Target, observation
+from jbench.tasks.labels import feature_labels
 from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
 
@@ -35,6 +36,11 @@ class JitterbugTask(Task):
     def __init__(self, name: str) -> None:
         self.name = name
         self.parts = {part: FEATURE_SIZES[part] for part in TASK_SPECS[name].features}
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each value of an observation, such as `position_x`."""
+        return feature_labels(self.name)
 
     def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> "JitterbugWorlds":
         """Returns new worlds; see `Task.worlds`."""

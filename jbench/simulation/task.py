@@ -91,6 +91,15 @@ class Task(Protocol):
         """Number of values of an observation, the paper's dim(O)."""
         return sum(self.parts.values())
 
+    @property
+    def labels(self) -> list[str]:
+        """A name for each value of an observation, such as `velocity_3`."""
+        return [
+            name if size == 1 else f"{name}_{i}"
+            for name, size in self.parts.items()
+            for i in range(size)
+        ]
+
     @abstractmethod
     def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> Worlds:
         """Returns new worlds, before their first episode.

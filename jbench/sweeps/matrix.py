@@ -39,7 +39,7 @@ from jbench.settings.algorithms import base_of
 from jbench.settings.base import Count, Seed, Settings, in_id, validated, whole
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation.find import checked_task, find_task
+from jbench.simulation.find import checked_task, dataset_robot, find_task
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.matrix_file import COMPARISON, PART, named, parts_of, read_content
@@ -140,12 +140,11 @@ class Matrix(Settings):
             "evaluate_episodes": self.evaluation.episodes,
         }
 
-    @property
-    def dataset_settings(self) -> DatasetSettings:
-        """Settings of the encoders' dataset."""
-        return validated(
-            DatasetSettings, "[dataset]", steps=self.dataset.steps, seed=self.dataset.seed
-        )
+    def dataset_settings(self, task: str) -> DatasetSettings:
+        """Returns the settings of the dataset of a task's encoders."""
+        numbers = {"steps": self.dataset.steps, "seed": self.dataset.seed}
+        robot = dataset_robot(find_task(task))
+        return validated(DatasetSettings, "[dataset]", **numbers, **robot)
 
 
 def read_matrix(name: str, **changes: Any) -> list[Matrix]:
@@ -288,7 +287,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
         fields["representation"] = first.representation
         if matrix.encoder.seed == "each":
             fields["encoder_draws"] = first.draws
-    dataset = matrix.dataset_settings if encoders else None
+    dataset = matrix.dataset_settings(task) if encoders else None
     runs = runs_of(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
     different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
     return Cell(task, algo, name, runs, base_of(task, matrix.settings), different, dataset)
@@ -303,7 +302,7 @@ def _encoders(matrix: Matrix, task: str, wanted: Wanted) -> dict[int, EncoderSet
             wanted.kind,
             options,
             task=task,
-            dataset=matrix.dataset_settings.id,
+            dataset=matrix.dataset_settings(task).id,
             latents=wanted.latents,
             seed=agent_seed if seed == "each" else seed,
         )

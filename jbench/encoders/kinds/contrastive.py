@@ -23,7 +23,7 @@ class Contrastive(Predictive):
     batch: int = Field(default=512, ge=2, description="rows in a step; ours")
     horizon: int = Field(default=5, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
 
-    def heads(self, size: int, latents: int) -> dict[str, tuple[int, int]]:
+    def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         """Returns the layer of the query."""
         return {"query": (latents, self.hidden)}
 

@@ -35,7 +35,7 @@ class DynamicModes(Fitted):
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
         """Returns the directions, the linear decoder, and all singular values."""
-        moments = Moments.none(2 * states.size + self.horizon)
+        moments = Moments.none(2 * states.size + self.horizon * states.action_size)
         for shard in states.learn():
             for batch in shard.blocks(self.horizon, with_actions=True):
                 assert batch.actions is not None

@@ -29,7 +29,7 @@ _MIN_SD = 1e-9  # changes of smaller standard deviation count as constant
 class ForwardModel(Predictive):
     """Predicts the changes of the state and the reward."""
 
-    def heads(self, size: int, latents: int) -> dict[str, tuple[int, int]]:
+    def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         """Returns the layers that predict the changes and the reward."""
         return {"change": (size, self.hidden), "reward": (1, self.hidden)}
 
@@ -78,7 +78,12 @@ def changes_of(batch: Batch, periods: Tensor) -> Tensor:
 
 
 def angle_periods(states: "States") -> Tensor:
-    """Returns the (size,) scaled periods of the features: a full turn of an angle, otherwise 0."""
+    """Returns the (size,) scaled periods of the features: a full turn of an angle, otherwise 0.
+
+    Which features of another robot are angles is not known.
+    """
+    if states.task not in TASK_SPECS:
+        return torch.zeros(states.size)
     names = TASK_SPECS[states.task].features
     labels = [name for name in names for _ in range(FEATURE_SIZES[name])]
     periods = np.array([2.0 * (RANGES[name][1] == (np.pi,)) for name in labels], np.float32)

@@ -15,13 +15,13 @@ from jbench.encoders.kinds.predictive import Predictive
 class InverseModel(Predictive):
     """Predicts the actions of `horizon` control steps from the latents before and after them."""
 
-    def hidden_inputs(self, latents: int) -> int:
+    def hidden_inputs(self, latents: int, actions: int) -> int:
         """Returns the size of two states' latents."""
         return 2 * latents
 
-    def heads(self, size: int, latents: int) -> dict[str, tuple[int, int]]:
+    def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         """Returns the layer that predicts the actions."""
-        return {"action": (self.horizon, self.hidden)}
+        return {"action": (actions, self.hidden)}
 
     def loss(self, weights: Weights, batch: Batch) -> Tensor:
         """Returns the sum of the mean squared errors of the actions and the reconstruction."""

@@ -18,6 +18,7 @@ from jbench.encoders.kinds.vae import (
     kl_to_standard_normal,
     sample_latents,
 )
+from jbench.simulation import find_task
 
 _EPSILON = 1e-6  # keeps the logarithm of det(A) ** 2 finite
 
@@ -44,6 +45,11 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
     contraction: float = Field(
         default=0.1, ge=0, description="weight of the divergence of the predicted latent; authors'"
     )
+
+    @classmethod
+    def latent_sizes(cls, task: str) -> range:
+        """Returns 1 to the features of a task with a single actuator; its dynamics have one."""
+        return super().latent_sizes(task) if find_task(task).action_size == 1 else range(0)
 
     @property
     def steps_ahead(self) -> int:

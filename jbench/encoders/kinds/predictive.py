@@ -32,20 +32,27 @@ class Predictive(Learned):
         return self.horizon
 
     @abstractmethod
-    def heads(self, size: int, latents: int) -> dict[str, tuple[int, int]]:
-        """Returns the (outputs, inputs) of the layers after the hidden layer."""
+    def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
+        """Returns the (outputs, inputs) of the layers after the hidden layer.
 
-    def hidden_inputs(self, latents: int) -> int:
+        Args:
+            actions: numbers of the actions of `horizon` control steps.
+        """
+
+    def hidden_inputs(self, latents: int, actions: int) -> int:
         """Returns the number of inputs of the hidden layer, by default latents and actions."""
-        return latents + self.horizon
+        return latents + actions
 
-    def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
+    def initial(
+        self, size: int, latents: int, random: torch.Generator, action_size: int = 1
+    ) -> dict[str, Tensor]:
         """Returns Glorot weights and zero biases."""
+        actions = self.horizon * action_size
         return layers(
             {
                 "encoder": (latents, size),
-                "hidden": (self.hidden, self.hidden_inputs(latents)),
-                **self.heads(size, latents),
+                "hidden": (self.hidden, self.hidden_inputs(latents, actions)),
+                **self.heads(size, latents, actions),
                 "decoder": (size, latents),
             },
             random,

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from jbench.encoders.kind import ClosedForm, Weights
 from jbench.encoders.moments import Moments
-from jbench.tasks.features import TASK_SPECS, Array
+from jbench.simulation import find_task
+from jbench.tasks.features import Array
 
 
 class Scaled(ClosedForm):
@@ -18,7 +19,7 @@ class Scaled(ClosedForm):
     @classmethod
     def latent_sizes(cls, task: str) -> range:
         """Returns the number of features of the task."""
-        size = TASK_SPECS[task].observation_size
+        size = find_task(task).observation_size
         return range(size, size + 1)
 
     def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:

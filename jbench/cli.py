@@ -26,6 +26,7 @@ from jbench.commands import (
     results,
     sweep,
     tail,
+    tasks,
     train,
 )
 from jbench.commands.grouped_help import Command, GroupedCommands
@@ -34,7 +35,8 @@ from jbench.errors import RequestError, WorkError
 app = typer.Typer(
     name="jbench",
     cls=GroupedCommands,
-    help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations.",
+    help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations, "
+    "and the tasks of other robots.",
     epilog="The commands collect, train-dae, train --encoder dae12 and report, in this order, are "
     "the paper's experiment on one task; --steps and --seeds make it shorter.",
     invoke_without_command=True,
@@ -86,6 +88,7 @@ _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
     },
     "Lists": {
         algorithms.algorithms: "algorithms td3",
+        tasks.tasks: "tasks dmc:cheetah-run",
         data.datasets: "datasets",
         results.runs: "runs --algo td3 --status finished",
         tail.tail: "tail --algo td3 --last 10",

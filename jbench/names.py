@@ -118,9 +118,9 @@ ImportFormat = Literal["sb3-monitor", "sb3-evaluations", "tensorboard", "wandb-c
 IMPORT_FORMATS: tuple[ImportFormat, ...] = get_args(ImportFormat)
 """Files whose learning curves `jbench import` reads."""
 
-SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question")
-"""The shipped matrices: a small one, the paper's figures, and the comparisons that answer whether
-learning on a reduced-order observation helps."""
+SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question", "robots")
+"""The shipped matrices: a small one, the paper's figures, the comparisons that answer whether
+learning on a reduced-order observation helps, and the same question on other robots."""
 
 STATUSES = ("unfinished", "finished", "failed")
 """Values of a run's status."""

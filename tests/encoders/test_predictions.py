@@ -219,7 +219,7 @@ def linear_system(order, size=10, episodes=3):
 def states_of(shard):
     """The attributes of `States` that a kind needs."""
     return SimpleNamespace(
-        learn=lambda: iter([shard]), size=shard.states.shape[-1], device=CPU, seed=0
+        learn=lambda: iter([shard]), action_size=1, size=shard.states.shape[-1], device=CPU, seed=0
     )
 
 

@@ -105,7 +105,7 @@ def test_actions_of_own_task_are_scaled_and_its_seed_is_used():
         (f"{OWN}:unseeded", "its episodes can't be seeded"),
         (f"{OWN}:nothing", "it is a NoneType, not a dm_env.Environment"),
         (f"{OWN}:number", "is of type int; name a function"),
-        ("dmc:lqr-lqr_2_1", r"its actions are in .*1e\+10; give them finite bounds"),
+        ("dmc:lqr-lqr_2_1", r"its actions are in .*1e[+]10\]; give them finite bounds"),
         ("dmc:cheetah-ran", "did you mean dmc:cheetah-run?"),
         ("walker-walk", "did you mean dmc:walker-walk?"),
         ("dmc:jitterbug-face_direction", "did you mean face_direction?"),

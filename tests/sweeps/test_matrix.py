@@ -26,7 +26,14 @@ def cells_of(name, path, **changes):
 
 @pytest.mark.parametrize(
     ("name", "cells", "runs"),
-    [("smoke", 8, 16), ("fig7", 2, 2), ("fig8", 2, 20), ("fig9", 20, 200), ("question", 53, 376)],
+    [
+        ("smoke", 8, 16),
+        ("fig7", 2, 2),
+        ("fig8", 2, 20),
+        ("fig9", 20, 200),
+        ("question", 53, 376),
+        ("robots", 36, 180),
+    ],
 )
 def test_shipped_matrices_have_expected_cells_and_runs(name, cells, runs, tmp_path):
     found = cells_of(name, tmp_path)

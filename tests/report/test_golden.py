@@ -130,8 +130,8 @@ def test_verdicts_rest_on_differences_as_before(both):
 def test_claims_are_as_before(both):
     now, golden = both
     before = golden("claims")
-    # Those of representations with other scales are newer.
-    newer = now.claims.astype(str).apply(lambda texts: texts.str.contains("-observation"))
+    # Those of representations with other scales, and of heading, are newer.
+    newer = now.claims.astype(str).apply(lambda texts: texts.str.contains("-observation|heading"))
     claims = now.claims[~newer.any(axis=1)]
     assert len(claims) == len(before)
     keys = ["claim", "source", "returns"]
@@ -148,8 +148,8 @@ def test_encoders_are_as_before(both):
     now, golden = both
     if len(now.encoders):
         before = golden("encoders").drop(columns="settings")
-        # Those with other scales are newer.
-        scaled = now.encoders["representation"].str.contains("-observation")
+        # Those with other scales, and heading, are newer.
+        scaled = now.encoders["representation"].str.contains("-observation|heading")
         same = now.encoders[~scaled].reset_index(drop=True)
         pd.testing.assert_frame_equal(same[before.columns], before, check_dtype=False)
 

@@ -14,6 +14,9 @@ _NO_RENDERER = ("disable", "disabled", "off", "false", "0")
 # process on each core; more threads would only wait for each other.
 os.environ.update(ONE_THREAD)
 
+# pytest-xdist sets it in its workers, and tables would break their lines there.
+os.environ.pop("COLUMNS", None)
+
 # dm_control and MuJoCo read this once, when they are first imported.
 if not os.environ.get("MUJOCO_GL"):
     os.environ["MUJOCO_GL"] = "osmesa" if ctypes.util.find_library("OSMesa") else "disable"

@@ -58,7 +58,7 @@ def train_and_sweep(site, directory, train, matrix):
     (directory / "matrix.toml").write_text(matrix)
     with pytest.MonkeyPatch.context() as patch:
         make_importable(site, patch)
-        first = ("--seeds", "0", "--steps", str(SHORT), "--evaluate-every", "50000")
+        first = ("--seeds", "0", "--steps", str(SHORT))
         succeed("train", *train, *first, results=results, short=True)
         succeed("sweep", directory / "matrix.toml", results=results, short=True)
     return Results(results)

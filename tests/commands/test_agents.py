@@ -229,7 +229,7 @@ def test_classes_are_named_without_entry_points(site, tmp_path):
     done = jbench("sweep", "two.toml", results=results, cwd=tmp_path, short=True)
     assert done.returncode == 0, done.stderr
     typed = ("train", "--algo", NAME, "--set", "noise=0.2", "--evaluate-episodes", "0")
-    typed += ("--seeds", "0-1", "--steps", SHORT, "--evaluate-every", 50_000)
+    typed += ("--seeds", "0-1", "--steps", SHORT)
     again = jbench(*typed, results=results, cwd=tmp_path, short=True)
     assert "2 of 2 runs are already finished" in again.stdout
     runs, _ = Results(results).scan("run")

@@ -27,6 +27,7 @@ COLUMNS = {
     "prediction_loss",
     "evaluations": "run evaluation control_steps episode episode_return length wall_time "
     "processor_time",
+    "metrics": "run control_steps name value wall_time",
     "paths": "run evaluation control_steps time x y target_x target_y heading target_yaw",
     "encoders": "encoder task kind representation latents seed dataset status test_mse "
     "test_explained effective_rank wall_time created updated settings provenance",

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from jbench.names import kind_of
+from jbench.names import TASKS, kind_of
 from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import scores_of, statistics
 from jbench.report.data.configuration import (
@@ -73,7 +73,9 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
                 **{"draws": one.draws, "diverged": int(one.diverged.sum())},
                 **{"steps_min": int(one.steps.min()), "steps": int(one.steps.max())},
                 **row,
-                "solved": _SOLVED[decide_solved(median, seeds)[0]] if seeds else None,
+                "solved": _SOLVED[decide_solved(median, seeds)[0]]
+                if seeds and one.task in TASKS
+                else None,
                 **{"published": value, "published_figure": figure, "note": "; ".join(one.notes)},
             }
         )

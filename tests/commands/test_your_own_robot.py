@@ -24,4 +24,6 @@ def test_robot_of_page_is_collected_encoded_trained_and_reported(tmp_path):
         (TASK, representation, seed) for representation in ("full", "dae4") for seed in (0, 1)
     }
     assert runs["evaluation_return"].between(0, 1000).all()
-    assert TASK in (tmp_path / "results" / "report" / "index.html").read_text()
+    page = (tmp_path / "results" / "report" / "index.html").read_text()
+    assert TASK in page
+    assert "solved" not in page  # what counts as solved is known of the Jitterbug's tasks only

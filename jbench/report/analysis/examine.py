@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL
+from jbench.names import FULL, TASKS
 from jbench.report.analysis.claims import (
     EASIER,
     HARDER,
@@ -58,7 +58,7 @@ def examine(configurations: Sequence[Configuration]) -> list[Finding]:
     """
     plain = [one for one in configurations if not one.robots]
     found = [*_on_representations(plain), *_on_algorithms(plain)]
-    for one in plain:
+    for one in (one for one in plain if one.task in TASKS):
         (scores,) = compared_scores(one)
         found.append(_solves("g", one.name, scores.final, **_common(one)))
     return found

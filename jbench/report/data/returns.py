@@ -6,7 +6,7 @@ from jbench.names import ReturnsName
 from jbench.returns import FINAL_EPISODES
 
 SOLVED = 900
-"""Episode return from which a task counts as solved (paper, Figure 9)."""
+"""Episode return from which a task of the Jitterbug counts as solved (paper, Figure 9)."""
 
 EVALUATION: ReturnsName = "evaluation"
 """Mean return of the episodes of an evaluation, in which the policy is deterministic."""

@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib import ticker
 from matplotlib.axes import Axes
 
+from jbench.names import TASKS
 from jbench.report import style
 from jbench.report.data.configuration import OWN
 from jbench.report.data.published import PUBLISHED
@@ -207,7 +208,7 @@ def draw_curves(
         _draw_published(axes, published[published["task"].isin(rows["task"])], looks)
     _set_axes(axes, rows, scale)
     axes.set(xlabel=x, ylabel=y)
-    _draw_levels(axes, baselines)
+    _draw_levels(axes, rows["task"], baselines)
 
 
 def _tips(name: str, curve: pd.DataFrame) -> list[str]:
@@ -252,9 +253,9 @@ def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
     axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
 
 
-def _draw_levels(axes: Axes, baselines: pd.DataFrame | None) -> None:
+def _draw_levels(axes: Axes, tasks: pd.Series, baselines: pd.DataFrame | None) -> None:
     """Draws the returns of policies without training and that of a solved task."""
-    levels = {"solved": float(SOLVED)}
+    levels = {"solved": float(SOLVED)} if tasks.isin(TASKS).all() else {}
     if baselines is not None:
         levels |= dict(zip(baselines["policy"], baselines["median"], strict=True))
     low, high = axes.get_ylim()

@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib import ticker
 from matplotlib.axes import Axes
 
+from jbench.names import TASKS
 from jbench.report import style
 from jbench.report.data.returns import SOLVED
 from jbench.report.style import Look
@@ -142,9 +143,10 @@ def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
     axes.grid(axis="y", visible=False)
 
 
-def add_solved(axes: Axes) -> None:
-    """Draws the return of a solved task as a vertical line."""
-    axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
+def add_solved(axes: Axes, tasks: pd.Series) -> None:
+    """Draws the return of a solved task as a vertical line, beside tasks that have one."""
+    if tasks.isin(TASKS).all():
+        axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
 
 
 def shortened(name: str) -> str:

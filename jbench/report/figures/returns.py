@@ -98,7 +98,7 @@ def draw_forest(
         numbers = interval_text(row["median"], row["q10"], row["q90"])
         tip = f"{names[place - len(rows)]}: median {numbers}"
         add_points(axes, [row["median"]], [place], [tip], apart, size=5.5, hollow=True)
-    add_solved(axes)
+    add_solved(axes, rows["task"])
     name_rows(axes, [*rows["name"], *names])
     ends = np.array([0.0, 1000.0, *seeds["final"]])
     axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))

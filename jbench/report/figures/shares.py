@@ -97,7 +97,7 @@ def draw_profiles(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) 
         tips = [f"{name}: {100 * y:.0f}% above {at:.0f}" for at, y in zip(x, share, strict=True)]
         band, look = (line["low"], line["high"]), looks[str(name)]
         add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
-    add_solved(axes)
+    add_solved(axes, rows["task"])
     axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
     axes.set_xlim(left=0)
 

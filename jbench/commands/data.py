@@ -41,7 +41,7 @@ def collect(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Collect a random-policy dataset, of the Jitterbug for its five tasks, or of another robot."""
+    """Collect a dataset of random actions, of the Jitterbug or another robot."""
     from jbench.commands import display
     from jbench.datasets import collect as collect_dataset
     from jbench.settings.base import validated

@@ -44,6 +44,7 @@ _VERBS = (
     (["repair", "--dry-run"], "Nothing to set aside"),
     (["export"], "Exported random/s00-"),
     (["algorithms"], "td3"),
+    (["tasks"], "face_direction"),
     (["leaderboard"], "face_direction"),
 )
 PRINTED = {verb[0]: printed for verb, printed in _VERBS}
@@ -60,7 +61,6 @@ def command_lines(place):
     curves.write_text("control_steps,episode_return,seed\n100,5.0,0\n200,7.0,0\n")
     (other / "runs").mkdir(parents=True)
     more = {
-        "algorithms": [],
         "leaderboard": [str(place / "results")],
         "merge": [str(other)],
         "import": ["--task", "face_direction", str(curves)],
@@ -69,7 +69,9 @@ def command_lines(place):
     lines = []
     for verb, _ in _VERBS:
         arguments = [*verb, *more.get(verb[0], [])]
-        lines.append(arguments if verb[0] in ("algorithms", "leaderboard") else arguments + where)
+        lines.append(
+            arguments if verb[0] in ("algorithms", "tasks", "leaderboard") else arguments + where
+        )
     return json.dumps(lines)
 
 

@@ -177,9 +177,11 @@ PolicyArgument = Annotated[
 PolicyOption = Annotated[str | None, typer.Option("--policy", hidden=True)]
 """How POLICY was typed in older versions."""
 CameraOption = Annotated[
-    str,
+    str | None,
     typer.Option(
-        help=f"Camera: {', '.join(names.CAMERAS)}.", autocompletion=complete(*names.CAMERAS)
+        help=f"Camera: {', '.join(names.CAMERAS)} (default: tracking), or one of another robot's "
+        "model (default: its first).",
+        autocompletion=complete(*names.CAMERAS),
     ),
 ]
 AugmentOption = Annotated[

@@ -104,11 +104,9 @@ def render(
         Path, typer.Option(help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).")
     ] = Path("jitterbug.mp4"),
     task: PolicyTaskOption = None,
-    camera: CameraOption = "tracking",
+    camera: CameraOption = None,
     seed: PoseSeedOption = 0,
-    steps: Annotated[
-        int, typer.Option(help="Number of control steps of 0.01 s, 1 to 1000.")
-    ] = 1000,
+    steps: Annotated[int, typer.Option(help="Number of control steps, 1 to 1000.")] = 1000,
     augment: AugmentOption = None,
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
@@ -116,9 +114,6 @@ def render(
     """Render an episode of any policy as a video or a picture."""
     from jbench.opengl import choose_backend
 
-    if task is not None:
-        names.known("task", task, names.TASKS)
-    names.known("camera", camera, names.CAMERAS)
     if not 1 <= steps <= names.EPISODE_STEPS:
         raise RequestError(f"--steps {steps}: type 1 to {names.EPISODE_STEPS}.")
     parsing.augmented(augment)
@@ -131,6 +126,8 @@ def render(
     database, policy = database_and_policy(results, _chosen(policy, policy_option))
     width, height = default_size(out)
     task = _task(database, policy, task, "move_to_pose")
+    if camera is not None and task in names.TASKS:
+        names.known("camera", camera, names.CAMERAS)
     scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
     runner = find_policy(database, policy, task, seed)
     _say_other_robot(output, database, policy, augment)
@@ -158,6 +155,8 @@ def view(
 
     database, policy = database_and_policy(results, _chosen(policy, policy_option))
     task = _task(database, policy, task, "move_to_pose")
+    if task not in names.TASKS:
+        raise RequestError(f"view shows the Jitterbug only; type jbench render --task {task}.")
     parsing.augmented(augment)
     runner = find_policy(database, policy, task, parsing.seed(seed))
     _say_other_robot(Output(), database, policy, augment)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.names import CONTROL_TIMESTEP
+from jbench.names import CONTROL_TIMESTEP, TASKS
 from jbench.policies.find import ActingPolicy
+from jbench.simulation import find_task
+from jbench.simulation.suite_env import SuiteEnv
 from jbench.tasks import features
 from jbench.tasks.gym import JitterbugEnv
 
@@ -26,17 +28,36 @@ class Scene:
 
     Attributes:
         seed: of the initial pose and the target.
-        camera: one of `jbench.names.CAMERAS`.
+        camera: one of the robot's model; None for `tracking`, or another robot's first.
         width, height: in pixels.
         augment: seed of an augmented robot's morphology, or None for the plain robot.
     """
 
     task: str
     seed: int = 0
-    camera: str = "tracking"
+    camera: str | None = None
     width: int = 640
     height: int = 480
     augment: int | None = None
+
+    @property
+    def timestep(self) -> float:
+        """Simulated seconds in a control step."""
+        return find_task(self.task).control_timestep or CONTROL_TIMESTEP
+
+    def environment(self) -> JitterbugEnv | SuiteEnv:
+        """Returns an environment that draws pictures.
+
+        Raises:
+            RequestError: if the robot has no such camera or, of another package, no physics.
+        """
+        size = {"width": self.width, "height": self.height}
+        if self.task not in TASKS:
+            return SuiteEnv(self.task, "rgb_array", self.camera, **size)
+        camera = self.camera or "tracking"
+        env = JitterbugEnv(self.task, "rgb_array", camera, augment=self.augment, **size)
+        env.model.vis.quality.shadowsize = _SHADOW_TEXELS
+        return env
 
 
 @dataclass(frozen=True)
@@ -46,19 +67,21 @@ class Frame:
     Attributes:
         step: control steps since the start.
         episode_return: sum of the rewards so far.
-        goal: distance and direction of the target as text.
+        goal: distance and direction of the target as text; empty for other robots.
         picture: image without text.
+        timestep: simulated seconds in a control step.
     """
 
     step: int
     episode_return: float
     goal: str
     picture: Picture
+    timestep: float = CONTROL_TIMESTEP
 
     @property
     def time(self) -> float:
         """Seconds since the start."""
-        return self.step * CONTROL_TIMESTEP
+        return self.step * self.timestep
 
 
 def render_episode(
@@ -73,15 +96,7 @@ def render_episode(
         at: control steps, starting at 0 (the initial state); the episode ends at the last one.
         progress: called with the number of completed control steps.
     """
-    env = JitterbugEnv(
-        scene.task,
-        render_mode="rgb_array",
-        camera=scene.camera,
-        width=scene.width,
-        height=scene.height,
-        augment=scene.augment,
-    )
-    env.model.vis.quality.shadowsize = _SHADOW_TEXELS
+    env = scene.environment()
     try:
         observation, _ = env.reset(seed=scene.seed)
         policy.reset(1)
@@ -92,7 +107,9 @@ def render_episode(
                 observation, reward, *_ = env.step(action)
                 episode_return += reward
             if step in at:
-                yield Frame(step, episode_return, goal(scene.task, observation), env.render())
+                words = goal(scene.task, observation) if scene.task in TASKS else ""
+                picture = np.asarray(env.render())
+                yield Frame(step, episode_return, words, picture, scene.timestep)
             progress(step)
     finally:
         env.close()

@@ -22,10 +22,10 @@ def video_picture(frame: Frame, title: str, note: str) -> Picture:
 
     Args:
         title: first line, with task and policy.
-        note: bottom line, with camera and speed; the floor's scale is appended.
+        note: bottom line, with camera and speed.
     """
     above = [title, times(frame), frame.goal]
-    return write(frame.picture, above, [f"{note}, {SCALE}"], lines_in_height=24)
+    return write(frame.picture, above, [note], lines_in_height=24)
 
 
 def strip_picture(frame: Frame) -> Picture:

@@ -10,10 +10,10 @@ import numpy as np
 from PIL import Image
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
+from jbench.names import EPISODE_STEPS, TASKS
 from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Frame, Picture, Scene, render_episode
-from jbench.rendering.overlay import strip_picture, video_picture
+from jbench.rendering.overlay import SCALE, strip_picture, video_picture
 from jbench.store.files import check_output, write_atomic
 
 SUFFIXES = (".mp4", ".gif", ".png")
@@ -23,7 +23,7 @@ _VIDEO_SIZE = (640, 480)
 _MOMENT_SIZE = (320, 240)
 
 _INTERVAL = 0.04
-"""Seconds between the images of a video or an animation, a whole number of control steps."""
+"""Seconds between the images of a video or an animation, or nearly so many."""
 
 _MOMENTS = 6  # images in a strip
 
@@ -89,10 +89,14 @@ def render_to_file(
     """
     _check(path)
     suffix = path.suffix.lower()
-    at = strip_steps(steps) if suffix == ".png" else video_steps(steps, speed)
-    title, note = f"{scene.task}, {name}", f"{scene.camera} camera"
+    stride = max(1, round(speed * _INTERVAL / scene.timestep))
+    seconds = stride * scene.timestep / speed  # between two images
+    at = strip_steps(steps) if suffix == ".png" else [*range(0, steps, stride), steps]
+    title, note = f"{scene.task}, {name}", f"{scene.camera or 'tracking'} camera, {SCALE}"
+    if scene.task not in TASKS:
+        note = f"{scene.camera} camera" if scene.camera else ""
     if speed != 1:
-        note += f", {speed:g} x real time"
+        note += f"{', ' if note else ''}{speed:g} x real time"
     last_frame: list[Frame] = []
 
     def pictures() -> Iterator[Picture]:
@@ -103,18 +107,13 @@ def render_to_file(
             yield strip_picture(frame) if is_strip else video_picture(frame, title, note)
 
     if suffix == ".mp4":
-        content = mp4(pictures(), (scene.width, scene.height))
+        content = mp4(pictures(), (scene.width, scene.height), seconds)
     elif suffix == ".gif":
-        content = gif(list(pictures()))
+        content = gif(list(pictures()), seconds)
     else:
         content = png_strip(list(pictures()))
     write_atomic(path, content)
     return last_frame[0]
-
-
-def video_steps(steps: int, speed: float) -> Collection[int]:
-    """Returns the control steps of a video's images, the last one included."""
-    return [*range(0, steps, round(speed * _INTERVAL / CONTROL_TIMESTEP)), steps]
 
 
 def strip_steps(steps: int) -> Collection[int]:
@@ -130,8 +129,8 @@ def png_strip(pictures: Sequence[Picture]) -> bytes:
     return buffer.getvalue()
 
 
-def gif(pictures: Sequence[Picture]) -> bytes:
-    """Returns a looping animation of images (height, width, 3)."""
+def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
+    """Returns a looping animation of images (height, width, 3), so many seconds apart."""
     indices = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
     sample = Image.fromarray(np.vstack([pictures[index] for index in indices]))
     palette = sample.quantize(256, method=Image.Quantize.MEDIANCUT)
@@ -146,19 +145,20 @@ def gif(pictures: Sequence[Picture]) -> bytes:
         "GIF",
         save_all=True,
         append_images=images[1:],
-        duration=round(1000 * _INTERVAL),
+        duration=round(1000 * seconds),
         loop=0,
         optimize=True,
     )
     return buffer.getvalue()
 
 
-def mp4(pictures: Iterator[Picture], size: tuple[int, int]) -> bytes:
+def mp4(pictures: Iterator[Picture], size: tuple[int, int], seconds: float = _INTERVAL) -> bytes:
     """Returns an H.264 video that any browser plays.
 
     Args:
         pictures: (height, width, 3) each; odd sizes are padded by repeating the last row or column.
         size: width and height (pixels).
+        seconds: between two pictures.
 
     Raises:
         RequestError: if the library has no ffmpeg for this machine.
@@ -178,7 +178,7 @@ def mp4(pictures: Iterator[Picture], size: tuple[int, int]) -> bytes:
         writer = imageio_ffmpeg.write_frames(
             str(path),
             (size[0] + odd[0], size[1] + odd[1]),
-            fps=1 / _INTERVAL,
+            fps=1 / seconds,
             codec="libx264",
             quality=_VIDEO_QUALITY,
             macro_block_size=2,  # colors are stored per 2 x 2 pixels

@@ -82,3 +82,19 @@ def test_goal_is_described_in_words(task, values, words):
     physical = np.zeros(features.TASK_SPECS[task].observation_size)
     physical[list(values)] = list(values.values())
     assert goal(task, features.normalize(task, physical)) == words.replace("_", PAD)
+
+
+@pytest.mark.usefixtures("rendering")
+def test_another_robot_is_drawn_by_its_first_camera_or_a_named_one():
+    first, fixed, above = (
+        list(
+            render_episode(Constant(), Scene("dmc:cartpole-swingup", camera=name, **SMALL), [0, 9])
+        )
+        for name in (None, "fixed", "lookatcart")
+    )
+    for one, other in zip(first, fixed, strict=True):
+        np.testing.assert_array_equal(one.picture, other.picture)
+    assert (first[0].picture != first[1].picture).any()
+    assert (first[1].picture != above[1].picture).any()
+    assert [frame.time for frame in first] == [0, 0.09]
+    assert first[1].goal == ""

@@ -69,10 +69,6 @@ def test_mp4_shows_episode_in_slow_motion(tmp_path):
         assert np.abs(found - expected).mean() < 8
 
 
-def test_video_ends_at_last_control_step():
-    assert list(write.video_steps(10, 1)) == [0, 4, 8, 10]
-
-
 def test_odd_video_size_is_padded_to_even(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     gray = np.full((65, 97, 3), 128, np.uint8)

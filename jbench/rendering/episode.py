@@ -51,11 +51,10 @@ class Scene:
         Raises:
             RequestError: if the robot has no such camera or, of another package, no physics.
         """
-        size = {"width": self.width, "height": self.height}
+        size = self.width, self.height
         if self.task not in TASKS:
-            return SuiteEnv(self.task, "rgb_array", self.camera, **size)
-        camera = self.camera or "tracking"
-        env = JitterbugEnv(self.task, "rgb_array", camera, augment=self.augment, **size)
+            return SuiteEnv(self.task, "rgb_array", self.camera, *size)
+        env = JitterbugEnv(self.task, "rgb_array", self.camera or "tracking", *size, self.augment)
         env.model.vis.quality.shadowsize = _SHADOW_TEXELS
         return env
 

@@ -35,7 +35,10 @@ class Drawing(NamedTuple):
     columns: int = 1
 
 
-DRAWINGS = (Drawing("answer-td3"), Drawing("answer-harder", task="move_in_direction"))
+DRAWINGS = (
+    Drawing("answer-td3", columns=2),
+    Drawing("answer-harder", task="move_in_direction", columns=2),
+)
 
 
 def copy_compared(target: Path) -> Results:

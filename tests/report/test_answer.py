@@ -247,6 +247,7 @@ def test_final_returns_of_configurations_with_fewer_seeds(returns):
     )
     assert plain.max() < whitened.min()
     assert iqm(whitened) < full.min()
+    assert whitened.max() < iqm(full)
     assert heading.max() < planar.min()
     assert abs(iqm(heading) - iqm(unreduced)) < 50
     for some in (plain, whitened):

@@ -100,7 +100,7 @@ class OpenedResults:
         window: int = WINDOW,
         order: Order = "quantile-first",
         *,
-        each_seed: bool = False,
+        per_seed: bool = False,
     ) -> pd.DataFrame:
         """Returns the learning curves that `jbench report` draws.
 
@@ -110,11 +110,11 @@ class OpenedResults:
             returns: "evaluation" or "training".
             window: episodes in a moving average of training returns.
             order: see `jbench.names.ORDERS`.
-            each_seed: whether to return the curve of each seed instead of quantiles across seeds.
+            per_seed: whether to return the curve of each seed instead of quantiles across seeds.
 
         Returns:
             A row for each point of each curve: task, algo, representation, variant, source,
-            returns, order, window, control_steps, seeds, q10, q25, q50, q75, q90; for each seed,
+            returns, order, window, control_steps, seeds, q10, q25, q50, q75, q90; with per_seed,
             run, seed and episode_return instead of the order and quantiles. The column settings
             names the settings that differ from the defaults, as the legends of a report do; each
             setting that differs between the curves has a column of its own, such as learning_rate.
@@ -127,7 +127,7 @@ class OpenedResults:
             Request(task=task, algo=algo, returns=returns, window=window, order=order)
         )
         curves = [(one, one.curve(order, window)) for one in of_kind(found.configurations, returns)]
-        points = _seed_points(curves) if each_seed else curve_points(curves)
+        points = _seed_points(curves) if per_seed else curve_points(curves)
         chosen = [one for one, _ in curves]
         named = pd.DataFrame([one.key for one in chosen], columns=_CURVE)
         named["settings"] = [one.words for one in chosen]
@@ -146,7 +146,7 @@ class OpenedResults:
 
 
 def _seed_points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
-    """Returns the points of each seed's curve, (windows that the seed has completed)."""
+    """Returns the points of each seed's curve, without windows that it has not completed."""
     parts = [pd.DataFrame(columns=[*_CURVE, *_SEED_POINT])]
     for one, curve in curves:
         for run, seed, values in zip(one.runs, one.seeds, curve.each, strict=True):

@@ -49,7 +49,7 @@ def test_curves_name_the_settings_that_differ(shipped):
 
 def test_curves_of_seeds_have_the_quantiles_of_the_curves(shipped):
     asked = {"task": "face_direction", "algo": "td3"}
-    seeds = shipped.curves(**asked, each_seed=True)
+    seeds = shipped.curves(**asked, per_seed=True)
     keys = ["representation", "variant", "control_steps"]
     medians = seeds.groupby(keys)["episode_return"].median()
     curves = shipped.curves(**asked).set_index(keys)["q50"]
@@ -58,6 +58,6 @@ def test_curves_of_seeds_have_the_quantiles_of_the_curves(shipped):
     finals = shipped.runs(**asked).set_index("run")["evaluation_return"]
     ends = seeds.groupby("run")["episode_return"].last()
     assert np.allclose(ends, finals.loc[ends.index])
-    training = shipped.curves(**asked, returns="training", each_seed=True)
+    training = shipped.curves(**asked, returns="training", per_seed=True)
     assert set(training["returns"]) == {"training"}
     assert training.groupby("run").size().nunique() == 1

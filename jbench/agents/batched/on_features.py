@@ -97,8 +97,8 @@ class OnFeatures(OffPolicyLearner):
                 rows, next_rows, batch.discounts, batch.noise, self.action_size
             )
         encoded = self._batches[batch]
-        encoded.actions.copy_(batch.actions)
-        encoded.rewards.copy_(batch.rewards)
+        actions_and_reward = slice(-self.action_size - 1, None)
+        encoded.rows[..., actions_and_reward].copy_(batch.rows[..., actions_and_reward])
         self.features.observation_features(batch.observations, encoded.observations)
         self.features.observation_features(batch.next_observations, encoded.next_observations)
         return encoded

@@ -101,7 +101,7 @@ def check(
             "number of steps, or one environment."
         )
     try:
-        network_of_model(agent, observation_size)
+        network_of_model(agent, observation_size, action_size)
     except UnsupportedPolicyError as error:
         raise RequestError(
             f"The policy of {name} can't be saved ({error.why}); record its training loop with "

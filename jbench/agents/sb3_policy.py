@@ -11,17 +11,20 @@ from jbench.policies.copied import UnsupportedPolicyError, network_of
 from jbench.policies.network import Layer, Network
 
 
-def network_of_model(model: Any, inputs: int) -> Network:
+def network_of_model(model: Any, inputs: int, outputs: int) -> Network:
     """Returns a copy of the deterministic policy of a model.
 
+    Args:
+        inputs: size of an (encoded) observation.
+        outputs: size of an action.
+
     Raises:
-        UnsupportedPolicyError: if it is not a sequence of supported layers.
+        UnsupportedPolicyError: if it is not a sequence of supported layers, or for other sizes.
     """
     policy = model.policy
     owner = policy.actor if hasattr(policy, "actor") else policy
     if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
         raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
-    (outputs,) = model.action_space.shape
     network = network_of(actor_of(policy), inputs, outputs)
     return Network([*_normalization_layers(model), *network.layers])
 

@@ -177,5 +177,5 @@ def copied_network(actor: Actor, inputs: int, outputs: int) -> Network:
     if hasattr(actor, "predict") and hasattr(actor, "policy"):
         from jbench.agents.sb3_policy import network_of_model
 
-        return network_of_model(actor, inputs)
+        return network_of_model(actor, inputs, outputs)
     raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")

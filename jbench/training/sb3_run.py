@@ -113,8 +113,8 @@ def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> Policy | Network:
     """Returns a copy of the agent's deterministic policy."""
     if settings.is_ours:
         return sb3.policy(agent)
-    (size,) = agent.observation_space.shape or (0,)
-    return network_of_model(agent, size)
+    spaces: Any = agent.observation_space, agent.action_space
+    return network_of_model(agent, *(space.shape[0] for space in spaces))
 
 
 class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -353,6 +353,19 @@ def test_policy_that_is_not_sequence_of_layers_is_refused(policy, reason, tmp_pa
     assert message.endswith(".")
 
 
+def test_model_with_actions_of_another_size_is_refused(tmp_path):
+    from stable_baselines3 import A2C
+
+    from jbench.agents.sb3_classes import Spaces
+
+    model = A2C("MlpPolicy", Spaces(16, 2), device="cpu")
+    with (
+        pytest.raises(jbench.UnsupportedPolicyError, match="16 inputs and 2 outputs, not 16 and 1"),
+        recorded(tmp_path) as recording,
+    ):
+        recording.keep_policy(model)
+
+
 @pytest.mark.parametrize(
     ("policy", "reason"),
     [

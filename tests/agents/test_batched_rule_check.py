@@ -136,6 +136,11 @@ class WithOneOutput(TD3):
         self.actor = nn.Sequential(nn.Linear(observation_size, 1))
 
 
+class ByName(TD3):
+    def __init__(self, settings, observation_size, *, action_size):
+        super().__init__(settings, observation_size, action_size)
+
+
 class Forgetful(TD3):
     def __init__(self, settings, observation_size, action_size):
         super().__init__(settings, observation_size)
@@ -143,6 +148,7 @@ class Forgetful(TD3):
 
 def test_rule_for_one_action_is_refused_for_six():
     assert checked_rule(ForOneAction, TD3_SETTINGS, SIZE, 1).action_size == 1
+    assert checked_rule(ByName, TD3_SETTINGS, SIZE, 6).action_size == 6
     with pytest.raises(RequestError, match="ForOneAction is for tasks with one action, and this t"):
         checked_rule(ForOneAction, TD3_SETTINGS, SIZE, 6)
     for rule, sentence in (

@@ -104,7 +104,7 @@ def make_rule(
         WorkError: if a network with a target does not exist.
     """
     if "action_size" in inspect.signature(kind).parameters:
-        rule = kind(settings, observation_size, action_size)
+        rule = kind(settings, observation_size, action_size=action_size)
     elif action_size == 1:
         rule = kind(settings, observation_size)
     else:

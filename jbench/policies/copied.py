@@ -105,7 +105,7 @@ class _Chain:
     def _layers_of(self, node: fx.Node, before: fx.Node) -> list[Layer]:
         """Returns the layers of a node that takes the result of one other node."""
         if node.op == "call_module":
-            return _of_module(self._module.get_submodule(str(node.target)))
+            return layers_of_module(self._module.get_submodule(str(node.target)))
         target: Any = node.target
         if target in _PLAIN:
             return [Layer(_PLAIN[target])]
@@ -125,8 +125,12 @@ class _Chain:
         return operator.attrgetter(str(argument.target))(self._module)
 
 
-def _of_module(module: nn.Module) -> list[Layer]:
-    """Returns the layers of a module of torch."""
+def layers_of_module(module: nn.Module) -> list[Layer]:
+    """Returns the layers of a module of torch.
+
+    Raises:
+        UnsupportedPolicyError: if it is not supported.
+    """
     kind = type(module)
     if kind in _PLAIN:
         return [Layer(_PLAIN[kind])]
@@ -134,12 +138,14 @@ def _of_module(module: nn.Module) -> list[Layer]:
         return []
     if isinstance(module, nn.Linear):
         bias = torch.zeros(module.out_features) if module.bias is None else module.bias
-        return [Layer("linear", {"weight": _array(module.weight), "bias": _array(bias)})]
+        return [
+            Layer("linear", {"weight": float32_array(module.weight), "bias": float32_array(bias)})
+        ]
     if isinstance(module, nn.LayerNorm) and len(module.normalized_shape) == 1:
         size = module.normalized_shape
         weight = torch.ones(size) if module.weight is None else module.weight
         bias = torch.zeros(size) if module.bias is None else module.bias
-        arrays = {"weight": _array(weight), "bias": _array(bias)}
+        arrays = {"weight": float32_array(weight), "bias": float32_array(bias)}
         return [Layer("layer_norm", arrays, {"epsilon": module.eps})]
     if isinstance(module, nn.ELU):
         return [Layer("elu", numbers={"alpha": module.alpha})]
@@ -161,7 +167,7 @@ def _clamp(arguments: Sequence[Any], named: Mapping[str, Any]) -> Layer:
 def _arithmetic(name: str, arguments: Sequence[Any]) -> list[Layer]:
     """Returns the layers of an operation of the value so far (None) and a constant."""
     value_first = arguments[0] is None
-    constant = _array(arguments[1 if value_first else 0])
+    constant = float32_array(arguments[1 if value_first else 0])
     if constant.ndim > 1 and constant.shape[:-1] != (1,) * (constant.ndim - 1):
         raise UnsupportedPolicyError("a constant is a matrix")
     constant = constant.reshape(-1)
@@ -179,7 +185,7 @@ def _arithmetic(name: str, arguments: Sequence[Any]) -> list[Layer]:
     raise UnsupportedPolicyError("it divides by its inputs")
 
 
-def _array(value: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
+def float32_array(value: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Returns a copy of a tensor or a number as float32."""
     if isinstance(value, Tensor):
         value = value.detach().to("cpu", torch.float32).numpy()

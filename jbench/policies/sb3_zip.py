@@ -4,20 +4,21 @@ Only the weights and the readable part of the settings are read. Neither stable-
 pickled objects in the file are loaded, so no code in the file runs.
 """
 
-import hashlib
 import io
 import json
 import zipfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
+from torch import nn
 
 from jbench.errors import RequestError
 from jbench.names import TASKS
+from jbench.policies.copied import float32_array, layers_of_module
 from jbench.policies.network import Layer, Network
 from jbench.simulation import find_task
+from jbench.store.files import sha256
 
 _ACTORS = {
     "actor.mu.": ("actor.latent_pi.", "relu", [Layer("tanh")]),  # SAC, TQC; DDPG, TD3
@@ -27,12 +28,8 @@ _ACTORS = {
 default activation, and what is applied to the output. DDPG and TD3 have all in the last ones."""
 
 _ACTIVATIONS = {
-    "ReLU": Layer("relu"),
-    "Tanh": Layer("tanh"),
-    "Sigmoid": Layer("sigmoid"),
-    "SiLU": Layer("silu"),
-    "ELU": Layer("elu", numbers={"alpha": 1.0}),
-    "LeakyReLU": Layer("leaky_relu", numbers={"slope": 0.01}),
+    type(module).__name__: layers_of_module(module)[0]
+    for module in (nn.ReLU(), nn.Tanh(), nn.Sigmoid(), nn.SiLU(), nn.ELU(), nn.LeakyReLU())
 }
 """Layers by torch's name, with the defaults with which stable-baselines3 makes them."""
 
@@ -48,7 +45,7 @@ def sha256_start(path: str) -> str:
     Raises:
         RequestError: if it can't be read.
     """
-    return hashlib.sha256(_content(path)).hexdigest()[:16]
+    return sha256(_content(path))[:16]
 
 
 def read_sb3_zip(path: str, task: str) -> Network:
@@ -113,7 +110,7 @@ def _linear(prefix: str, weights: dict[str, torch.Tensor]) -> list[Layer]:
         key=lambda name: int(f"{name}.".removeprefix(prefix).strip(".") or 0),
     )
     return [
-        Layer("linear", {part: _array(weights[f"{name}.{part}"]) for part in ("weight", "bias")})
+        Layer("linear", {p: float32_array(weights[f"{name}.{p}"]) for p in ("weight", "bias")})
         for name in names
     ]
 
@@ -121,16 +118,15 @@ def _linear(prefix: str, weights: dict[str, torch.Tensor]) -> list[Layer]:
 def _weights(content: bytes) -> dict[str, torch.Tensor]:
     """Returns the tensors of a state dictionary; other objects are refused, not unpickled."""
     try:
-        found: dict[str, torch.Tensor] = torch.load(
-            io.BytesIO(content), map_location="cpu", weights_only=True
-        )
+        weights = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except Exception as error:
         raise ValueError("policy.pth holds other objects than weights") from error
-    return found
-
-
-def _array(tensor: torch.Tensor) -> np.ndarray[Any, np.dtype[np.float32]]:
-    return tensor.numpy().astype(np.float32)
+    if not isinstance(weights, dict) or not all(
+        isinstance(name, str) and isinstance(tensor, torch.Tensor)
+        for name, tensor in weights.items()
+    ):
+        raise ValueError("policy.pth is no dictionary of tensors")
+    return weights
 
 
 def _activation(policy_kwargs: dict[str, Any], default: str) -> Layer:

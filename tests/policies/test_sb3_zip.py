@@ -100,6 +100,25 @@ def test_other_files_are_refused(tmp_path):
             read_sb3_zip(str(path), FACE)
 
 
+def test_weights_that_are_no_dictionary_of_tensors_are_refused(save, tmp_path):
+    _, path = save(TD3)
+    for weights in ([1], {"actor.mu.0.weight": 1, "actor.mu.0.bias": 1}, {1: torch.zeros(2)}):
+        torch.save(weights, tmp_path / "weights.pth")
+        with zipfile.ZipFile(path) as old, zipfile.ZipFile(tmp_path / "other.zip", "w") as new:
+            new.writestr("data", old.read("data"))
+            new.write(tmp_path / "weights.pth", "policy.pth")
+        with pytest.raises(RequestError, match="is no saved model of stable-baselines3"):
+            read_sb3_zip(str(tmp_path / "other.zip"), FACE)
+
+
+def test_weights_of_another_precision_are_read(save, tmp_path):
+    model, path = save(TD3)
+    model.policy.to(torch.bfloat16)
+    model.save(path)
+    wanted = model.policy.actor.mu[0].weight.detach().float().numpy()
+    np.testing.assert_array_equal(read_sb3_zip(path, FACE).layers[0].arrays["weight"], wanted)
+
+
 def test_no_object_in_the_file_is_unpickled(save, tmp_path):
     _, path = save(TD3)
 

@@ -72,7 +72,7 @@ class Network:
         return int(self._linear()[-1].shape[0])
 
     def act(self, observations: Float) -> Float:
-        """Returns actions (..., 1) for (encoded) observations (..., size)."""
+        """Returns actions (..., action_size) for (encoded) observations (..., size)."""
         values = observations.astype(np.float32, copy=False)
         for layer in self.layers:
             function = LAYERS[layer.kind][2]

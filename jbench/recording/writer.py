@@ -100,7 +100,7 @@ class RunWriter:
         """Runs the episodes of an evaluation side by side.
 
         Args:
-            act: returns actions (n, 1) for (encoded) observations (n, size).
+            act: returns actions (n, action_size) for (encoded) observations (n, size).
             control_steps: after which the policy was copied.
 
         Returns:

@@ -66,7 +66,7 @@ def evaluate_policy(
     Args:
         seed: of the run's evaluations.
         number: of the evaluation; each has its own generator.
-        act: returns actions (n, 1) for observations (n, dim(O)) of the task.
+        act: returns actions (n, action_size) for observations (n, dim(O)) of the task.
         threads: number of simulation threads; the returns do not depend on it.
     """
     episodes, generator = settings.evaluate_episodes, resets.episode_generator(seed, number)

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
@@ -49,7 +48,7 @@ def collect(
     from jbench.simulation.find import checked_task, dataset_robot
 
     output, database = Output(json), parsing.results_to_write(results)
-    robot = {} if task is None or task in names.TASKS else dataset_robot(checked_task(task))
+    robot = {} if task is None else dataset_robot(checked_task(task))
     settings = validated(
         DatasetSettings,
         "the dataset",
@@ -63,10 +62,10 @@ def collect(
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
     with output.progress("collect", settings.steps, "control steps") as progress:
         record = collect_dataset(settings, database, parsing.all_cores(threads), progress)
-    of_task = f" --task {task}" if robot else ""
+    option = f" --task {task}" if robot else ""
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
-        f"{record.path}. Next: {with_results(f'jbench train-dae{of_task}', results)}"
+        f"{record.path}. Next: {with_results(f'jbench train-dae{option}', results)}"
     )
     output.document(display.described(record, bytes=record.size))
 

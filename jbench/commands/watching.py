@@ -11,10 +11,8 @@ from types import FrameType
 
 from jbench.report.request import Request
 from jbench.store.database import Results
+from jbench.store.follow import LOOK_EVERY
 from jbench.store.manifest import MANIFEST
-
-LOOK_EVERY = 2.0
-"""Seconds between two looks at results that are watched."""
 
 
 @dataclass

@@ -15,7 +15,7 @@ Flat = dict[tuple[str, ...], Any]
 SEED = ("seed",)
 """Runs that differ only in this form one cell, and can be trained in one process."""
 
-_STACK = ("task", "specs", "representation", "encoder", "encoder_draws", *SEED)
+_STACK = ("task", "representation", "encoder", "encoder_draws", *SEED)
 
 VARIANT = ("seed", "steps")
 """Runs that differ only in these form one variant, and one learning curve."""
@@ -72,8 +72,8 @@ def alike(run: Run, free: Collection[str]) -> str:
 def stack_of(run: RunSettings) -> str:
     """Returns a key that is equal for runs that can be trained as one stack on a GPU.
 
-    With jbench's own update rules, tasks and encoders may differ. Features that are learned with
-    the agent and a sequence of robots are those of one cell.
+    With jbench's own update rules, tasks of the Jitterbug and encoders may differ. Features that
+    are learned with the agent, a sequence of robots, and another robot are those of one cell.
     """
     joins = (
         run.engine == "batched"

@@ -3,6 +3,7 @@
 import pyarrow as pa
 import pytest
 
+from jbench.simulation import find_task
 from jbench.store import Results, schema
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.matrix import matrix_cells, read_matrix
@@ -87,6 +88,14 @@ def test_time_left_is_estimated_from_finished_runs(results, cell):
     (line,) = cell_statuses([cell], results, jobs=8, quick=False)
     assert line.seconds_left == pytest.approx(10.0)
     assert seconds_left([line], 8) == pytest.approx(5.0)
+
+
+def test_runs_of_other_robot_give_no_estimate(results, cell):
+    finish(results, cell.runs[0], 40.0)
+    task = "dmc:cheetah-run"
+    run = cell.runs[1].model_copy(update={"task": task, "specs": find_task(task).specs})
+    (line,) = cell_statuses([cell._replace(task=task, runs=[run])], results, jobs=1, quick=False)
+    assert (line.seconds_left, line.estimate) == (None, "unknown")
 
 
 def test_runs_of_other_machine_give_no_estimate(results, cell):

@@ -8,6 +8,7 @@ import torch
 
 from jbench.policies.saved import WEIGHTS
 from jbench.settings.ofe import OFESettings
+from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.sweeps.executors import batches
 from jbench.training.batched_run import run_batch
@@ -21,6 +22,7 @@ from tests.training.test_memory import run as large_run
 
 ENCODER = TanhEncoder()
 FEATURES = {"representation": "ofe6", "ofe": OFESettings(units=6, layers=2)}
+ROBOTS = ("dmc:cheetah-run", "dmc:walker-run", "dmc:hopper-hop")  # 6, 6 and 4 motors
 ENCODED = {"representation": "dae5", "encoder": "face_direction/dae5-00000000"}
 
 
@@ -92,6 +94,7 @@ def test_gpu_trains_all_cells_of_algorithm_together():
             {**FEATURES, "task": "move_from_origin"},
             {"augment": 1},
             {"augment": 1, "task": "move_from_origin"},
+            *({"task": task, "specs": find_task(task).specs} for task in ROBOTS),
             {"engine": "sb3"},
         )
     ]

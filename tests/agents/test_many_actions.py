@@ -102,6 +102,11 @@ def test_engine_restored_between_episodes_continues_bit_for_bit(algo, options):
         assert_same(trajectory(other, 1, STEPS), expected)
 
 
+def test_tasks_with_different_numbers_of_actions_are_no_stack():
+    with pytest.raises(ValueError, match="number of actions here, not face_direction, dmc:cheetah"):
+        engine_of("td3", [0, 1], task=["face_direction", TASK])
+
+
 def test_state_within_an_episode_is_refused():
     with engine_of("td3", [0], **CHEETAH) as engine:
         next(engine.learn(LENGTH))

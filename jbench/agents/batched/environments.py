@@ -99,12 +99,18 @@ class Environments(Closing):
             cells: with the same number of environments per seed.
             augment: the robot of each episode.
             episode_steps: control steps in an episode; tests use short episodes.
+
+        Raises:
+            ValueError: if the tasks have different numbers of actions.
         """
         self.cells, self.threads, self.episode_steps = cells, threads, episode_steps
         self.sizes = [cell.size for cell in cells for _ in cell.generators]
         self.size = max(self.sizes)
         self._tasks = [find_task(cell.task) for cell in cells]
         self.action_size = self._tasks[0].action_size
+        if any(task.action_size != self.action_size for task in self._tasks):
+            names = ", ".join(task.name for task in self._tasks)
+            raise ValueError(f"All seeds must have the same number of actions here, not {names}.")
         self._shape = (len(self.sizes), len(cells[0].generators[0]))
         self._firsts = list(accumulate((len(cell.generators) for cell in cells), initial=0))
         # Cells are stepped at the same time, and each by its share of the threads.

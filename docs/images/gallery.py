@@ -32,6 +32,11 @@ class Clip(NamedTuple):
     seed: int
     steps: int
 
+    @property
+    def path(self) -> Path:
+        """The file of the animation."""
+        return HERE / f"gallery-{self.task}.gif"
+
 
 GALLERY = (
     Clip("move_from_origin", "heuristic", "hand-written", 0, 250),
@@ -46,11 +51,6 @@ GALLERY = (
     Clip("move_to_position", "heuristic", "hand-written", 7, 250),
     Clip("move_to_pose", "heuristic", "hand-written", 3, 400),
 )
-
-
-def path_of(clip: Clip) -> Path:
-    """Returns the path of an animation."""
-    return HERE / f"gallery-{clip.task}.gif"
 
 
 def whole_return(clip: Clip) -> float:
@@ -74,8 +74,7 @@ def draw(clip: Clip) -> None:
     from jbench.rendering.write import render_to_file
 
     scene = Scene(clip.task, seed=clip.seed, camera="spectator", width=480, height=360)
-    path = path_of(clip)
-    render_to_file(_policy(clip), scene, path, name=clip.name, speed=0.5, steps=clip.steps)
+    render_to_file(_policy(clip), scene, clip.path, name=clip.name, speed=0.5, steps=clip.steps)
 
 
 def _policy(clip: Clip) -> "ActingPolicy":
@@ -89,5 +88,5 @@ if __name__ == "__main__":
     choose_backend()
     for clip in GALLERY:
         draw(clip)
-        kilobytes = path_of(clip).stat().st_size // 1000
+        kilobytes = clip.path.stat().st_size // 1000
         print(f"{clip.task}, {clip.name}: return {whole_return(clip):.0f}; {kilobytes} kB")

@@ -119,8 +119,10 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
         outputs = [
             {
                 "name": f"action_{i}",
-                **{"minimum": -1.0, "maximum": 1.0},
-                **{"actuator_minimum": least, "actuator_maximum": most},
+                "minimum": -1.0,
+                "maximum": 1.0,
+                "actuator_minimum": least,
+                "actuator_maximum": most,
             }
             for i, (least, most) in enumerate(zip(*bounds, strict=True))
         ]

@@ -136,6 +136,7 @@ def algorithm_fields(
         engine: as typed by the user; None for the engine that follows from the algorithm.
         base: source of the defaults of jbench's own algorithms; None for that of the task.
         overrides: hyperparameters by name that replace them.
+        task: whose defaults are taken if no base is given.
 
     Raises:
         RequestError: if there is no such algorithm, or a setting is unknown or invalid.

@@ -12,6 +12,7 @@ import jinja2
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
+from matplotlib.markers import MarkerStyle
 
 from jbench.paper.citation import CITATION
 from jbench.report import style
@@ -21,7 +22,7 @@ from jbench.report.figures import charts, cleaned
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 from jbench.report.svg import panel_svgs
-from jbench.report.table import Table, clean
+from jbench.report.table import Column, Table, clean
 from jbench.report.tables import tables
 from jbench.wording import counted
 
@@ -31,6 +32,7 @@ _OPEN_TABLES = ("final_returns", "comparisons", "sequential_test", "runs")
 _FILTERED = ("task", "algo", "representation", "against", "returns", "status", "claim")
 _MOST_CHOICES = 40
 _LONG = 30  # rows from which a table has a height of its own
+_WIDE = 10  # columns above which intervals stand below their numbers
 _SEARCHED = 12  # rows from which a table has filters
 _CLAIMS = {"a": "final return", "b": "variability", "c": "speed"}
 _STATES = {"✓": "for", "✗": "against"}
@@ -106,6 +108,7 @@ def _figure(chart: Chart) -> dict[str, Any]:
         name: {
             "stroke": "var(--soft)" if look.color == style.SOFT else look.color,
             "dash": " ".join(f"{length * 1.6:g}" for length in look.dash),
+            "mark": _mark(look.marker),
         }
         for name, look in chart.legend.items()
     }
@@ -117,6 +120,16 @@ def _figure(chart: Chart) -> dict[str, Any]:
             [*(shown for shown, _ in chart.switches), *(["single"] if len(panels) == 1 else [])]
         ),
     }
+
+
+def _mark(marker: str) -> str:
+    """Returns the outline of a marker in the middle of a legend's line, for SVG; none for ""."""
+    drawn = MarkerStyle(marker)
+    outlines: list[Any] = drawn.get_path().transformed(drawn.get_transform()).to_polygons()
+    corners = (
+        " ".join(f"{18 + 7 * x:.1f},{5 - 7 * y:.1f}" for x, y in outline) for outline in outlines
+    )
+    return "".join(f"M{points}z" for points in corners)
 
 
 def _matrix(frames: Frames) -> dict[str, Any]:
@@ -168,14 +181,7 @@ def _table(table: Table) -> dict[str, Any]:
     shown = [i for i in range(len(table.columns)) if any(row[i][1] for row in rows)]
     columns = [table.columns[i] for i in shown]
     cells = [
-        [
-            {
-                **{"text": text, "title": column.title},
-                **{"numeric": column.numeric, "value": _sortable(value)},
-            }
-            for column, (value, text) in zip(columns, (row[i] for i in shown), strict=True)
-        ]
-        for row in rows
+        [_cell(column, *row[i]) for column, i in zip(columns, shown, strict=True)] for row in rows
     ]
     filters = []
     for i, column in enumerate(columns):
@@ -187,7 +193,17 @@ def _table(table: Table) -> dict[str, Any]:
         **{"columns": columns, "rows": cells, "filters": filters},
         "searched": len(rows) > _SEARCHED,
         "long": len(rows) > _LONG,
+        "stacked": len(columns) > _WIDE,
         "folded": table.name not in _OPEN_TABLES,
+    }
+
+
+def _cell(column: Column, value: Any, text: str) -> dict[str, Any]:
+    """Returns what the template needs of a cell; the interval of a number is apart from it."""
+    number, bracket, ends = text.partition(" [") if column.numeric else (text, "", "")
+    return {
+        **{"text": number, "interval": f"[{ends}" if bracket else "", "title": column.title},
+        **{"numeric": column.numeric, "value": _sortable(value)},
     }
 
 

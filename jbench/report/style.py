@@ -1,4 +1,4 @@
-"""How series look: a color by kind of representation or by algorithm, a dash by variant.
+"""How series look: a color by kind of representation or by algorithm, dash and mark by variant.
 
 The first seven kinds and all algorithms have colors that the color-blind tell apart (Okabe and Ito,
 2008; Tol, 2021). Representations and algorithms share no color, so that a color means one thing.
@@ -103,6 +103,7 @@ class Look(NamedTuple):
     """How a series looks; no two of a figure are equal in color and dash.
 
     Attributes:
+        marker: another one for each of the first series of a color.
         number: of its entry in the legend, by which the page hides it.
     """
 
@@ -162,7 +163,10 @@ def algorithm_looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
 
 
 def _looks(series: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
-    """Returns looks that differ in color or dash, from a color and a marker for each series."""
+    """Returns looks from a color and a marker for each series.
+
+    Series of the same color get different dashes, and other markers than the first.
+    """
     count: dict[str, int] = {}
     looks = {}
     for number, (name, (color, marker)) in enumerate(series.items()):
@@ -171,7 +175,8 @@ def _looks(series: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
         # After all dashes were used they are stretched, so that no two are equal.
         dash = tuple(length * (1 + 0.7 * turns) for length in _DASHES[index])
         dash = dash if dash or not turns else (12 + 4 * turns, 2)
-        looks[name] = Look(color, dash, marker, number)
+        place = _MARKERS.index(marker) + 4 * nth  # neighbors look similar
+        looks[name] = Look(color, dash, _MARKERS[place % len(_MARKERS)], number)
     return looks
 
 

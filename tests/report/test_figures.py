@@ -60,6 +60,11 @@ def test_no_two_representations_look_alike():
     assert looks["dae12"].color == looks["dae12-whitened"].color != looks["full"].color
 
 
+def test_variants_differ_in_their_markers_where_no_line_is_drawn():
+    looks = representation_looks(NAMES[:15])
+    assert len({(look.color, look.marker) for look in looks.values()}) == 15
+
+
 def test_no_two_algorithms_look_alike_and_none_has_the_color_of_a_representation():
     names = [("TD3", "TD3"), *((f"TD3, tau={i}", "TD3") for i in range(20)), ("mine", "mine")]
     names += [("DDPG", "DDPG"), ("SAC", "SAC"), ("PPO", "PPO"), ("other", "other")]

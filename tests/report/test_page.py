@@ -21,6 +21,7 @@ WORDS = """() => {
   body.querySelectorAll(parts).forEach((e) => e.remove());
   return body.textContent.split(/\\s+/).filter((word) => word).length;
 }"""
+FILLS = "(e) => [...e.querySelectorAll('.legend path')].map((mark) => mark.getAttribute('fill'))"
 SIDEWAYS = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
@@ -260,8 +261,25 @@ def test_watched_page_reloads_itself_and_links_no_files(fabric, opened, tmp_path
     assert shown.locator("a[download]").count() == 0
 
 
+def test_no_table_is_cut_at_the_side(shipped_page, opened):
+    shown = opened(shipped_page).page
+    for fold in shown.locator("details.fold > summary").all():
+        fold.click()
+    cut = "(boxes) => boxes.filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.ariaLabel)"
+    assert shown.locator(".scroll").evaluate_all(cut) == []
+
+
+def test_legends_have_the_marks_that_are_drawn(shipped_page, opened):
+    figure = opened(shipped_page).page.locator("#predictions")
+    marks = "(e) => [...e.querySelectorAll('.legend path')].map((mark) => mark.getAttribute('d'))"
+    pairs = list(zip(figure.evaluate(marks), figure.evaluate(FILLS), strict=True))
+    assert len(set(pairs)) == len(pairs) > 8
+
+
 def test_page_prints_without_tools(shipped_page, opened):
     shown = opened(shipped_page).page
     shown.emulate_media(media="print")
     assert not shown.locator(".tools").first.is_visible()
     assert not shown.locator("#table-runs").is_visible()
+    shown.set_viewport_size({"width": 718, "height": 1000})  # A4 without its margins
+    assert shown.evaluate(SIDEWAYS) <= 0

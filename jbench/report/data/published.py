@@ -14,9 +14,6 @@ from jbench.report.data.returns import FINAL_POINTS, TRAINING
 PUBLISHED = "published"
 """Source of the paper's curves."""
 
-PPO_ENVIRONMENTS = 8
-"""Parallel environments of the paper's PPO; its figures probably count the steps of only one."""
-
 SEEDS = 10
 """Number of seeds in the paper's Figures 8 and 9; Figure 7 shows one."""
 

@@ -173,7 +173,8 @@ def draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) ->
     """
     by_size = rows.groupby("series")["latents"].nunique().max() > 1
     places = dict(zip(rows["name"], range(len(rows)), strict=False))
-    for column, hollow in (("test", False), ("heuristic", True)):
+    # The filled mark is the smaller one, so that both are seen where errors are equal.
+    for column, hollow in (("heuristic", True), ("test", False)):
         for name, group in rows[rows[column].notna()].groupby("series", sort=False):
             look, errors = looks[str(name)], group[column].clip(lower=_FLOOR)
             tips = [
@@ -187,7 +188,7 @@ def draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) ->
                 add_points(axes, group["latents"], errors, tips, look, size=5, hollow=hollow)
             else:
                 at = group["name"].map(places)
-                add_points(axes, errors, at, tips, look, size=6.5, hollow=hollow)
+                add_points(axes, errors, at, tips, look, size=7.5 if hollow else 4, hollow=hollow)
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from jbench.names import TASKS, kind_of
+from jbench.names import kind_of
 from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import scores_of, statistics
 from jbench.report.data.configuration import (
@@ -16,7 +16,7 @@ from jbench.report.data.configuration import (
 )
 from jbench.report.data.curves import BAND_SEEDS, QUANTILES, Curve, centers
 from jbench.report.data.published import NAMES, PUBLISHED, SEQUENCE_ROBOTS, best_beside
-from jbench.report.data.returns import TRAINING
+from jbench.report.data.returns import TRAINING, has_solved_return
 from jbench.statistics.bootstrap import Estimate
 
 Curves = Sequence[tuple[Configuration, Curve]]
@@ -74,7 +74,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
                 **{"steps_min": int(one.steps.min()), "steps": int(one.steps.max())},
                 **row,
                 "solved": _SOLVED[decide_solved(median, seeds)[0]]
-                if seeds and one.task in TASKS
+                if seeds and has_solved_return(one.task)
                 else None,
                 **{"published": value, "published_figure": figure, "note": "; ".join(one.notes)},
             }

@@ -88,6 +88,17 @@ def test_the_color_blind_can_tell_the_main_representations_apart():
     assert len(set(markers)) == len(main)
 
 
+@pytest.mark.parametrize(("other", "lines"), [("move_in_direction", 3), ("cartpole.swingup", 1)])
+def test_profiles_have_the_return_of_a_solved_task_where_all_tasks_have_one(fabric, other, lines):
+    for task in ("face_direction", other):
+        add_runs(fabric, task=task)
+        add_runs(fabric, task=task, representation="dae12")
+    panels = chart_of(fabric, "profiles").panels
+    assert [panel.title for panel in panels] == ["face_direction", other, "all tasks"]
+    levels = [line.get_xdata() for panel in panels for line in drawn(panel).lines]
+    assert sum(list(x) == [900, 900] for x in levels) == lines
+
+
 def test_thinning_keeps_the_ends():
     assert list(thinned(3, 200)) == [0, 1, 2]
     kept = thinned(5000, 200)

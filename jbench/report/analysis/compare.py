@@ -205,13 +205,14 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     for one in (one for one in configurations if len(scores_of(one).final)):
         line = one.label, int(one.steps.max())
         groups.setdefault(one.task, {}).setdefault(line, []).append(one)
+    groups = {task: groups[task] for task in in_order(groups)}
     if len(groups) > 1:
         first, *others = groups.values()
-        shared = [line for line in first if all(line in lines for lines in others)]
-        groups[ALL_TASKS] = {line: [lines[line][0] for lines in groups.values()] for line in shared}
+        shared = [line for line in first if all(line in other for other in others)]
+        groups[ALL_TASKS] = {line: [other[line][0] for other in groups.values()] for line in shared}
     parts = [pd.DataFrame(columns=PROFILES)]
-    for task in in_order(groups):
-        for same in groups[task].values():
+    for task, lines in groups.items():
+        for same in lines.values():
             strata = [scores_of(one).final for one in same]
             low = high = np.full(len(THRESHOLDS), np.nan)
             if min(map(len, strata)) >= st.MIN_SEEDS:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL, TASKS
+from jbench.names import FULL
 from jbench.report.analysis.claims import (
     EASIER,
     HARDER,
@@ -33,7 +33,7 @@ from jbench.report.analysis.claims import (
 from jbench.report.analysis.scores import Scores, compared_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.published import CURVE
-from jbench.report.data.returns import EVALUATION, TRAINING, steps
+from jbench.report.data.returns import EVALUATION, TRAINING, has_solved_return, steps
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import difference
@@ -58,7 +58,7 @@ def examine(configurations: Sequence[Configuration]) -> list[Finding]:
     """
     plain = [one for one in configurations if not one.robots]
     found = [*_on_representations(plain), *_on_algorithms(plain)]
-    for one in (one for one in plain if one.task in TASKS):
+    for one in (one for one in plain if has_solved_return(one.task)):
         (scores,) = compared_scores(one)
         found.append(_solves("g", one.name, scores.final, **_common(one)))
     return found

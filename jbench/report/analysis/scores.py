@@ -5,10 +5,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from jbench.names import TASKS
 from jbench.report.data.configuration import IMPORTED, Configuration
 from jbench.report.data.curves import Curve, final_returns, moving_average, steps_to_threshold
-from jbench.report.data.returns import EVALUATION, FINAL_POINTS, SOLVED
+from jbench.report.data.returns import EVALUATION, FINAL_POINTS, SOLVED, has_solved_return
 from jbench.returns import final_episodes
 from jbench.statistics import BoolArray, FloatArray, IntArray
 from jbench.statistics import bootstrap as st
@@ -116,7 +115,7 @@ def statistics(one: Configuration, curve: Curve) -> dict[str, float]:
         s, low, high, w = components(scores.agents)
         detectable = smallest_difference(len(scores.final), s, w, scores.episodes.mean())
         row |= {"s": s, "s_low": low, "s_high": high, "detectable": detectable}
-    if one.robots <= 1 and one.task in TASKS:
+    if one.robots <= 1 and has_solved_return(one.task):
         steps = _steps_to_solved(one, curve)
         row |= _intervals({"solved_steps": st.median}, steps)
         row["reached"] = int(np.isfinite(steps).sum())

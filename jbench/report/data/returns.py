@@ -2,7 +2,7 @@
 
 import math
 
-from jbench.names import ReturnsName
+from jbench.names import TASKS, ReturnsName
 from jbench.returns import FINAL_EPISODES
 
 SOLVED = 900
@@ -18,6 +18,11 @@ KINDS = (EVALUATION, TRAINING)
 
 FINAL_POINTS = {EVALUATION: 1, TRAINING: FINAL_EPISODES}
 """Maximum number of points that are averaged in a final return."""
+
+
+def has_solved_return(*tasks: str) -> bool:
+    """Returns whether `SOLVED` counts for each task; what solves other robots' is unknown."""
+    return {*tasks} <= {*TASKS}
 
 
 def whole(value: float) -> str:

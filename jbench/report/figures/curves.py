@@ -10,11 +10,10 @@ import pandas as pd
 from matplotlib import ticker
 from matplotlib.axes import Axes
 
-from jbench.names import TASKS
 from jbench.report import style
 from jbench.report.data.configuration import OWN
 from jbench.report.data.published import PUBLISHED
-from jbench.report.data.returns import EVALUATION, SOLVED, TRAINING
+from jbench.report.data.returns import EVALUATION, SOLVED, TRAINING, has_solved_return
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
 from jbench.report.figures.marks import add_line, add_points, narrow, thinned
 from jbench.report.frames import Frames
@@ -255,7 +254,7 @@ def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
 
 def _draw_levels(axes: Axes, tasks: pd.Series, baselines: pd.DataFrame | None) -> None:
     """Draws the returns of policies without training and that of a solved task."""
-    levels = {"solved": float(SOLVED)} if tasks.isin(TASKS).all() else {}
+    levels = {"solved": float(SOLVED)} if has_solved_return(*tasks) else {}
     if baselines is not None:
         levels |= dict(zip(baselines["policy"], baselines["median"], strict=True))
     low, high = axes.get_ylim()

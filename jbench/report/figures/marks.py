@@ -1,6 +1,6 @@
 """What figures are drawn of: lines, points with tips, and rows with names."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -9,9 +9,8 @@ import pandas as pd
 from matplotlib import ticker
 from matplotlib.axes import Axes
 
-from jbench.names import TASKS
 from jbench.report import style
-from jbench.report.data.returns import SOLVED
+from jbench.report.data.returns import SOLVED, has_solved_return
 from jbench.report.style import Look
 
 MOST_POINTS = 200
@@ -143,9 +142,9 @@ def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
     axes.grid(axis="y", visible=False)
 
 
-def add_solved(axes: Axes, tasks: pd.Series) -> None:
+def add_solved(axes: Axes, tasks: Iterable[str]) -> None:
     """Draws the return of a solved task as a vertical line, beside tasks that have one."""
-    if tasks.isin(TASKS).all():
+    if has_solved_return(*tasks):
         axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
 
 

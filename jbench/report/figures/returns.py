@@ -54,8 +54,10 @@ def forest(frames: Frames) -> Chart | None:
         "large mark: interquartile mean with 95% interval; dots: seeds with twice their standard "
         "error; |: the paper's training return"
     )
-    more: Any = {"columns": 2, "alike": False, "minimum": 440}
-    return Chart("returns", "Final returns", note, panels, "configurations", looks, **more)
+    return Chart(
+        "returns", "Final returns", note, panels, "configurations", looks,
+        columns=2, alike=False, minimum=440,
+    )  # fmt: skip
 
 
 def draw_forest(
@@ -138,8 +140,8 @@ def comparisons(frames: Frames) -> Chart | None:
     panels = by_task(rows, draw, 5.2, 0.6 + ROW * rows.groupby("task").size().max())
     first, other = rows[["a", "b"]].iloc[0]
     note = f"final return with {first} minus that with {other}; 95% interval"
-    more: Any = {"columns": 2, "minimum": 440}
-    return Chart("comparisons", "Differences", note, panels, "comparisons", looks, **more)
+    name = "comparisons"
+    return Chart(name, "Differences", note, panels, name, looks, columns=2, minimum=440)
 
 
 def errors(frames: Frames) -> Chart | None:
@@ -159,9 +161,10 @@ def errors(frames: Frames) -> Chart | None:
         draw = partial(draw_errors, group.sort_values("latents") if by_size else group, looks=looks)
         panels.append(Panel(str(task), {"": draw}, size))
     note = "filled: held-out episodes of the dataset; hollow: episodes of the hand-written policy"
-    title = "Reconstruction error by encoder"
-    more: Any = {"columns": 2, "alike": False, "minimum": 400}
-    return Chart("encoders", title, note, panels, "encoders", looks, **more)
+    return Chart(
+        "encoders", "Reconstruction error by encoder", note, panels, "encoders", looks,
+        columns=2, alike=False, minimum=440,
+    )  # fmt: skip
 
 
 def draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
@@ -212,9 +215,10 @@ def predictions(frames: Frames) -> Chart | None:
     if not panels:
         return None
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"
-    title = "Return against what latents predict"
-    more: Any = {"columns": 4, "alike": False, "minimum": 260}
-    return Chart("predictions", title, note, panels, "predictions", looks, **more)
+    return Chart(
+        "predictions", "Return against what latents predict", note, panels, "predictions", looks,
+        columns=4, alike=False, minimum=260,
+    )  # fmt: skip
 
 
 def draw_predictions(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:

@@ -1,8 +1,7 @@
 """Shares: pairs of configurations, performance profiles, motor velocities and positions."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -11,6 +10,7 @@ from matplotlib import colors
 from matplotlib.axes import Axes
 
 from jbench.report import style
+from jbench.report.analysis.compare import ALL_TASKS
 from jbench.report.figures.chart import Chart, Panel, by_task
 from jbench.report.figures.marks import PLAIN, add_line, add_solved, shortened
 from jbench.report.frames import Frames
@@ -41,8 +41,10 @@ def pairs(frames: Frames) -> Chart | None:
         "percentage of pairs of runs in which the row's ends above the column's; bold: decided, "
         "corrected for the number of pairs"
     )
-    more: Any = {"columns": 2, "alike": False, "minimum": 440}
-    return Chart("pairs", "Which reaches the higher return", note, panels, "pairs", **more)
+    return Chart(
+        "pairs", "Which reaches the higher return", note, panels, "pairs",
+        columns=2, alike=False, minimum=440,
+    )  # fmt: skip
 
 
 def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
@@ -78,16 +80,20 @@ def profiles(frames: Frames) -> Chart | None:
     if rows.empty:
         return None
     looks = style.representation_looks(rows, "label")
-    panels = by_task(rows, partial(draw_profiles, looks=looks), 5.2, 2.8)
+    tasks = {*frames.profiles["task"]} - {ALL_TASKS}
+    panels = by_task(rows, partial(draw_profiles, looks=looks, tasks=tasks), 5.2, 2.8)
     note = "share of runs that end above a return; bands: 95% intervals"
     return Chart("profiles", "Performance profiles", note, panels, "profiles", looks)
 
 
-def draw_profiles(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
+def draw_profiles(
+    rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look], tasks: Collection[str]
+) -> None:
     """Draws the share of runs above each return.
 
     Args:
-        rows: rows of `frames.profiles` of one task.
+        rows: rows of `frames.profiles` of one task, or of `ALL_TASKS`.
+        tasks: all of them.
     """
     for name, line in rows.groupby("label", sort=False):
         values = line[["share", "low", "high"]]
@@ -97,7 +103,7 @@ def draw_profiles(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) 
         tips = [f"{name}: {100 * y:.0f}% above {at:.0f}" for at, y in zip(x, share, strict=True)]
         band, look = (line["low"], line["high"]), looks[str(name)]
         add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
-    add_solved(axes, rows["task"])
+    add_solved(axes, tasks if ALL_TASKS in {*rows["task"]} else rows["task"])
     axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
     axes.set_xlim(left=0)
 
@@ -141,8 +147,9 @@ def positions(frames: Frames) -> Chart | None:
         "share of all states, from light to dark on a logarithmic scale; cross: start; arrow: the "
         "target's direction (the paper's Figure 5)"
     )
-    more: Any = {"columns": 3, "minimum": 260}
-    return Chart("positions", "Positions", note, panels, "positions", **more) if panels else None
+    if not panels:
+        return None
+    return Chart("positions", "Positions", note, panels, "positions", minimum=260)
 
 
 def draw_positions(rows: pd.DataFrame, axes: Axes) -> None:

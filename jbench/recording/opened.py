@@ -11,7 +11,7 @@ import pandas as pd
 from jbench.names import RETURNS, Order, ReturnsName, known
 from jbench.report.configurations import curve_points, seed_frame
 from jbench.report.data import sources
-from jbench.report.data.configuration import Configuration, of_kind
+from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.curves import Curve
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
@@ -126,9 +126,9 @@ class OpenedResults:
         found = self._rows(
             Request(task=task, algo=algo, returns=returns, window=window, order=order)
         )
-        curves = [(one, one.curve(order, window)) for one in of_kind(found.configurations, returns)]
+        chosen = with_returns(found.configurations, returns)
+        curves = [(one, one.curve(order, window)) for one in chosen]
         points = _seed_points(curves) if per_seed else curve_points(curves)
-        chosen = [one for one, _ in curves]
         named = pd.DataFrame([one.key for one in chosen], columns=_CURVE)
         named["settings"] = [one.words for one in chosen]
         settings = _settings([one.settings for one in chosen])

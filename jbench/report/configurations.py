@@ -7,7 +7,7 @@ import pandas as pd
 
 from jbench.names import kind_of
 from jbench.report.analysis.claims import decide_solved
-from jbench.report.analysis.scores import scores_of, statistics
+from jbench.report.analysis.scores import seed_scores, statistics
 from jbench.report.data.configuration import (
     ID,
     Configuration,
@@ -63,7 +63,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
     rows = []
     for one, curve in curves:
         row = statistics(one, curve)
-        seeds = len(scores_of(one).final)
+        seeds = len(seed_scores(one).final)
         median = Estimate(row["median"], row["median_low"], row["median_high"])
         value, figure = best_beside(one, published) or (np.nan, None)
         rows.append(
@@ -91,7 +91,7 @@ def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """
     parts = []
     for one in configurations:
-        scores = scores_of(one)
+        scores = seed_scores(one)
         numbers = {"seed": one.seeds, "run": np.array(one.runs, object), "diverged": one.diverged}
         numbers = {name: values[scores.known] for name, values in numbers.items()}
         numbers |= {"final": scores.final, "over_run": scores.area}
@@ -111,12 +111,12 @@ def curve_points(curves: Curves) -> pd.DataFrame:
     return _joined([_points(*pair) for pair in ordered], POINTS)
 
 
-def _points(one: Configuration, curve: Curve) -> pd.DataFrame:
-    names = {"returns": one.kind, "order": curve.order, "window": curve.widths}
+def _points(configuration: Configuration, curve: Curve) -> pd.DataFrame:
+    names = {"returns": configuration.kind, "order": curve.order, "window": curve.widths}
     numbers = {"control_steps": curve.control_steps, "seeds": curve.seeds}
     quantiles = {f"q{percent}": curve.quantile(percent) for percent in QUANTILES}
     return pd.DataFrame(
-        {**dict(zip(POINTS[:5], one.key, strict=True)), **names, **numbers, **quantiles}
+        {**dict(zip(POINTS[:5], configuration.key, strict=True)), **names, **numbers, **quantiles}
     )
 
 

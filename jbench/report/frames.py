@@ -25,7 +25,7 @@ from jbench.report.configurations import (
     sequence_frame,
 )
 from jbench.report.data import sources
-from jbench.report.data.configuration import IMPORTED, Configuration, of_kind, verified
+from jbench.report.data.configuration import IMPORTED, Configuration, verified, with_returns
 from jbench.report.data.published import SEQUENCE, imported_curve, read_published
 from jbench.report.data.returns import KINDS, TRAINING
 from jbench.report.data.sources import Source
@@ -100,7 +100,7 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
     drawn = [pair for pair in curves if _named(pair[0]) != baseline]
     plain = [pair for pair in drawn if pair[0].robots <= 1]
     returns = _leading(every, request)
-    lead = of_kind(every, returns)
+    lead = with_returns(every, returns)
     configurations = configuration_frame(curves, published)
     leading = configurations[configurations["returns"] == returns]
     decisions = decision_frame(verified(every))
@@ -150,8 +150,8 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
     )
 
 
-def _named(one: Configuration) -> tuple[str, str]:
-    return one.source, one.algo
+def _named(configuration: Configuration) -> tuple[str, str]:
+    return configuration.source, configuration.algo
 
 
 def _read(
@@ -194,7 +194,7 @@ def _compared(
     """
     names = request.names_compared
     pairs = compare.across(ours, theirs, names)
-    notes = compare.left_out(of_kind(ours, TRAINING), of_kind(theirs, TRAINING), pairs)
+    notes = compare.left_out(with_returns(ours, TRAINING), with_returns(theirs, TRAINING), pairs)
     if not pairs:
         free = ", ".join([*sorted(names), "seeds and steps"])
         why = [note for note in notes if "is not compared" in note][:1]
@@ -219,7 +219,7 @@ def _claims(
     if not request.claims:
         return claim_frame([]), []
     runs = verified(source.configurations)
-    found = [finding for kind in KINDS for finding in examine(of_kind(runs, kind))]
+    found = [finding for kind in KINDS for finding in examine(with_returns(runs, kind))]
     by_hand, notes = policies.findings(source.tables, request.task)
     for name in ("task", "algo"):
         if (value := getattr(request, name)) is not None:

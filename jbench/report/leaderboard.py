@@ -9,7 +9,7 @@ from jbench.errors import RequestError
 from jbench.names import FULL, HEURISTIC
 from jbench.report.configurations import configuration_frame
 from jbench.report.data import sources
-from jbench.report.data.configuration import IMPORTED, OWN, display_name, in_order, of_kind
+from jbench.report.data.configuration import IMPORTED, OWN, display_name, in_order, with_returns
 from jbench.report.data.published import CURVE, PUBLISHED, SEQUENCE, read_published
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
@@ -49,7 +49,7 @@ def ranked_configurations(
                 by_hand[task] = returns
     published = read_published(query.published())
     published = published[published["figure"] != SEQUENCE]
-    configurations = of_kind(every, request.returns)
+    configurations = with_returns(every, request.returns)
     curves = [(one, one.curve(request.order, request.window)) for one in configurations]
     frame = leaderboard(configuration_frame(curves, published), by_hand, published, request.algo)
     problems = [problem for part in parts for problem in part.problems]

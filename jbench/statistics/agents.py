@@ -149,7 +149,7 @@ def smallest_difference(
         episodes: per agent; may be infinite.
     """
     numbers = np.broadcast_arrays(seeds, deviation, episode_deviation, episodes, np.zeros(2))
-    k, s, w, n, _ = (np.asarray(one, np.float64) for one in numbers)
+    k, s, w, n, _ = (np.asarray(number, np.float64) for number in numbers)
     parts = (s**2 + w**2 / n) / k
     if parts.sum() == 0:
         return 0.0

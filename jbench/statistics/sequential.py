@@ -60,8 +60,8 @@ def first_look(
         relabelings: see `first_above`.
     """
 
-    def above(one: FloatArray, other: FloatArray) -> IntArray:
-        return first_above(one, other, error_rate / 2, looks, relabelings=relabelings)
+    def above(higher: FloatArray, lower: FloatArray) -> IntArray:
+        return first_above(higher, lower, error_rate / 2, looks, relabelings=relabelings)
 
     if verdict == "equal":
         lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
@@ -92,10 +92,10 @@ def first_above(
 
     Args:
         ours: (..., seeds) numbers of the seeds in complete blocks.
-        theirs: (..., seeds) the same for the other cell.
+        theirs: (..., seeds) the same for the other configuration.
         error_rate: one-sided error rate over all looks.
         looks: number of planned looks; the seeds may cover fewer.
-        block: seeds of each cell in a block.
+        block: seeds of each configuration in a block.
         relabelings: maximum number of relabelings, sampled if there are more.
     """
     shape = (*ours.shape[:-1], -1, block)
@@ -112,8 +112,8 @@ def first_above(
     for chosen in _tables(len(weights), differences.shape[-2], relabelings):
         sums = np.zeros((*first.shape, chosen.shape[1]))
         crossed = np.zeros(sums.shape, bool)
-        for j, of_block in enumerate(chosen):
-            sums += differences[..., j, :][..., of_block]
+        for j, relabeling in enumerate(chosen):
+            sums += differences[..., j, :][..., relabeling]
             if j == len(boundaries):
                 allowed = int(spent(j + 1, error_rate, looks) * sums.shape[-1])
                 boundaries.append(_boundary(sums, crossed, allowed) + rounding)

@@ -100,7 +100,9 @@ def _rates(steps: Sequence[Step | None], shares: Sequence[float]) -> list[float]
 def _parts(steps: Sequence[Step | None], shares: Sequence[float]) -> list[int]:
     """Returns into how many parts the error rate is divided, of which each side gets one."""
     directed = [step is not None and step.verdict != "equal" for step in steps]
-    left = sum(s * (1 if one else 2) for s, one in zip(shares, directed, strict=True))
+    left = sum(
+        share * (1 if rejected else 2) for share, rejected in zip(shares, directed, strict=True)
+    )
     return [math.ceil(left / share - 1e-6) for share in shares]
 
 
@@ -114,7 +116,7 @@ def _verdict(
     for name in sorted((name for name in names if 0 < at[name] <= look), key=at.__getitem__):
         fewest = math.ceil(total / shares[i] + 1 - 1e-6)  # if all others have a direction
         larger = (reached(i, name, 2 * total / n) for n in range(fewest, parts))
-        if all(0 < one <= look for one in larger):
+        if all(0 < reached_at <= look for reached_at in larger):
             return name
     return None
 
@@ -149,12 +151,12 @@ def decide(
     def reached(i: int, verdict: Verdict, rate: float) -> int:
         key = i, verdict, rate
         if key not in known:
-            one = complete[i] and sequential.first_look(verdict, *cut[i], margin, rate, looks[i])
-            known[key] = int(one)
+            look = complete[i] and sequential.first_look(verdict, *cut[i], margin, rate, looks[i])
+            known[key] = int(look)
         return known[key]
 
     steps = step_down(reached, shares, max(looks, default=0))
-    found = []
+    decisions = []
     for i, (step, rate) in enumerate(zip(steps, _rates(steps, shares), strict=True)):
         verdict, look = (step.verdict, step.look) if step else ("undecided", complete[i])
         seeds = look * sequential.BLOCK
@@ -162,5 +164,5 @@ def decide(
         low, high = sequential.interval(ours, theirs, rate, looks[i]) if look else (-np.inf, np.inf)
         difference = float(ours.mean() - theirs.mean()) if look else np.nan
         used = sequential.spent(look, rate, looks[i])
-        found.append(Decision(verdict, seeds, difference, low, high, rate, used))
-    return found
+        decisions.append(Decision(verdict, seeds, difference, low, high, rate, used))
+    return decisions

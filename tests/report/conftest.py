@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.report.data.build import build, usable_runs
-from jbench.report.data.configuration import of_kind
+from jbench.report.data.configuration import with_returns
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
 from jbench.store import Results, query, schema
@@ -135,7 +135,7 @@ class FabricatedResults:
         tables = query.load(self.results).tables
         runs = usable_runs(tables["runs"])[0]
         cells, notes = build(runs, tables["episodes"], tables["evaluations"])
-        return of_kind(cells, kind), notes
+        return with_returns(cells, kind), notes
 
     def curves(self, order="quantile-first", window=100, kind=TRAINING):
         """Returns the curves of all runs."""

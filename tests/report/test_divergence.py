@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jbench.report.analysis.scores import scores_of
+from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.returns import EVALUATION
 from jbench.report.frames import frames
 
@@ -19,9 +19,9 @@ def test_diverged_seed_counts_with_zero_until_end_of_others(fabric):
     assert cell.lengths.tolist() == [40] * 3
     assert cell.steps.tolist() == [40_000] * 3
     assert cell.diverged.tolist() == [False, True, False]
-    assert scores_of(cell).final.tolist() == [500, 0, 500]
-    assert scores_of(cell).area[1] == 500 * 12 / 40
-    assert scores_of(cell, 12_000).final.tolist() == [500] * 3
+    assert seed_scores(cell).final.tolist() == [500, 0, 500]
+    assert seed_scores(cell).area[1] == 500 * 12 / 40
+    assert seed_scores(cell, 12_000).final.tolist() == [500] * 3
     (curve,) = fabric.curves(window=1)
     assert curve.quantile(10)[-1] == 100  # of 0, 500 and 500
     assert curve.seeds.tolist() == [3] * 40
@@ -43,7 +43,7 @@ def test_cell_whose_seeds_all_diverged_counts_until_requested_steps(fabric):
     assert notes == []
     assert cell.returns.tolist() == [[500.0] * 10 + [0.0] * 30, [0.0] * 40]
     assert cell.control_steps[1, -1] == 40_000
-    assert scores_of(cell).final.tolist() == [0, 0]
+    assert seed_scores(cell).final.tolist() == [0, 0]
 
 
 def test_seeds_diverged_before_first_evaluation_have_zero_evaluations(fabric):
@@ -53,7 +53,7 @@ def test_seeds_diverged_before_first_evaluation_have_zero_evaluations(fabric):
         fabric.run(FLAT[:1], seed, **{**more, "evaluate_episodes": 0}, algo="sac")
     (cell,), _ = fabric.configurations(EVALUATION)
     assert cell.algo == "td3"
-    assert scores_of(cell).final.tolist() == [0, 0, 0]
+    assert seed_scores(cell).final.tolist() == [0, 0, 0]
     assert cell.control_steps.tolist() == [[40_000]] * 3
 
 

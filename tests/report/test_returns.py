@@ -5,7 +5,7 @@ import pyarrow as pa
 
 from jbench.report.analysis.compare import compare
 from jbench.report.analysis.examine import examine
-from jbench.report.analysis.scores import scores_of, statistics
+from jbench.report.analysis.scores import seed_scores, statistics
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.report.frames import frames
 from jbench.report.request import Request
@@ -28,13 +28,13 @@ class TestCells:
         assert cell.control_steps.tolist() == [[*RISING]] * 3
         # Each evaluation has two episodes, 5 above and 5 below its mean.
         assert cell.returns[:, 0].tolist() == [100, 100, 100]
-        assert scores_of(cell).final.tolist() == [900, 910, 920]
-        assert scores_of(cell).area[0] == (100 + 300 + 600 + 900) / 4
+        assert seed_scores(cell).final.tolist() == [900, 910, 920]
+        assert seed_scores(cell).area[0] == (100 + 300 + 600 + 900) / 4
         (curve,) = fabric.curves(kind=EVALUATION)
         assert curve.control_steps.tolist() == [*RISING]
         assert curve.quantile(50).tolist() == [100, 300, 600, 910]
         (training,), _ = fabric.configurations(TRAINING)
-        assert scores_of(training).final.tolist() == [500] * 3
+        assert seed_scores(training).final.tolist() == [500] * 3
         assert training.key == cell.key
 
     def test_seeds_are_aligned_by_control_steps(self, fabric):
@@ -44,8 +44,8 @@ class TestCells:
         (cell,), _ = fabric.configurations(EVALUATION)
         assert cell.seeds.tolist() == [0, 1]
         np.testing.assert_equal(cell.returns, [[1, np.nan, 3], [np.nan, 20, 30]])
-        assert scores_of(cell).final.tolist() == [3, 30]
-        assert scores_of(cell, 25_000).final.tolist() == [1, 20]
+        assert seed_scores(cell).final.tolist() == [3, 30]
+        assert seed_scores(cell, 25_000).final.tolist() == [1, 20]
         assert cell.notes == (
             "1 of 3 seeds have no evaluation",
             "seeds were evaluated after different numbers of control steps",
@@ -55,7 +55,7 @@ class TestCells:
         for seed, last in enumerate((np.nan, 910.0)):
             fabric.run(FLAT, seed, evaluated=evaluated(last))
         (cell,), _ = fabric.configurations(EVALUATION)
-        assert scores_of(cell).final.tolist() == [910]
+        assert seed_scores(cell).final.tolist() == [910]
         assert cell.notes == ("1 evaluation of seed 0 is not finite and left out",)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jbench.report.analysis.compare import compare, pair_frame
-from jbench.report.analysis.scores import scores_of, statistics
+from jbench.report.analysis.scores import seed_scores, statistics
 from jbench.report.configurations import configuration_frame
 from jbench.report.data.returns import EVALUATION, TRAINING
 
@@ -79,7 +79,7 @@ def test_nan_returns_are_ignored_in_means_and_counts(fabric):
     fabric.run([100.0, 200.0, 300.0, np.nan], 1)
     (cell,) = fabric.configurations()[0]
     # The last quarter of seed 1 is NaN; the area of seed 0 is the mean of three numbers.
-    found = scores_of(cell, 4000)
+    found = seed_scores(cell, 4000)
     assert (found.final.tolist(), found.area.tolist()) == ([600.0], [400.0])
     assert found.known.tolist() == [True, False]
 

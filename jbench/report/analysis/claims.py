@@ -177,17 +177,18 @@ def _needed(distance: float, standard_error: float, seeds: int) -> SeedsNeeded |
 
 def claim_frame(findings: list[Finding]) -> pd.DataFrame:
     """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
-    rows = map(_row, sorted(findings, key=lambda one: one.claim))
+    rows = map(_row, sorted(findings, key=lambda finding: finding.claim))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
 
 
-def _row(one: Finding) -> dict[str, Any]:
-    value, low, high, _ = one.effect
-    form = ratio if one.claim in "bf" else whole if one.claim in "gh" else signed
+def _row(finding: Finding) -> dict[str, Any]:
+    value, low, high, _ = finding.effect
+    form = ratio if finding.claim in "bf" else whole if finding.claim in "gh" else signed
     effect = "unknown" if np.isnan(value) else form(value)
     interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
-    needed, rule = one.seeds_needed or (None, "")
-    row = {name: getattr(one, name) for name in COLUMNS if name in Finding._fields}
-    row |= {"effect": value, "low": low, "high": high, "text": f"{one.verdict}: {effect}{interval}"}
+    needed, rule = finding.seeds_needed or (None, "")
+    row = {name: getattr(finding, name) for name in COLUMNS if name in Finding._fields}
+    row |= {"effect": value, "low": low, "high": high}
+    row |= {"text": f"{finding.verdict}: {effect}{interval}"}
     row |= {"seeds_needed": needed, "seeds_needed_by": rule}
-    return row | dict(zip(("statement", "test"), CLAIMS[one.claim], strict=True))
+    return row | dict(zip(("statement", "test"), CLAIMS[finding.claim], strict=True))

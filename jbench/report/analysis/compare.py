@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from jbench.report.analysis.scores import compared_scores, scores_of
+from jbench.report.analysis.scores import compared_scores, seed_scores
 from jbench.report.analysis.verdicts import Ends, corrected_level, difference_text, judged
 from jbench.report.data.configuration import (
     ID,
@@ -202,7 +202,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         configurations: of one kind of return.
     """
     groups: dict[str, dict[tuple[str, int], list[Configuration]]] = {}
-    for one in (one for one in configurations if len(scores_of(one).final)):
+    for one in (one for one in configurations if len(seed_scores(one).final)):
         line = one.label, int(one.steps.max())
         groups.setdefault(one.task, {}).setdefault(line, []).append(one)
     groups = {task: groups[task] for task in in_order(groups)}
@@ -213,7 +213,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     parts = [pd.DataFrame(columns=PROFILES)]
     for task, lines in groups.items():
         for same in lines.values():
-            strata = [scores_of(one).final for one in same]
+            strata = [seed_scores(one).final for one in same]
             low = high = np.full(len(THRESHOLDS), np.nan)
             if min(map(len, strata)) >= st.MIN_SEEDS:
                 low, high = st.profile_interval(strata, THRESHOLDS)
@@ -235,7 +235,7 @@ def return_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     for group in differing_in(configurations, "representation"):
         end = max(multimode(int(one.last_step) for one in group))
         for one in (one for one in group if one.last_step >= end):
-            final = scores_of(one, end).final
+            final = seed_scores(one, end).final
             value, low, high, _ = st.estimate(st.interquartile_mean, [final])
             numbers = {"steps": end, "seeds": len(final), "iqm": value, "low": low, "high": high}
             rows.append({**one.identity, "returns": one.kind, **numbers})

@@ -49,41 +49,43 @@ _SCORES: WeakKeyDictionary[Configuration, dict[int | None, Scores]] = WeakKeyDic
 """Scores of the existing configurations, which many frames need; a configuration never changes."""
 
 
-def scores_of(one: Configuration, control_steps: int | None = None) -> Scores:
+def seed_scores(configuration: Configuration, control_steps: int | None = None) -> Scores:
     """Returns the scores up to a control step; None: over the whole runs."""
-    known = _SCORES.setdefault(one, {})
+    known = _SCORES.setdefault(configuration, {})
     if control_steps not in known:
-        known[control_steps] = _scores(one, control_steps)
+        known[control_steps] = _scores(configuration, control_steps)
     return known[control_steps]
 
 
-def _scores(one: Configuration, control_steps: int | None) -> Scores:
-    lengths = one.lengths_up_to(control_steps)
+def _scores(configuration: Configuration, control_steps: int | None) -> Scores:
+    lengths = configuration.lengths_up_to(control_steps)
     if control_steps is None:
-        control_steps = int(one.longest)
-    within = np.arange(one.returns.shape[1]) < lengths[:, None]
-    returns = np.where(within, one.returns, np.nan)
-    final = final_returns(returns, one.control_steps, lengths, FINAL_POINTS[one.kind])[0]
+        control_steps = int(configuration.longest)
+    within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
+    returns = np.where(within, configuration.returns, np.nan)
+    final = final_returns(
+        returns, configuration.control_steps, lengths, FINAL_POINTS[configuration.kind]
+    )[0]
     area = moving_average(returns, returns.shape[1])[:, 0]
     known = np.isfinite(final) & np.isfinite(area)
-    deviations, episodes = _episodes(one, returns, lengths)
+    deviations, episodes = _episodes(configuration, returns, lengths)
     numbers = final[known], area[known], deviations[known], episodes[known]
     return Scores(*numbers, known, control_steps)
 
 
 def _episodes(
-    one: Configuration, returns: FloatArray, lengths: IntArray
+    configuration: Configuration, returns: FloatArray, lengths: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the standard deviation and the number (seeds,) of the episodes of final returns."""
-    if one.kind == EVALUATION:
+    if configuration.kind == EVALUATION:
         last = np.arange(len(lengths)), lengths - 1
-        return one.deviations[last], one.counts[last]
-    counts = final_episodes(lengths, FINAL_POINTS[one.kind])
+        return configuration.deviations[last], configuration.counts[last]
+    counts = final_episodes(lengths, FINAL_POINTS[configuration.kind])
     ends = [row[end - n : end] for row, end, n in zip(returns, lengths, counts, strict=True)]
     ends = [values[np.isfinite(values)] for values in ends]
     # Points of imported curves need not be episodes.
     deviations = [
-        np.std(values, ddof=1) if len(values) > 1 and one.source != IMPORTED else np.nan
+        np.std(values, ddof=1) if len(values) > 1 and configuration.source != IMPORTED else np.nan
         for values in ends
     ]
     return np.array(deviations, float), np.array([len(values) for values in ends], float)
@@ -91,11 +93,11 @@ def _episodes(
 
 def compared_scores(*configurations: Configuration) -> list[Scores]:
     """Returns the scores up to the last control step that each of their seeds reached."""
-    common = int(min(one.last_step for one in configurations))
-    return [scores_of(one, common) for one in configurations]
+    common = int(min(configuration.last_step for configuration in configurations))
+    return [seed_scores(configuration, common) for configuration in configurations]
 
 
-def statistics(one: Configuration, curve: Curve) -> dict[str, float]:
+def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
     """Returns the statistics of a configuration's seeds, with the ends of their 95% intervals.
 
     Columns: median, iqm (interquartile mean) and deviation (standard deviation) of the final
@@ -105,7 +107,7 @@ def statistics(one: Configuration, curve: Curve) -> dict[str, float]:
     deviation_by_episodes, detectable (smallest difference of means that two such configurations
     show), and reached (number of seeds that reach `SOLVED`).
     """
-    scores = scores_of(one)
+    scores = seed_scores(configuration)
     location = {"median": st.median, "iqm": st.interquartile_mean}
     spread = {"deviation": st.standard_deviation} if len(scores.final) > 1 else {}
     row = _intervals(location | spread, scores.final)
@@ -115,8 +117,8 @@ def statistics(one: Configuration, curve: Curve) -> dict[str, float]:
         s, low, high, w = components(scores.agents)
         detectable = smallest_difference(len(scores.final), s, w, scores.episodes.mean())
         row |= {"s": s, "s_low": low, "s_high": high, "detectable": detectable}
-    if one.robots <= 1 and has_solved_return(one.task):
-        steps = _steps_to_solved(one, curve)
+    if configuration.robots <= 1 and has_solved_return(configuration.task):
+        steps = _steps_to_solved(configuration, curve)
         row |= _intervals({"solved_steps": st.median}, steps)
         row["reached"] = int(np.isfinite(steps).sum())
     return row
@@ -131,11 +133,11 @@ def _intervals(statistics: dict[str, st.Statistic], scores: FloatArray) -> dict[
     return row
 
 
-def _steps_to_solved(one: Configuration, curve: Curve) -> FloatArray:
+def _steps_to_solved(configuration: Configuration, curve: Curve) -> FloatArray:
     """Returns the control steps (seeds with a return,) after which each first reaches `SOLVED`.
 
     Windows that are cut off at the ends of a run do not count.
     """
-    known = np.isfinite(one.returns).any(axis=1)
-    at = moving_average(one.control_steps[known], curve.window)
+    known = np.isfinite(configuration.returns).any(axis=1)
+    at = moving_average(configuration.control_steps[known], curve.window)
     return steps_to_threshold(curve.each[known][:, curve.full], at, SOLVED)

@@ -21,14 +21,14 @@ import pandas as pd
 
 from jbench.names import FULL, kind_of
 from jbench.report.analysis.claims import MARGIN
-from jbench.report.analysis.scores import compared_scores, scores_of
+from jbench.report.analysis.scores import compared_scores, seed_scores
 from jbench.report.data.configuration import (
     ID,
     Configuration,
     differing_in,
     display_name,
-    of_kind,
     shown_representation,
+    with_returns,
 )
 from jbench.report.data.returns import EVALUATION, KINDS, signed, whole
 from jbench.statistics import FloatArray
@@ -89,7 +89,7 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
     listed = {tuple(row[key] for key in keys): row for row in decisions.to_dict("records")}
     rows: list[dict[str, Any]] = []
     for kind in KINDS:
-        asked = list(_questions(of_kind(configurations, kind)))
+        asked = list(_questions(with_returns(configurations, kind)))
         for claim in _WORDS:
             free = []
             for one in (one for one in asked if one.claim == claim):
@@ -212,7 +212,9 @@ def decision_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """
     rows = []
     planned = _planned()
-    usual = [one for one in of_kind(configurations, EVALUATION) if not (one.words or one.robots)]
+    usual = [
+        one for one in with_returns(configurations, EVALUATION) if not (one.words or one.robots)
+    ]
     for source in dict.fromkeys(one.source for one in usual):
         known = {
             (one.task, one.algo, name): one
@@ -262,16 +264,16 @@ def _planned() -> list[dict[str, Any]]:
     ]
 
 
-def _first_seeds(one: Configuration | None, steps: int) -> FloatArray:
+def _first_seeds(configuration: Configuration | None, steps: int) -> FloatArray:
     """Returns the final returns of seeds 0, 1, … that are finished, up to the first gap."""
-    if one is None:
+    if configuration is None:
         return np.empty(0)
-    scores = scores_of(one)
+    scores = seed_scores(configuration)
     usable = (
-        one.finished
+        configuration.finished
         & scores.known
-        & (one.steps == steps)
-        & (one.seeds == np.arange(len(one.seeds)))
+        & (configuration.steps == steps)
+        & (configuration.seeds == np.arange(len(configuration.seeds)))
     )
     count = int(np.logical_and.accumulate(usable).sum())
     return scores.final[:count]

@@ -201,7 +201,7 @@ def verified(configurations: Iterable[Configuration]) -> list[Configuration]:
     return [one for one in configurations if one.source != IMPORTED]
 
 
-def of_kind(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:
+def with_returns(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:
     """Returns the configurations of one kind of return."""
     return [one for one in configurations if one.kind == kind]
 
@@ -227,11 +227,12 @@ def _rank(name: str, known: tuple[str, ...]) -> tuple[int, str]:
     return (known.index(name), "") if name in known else (len(known), name)
 
 
-def paper_order(one: Configuration) -> tuple[Any, ...]:
+def paper_order(configuration: Configuration) -> tuple[Any, ...]:
     """Returns the sort key: task, algorithm and representation as in the paper."""
     # The sort is stable: variants stay in the order of their words.
-    ranks = _rank(one.task, TASKS), _rank(one.algo, ALGORITHMS)
-    return *ranks, one.representation != FULL, one.representation, one.source
+    ranks = _rank(configuration.task, TASKS), _rank(configuration.algo, ALGORITHMS)
+    representation = configuration.representation
+    return *ranks, representation != FULL, representation, configuration.source
 
 
 def with_unique_names(configurations: Sequence[Configuration]) -> list[Configuration]:

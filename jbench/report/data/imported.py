@@ -76,18 +76,17 @@ def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
     return ImportedRuns(tables, _notes(frame, chosen), problems)
 
 
-def with_spacing_note(one: Configuration) -> Configuration:
+def with_spacing_note(configuration: Configuration) -> Configuration:
     """Adds a note if the points of its seeds are at different control steps."""
-    apart = float(
-        np.max(np.nanmax(one.control_steps, axis=0) - np.nanmin(one.control_steps, axis=0))
-    )
-    if one.kind != TRAINING or not apart:
-        return one
+    steps = configuration.control_steps
+    apart = float(np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0)))
+    if configuration.kind != TRAINING or not apart:
+        return configuration
     note = (
         f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of the "
         "first, second, … point of each seed"
     )
-    return replace(one, notes=(*one.notes, note))
+    return replace(configuration, notes=(*configuration.notes, note))
 
 
 def _runs(chosen: pd.DataFrame) -> pd.DataFrame:

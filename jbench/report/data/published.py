@@ -56,17 +56,17 @@ def read_published(table: pa.Table) -> pd.DataFrame:
     )
 
 
-def imported_curve(one: Configuration, curve: Curve) -> pd.DataFrame:
+def imported_curve(configuration: Configuration, curve: Curve) -> pd.DataFrame:
     """Returns an imported curve in the form of a published one."""
     known = curve.seeds > 0
-    percents = QUANTILES if len(one.seeds) >= BAND_SEEDS else (50,)
+    percents = QUANTILES if len(configuration.seeds) >= BAND_SEEDS else (50,)
     names: dict[str, Any] = {
         "figure": IMPORTED,
-        "task": one.task,
-        "algo": one.algo,
+        "task": configuration.task,
+        "algo": configuration.algo,
         "source": IMPORTED,
     }
-    names |= {"representation": one.representation, "seeds": len(one.seeds)}
+    names |= {"representation": configuration.representation, "seeds": len(configuration.seeds)}
     values = {NAMES[f"q{percent}"]: curve.quantile(percent)[known] for percent in percents}
     return pd.DataFrame({**names, "steps": curve.control_steps[known], **values})
 
@@ -99,10 +99,13 @@ def best_median(
     return max(found, default=None)
 
 
-def best_beside(one: Configuration, published: pd.DataFrame) -> tuple[float, str] | None:
+def best_beside(configuration: Configuration, published: pd.DataFrame) -> tuple[float, str] | None:
     """Returns the paper's best median at the end of training returns, and its figure."""
-    if one.kind != TRAINING:
+    if configuration.kind != TRAINING:
         return None
-    _, middles = final_returns(one.returns, one.control_steps, one.lengths, FINAL_POINTS[TRAINING])
-    names = one.task, one.algo, one.representation
-    return best_median(published, *names, float(np.median(middles)), sequence=one.robots > 1)
+    points = configuration.returns, configuration.control_steps, configuration.lengths
+    _, middles = final_returns(*points, FINAL_POINTS[TRAINING])
+    names = configuration.task, configuration.algo, configuration.representation
+    return best_median(
+        published, *names, float(np.median(middles)), sequence=configuration.robots > 1
+    )

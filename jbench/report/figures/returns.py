@@ -191,7 +191,7 @@ def draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) ->
                 add_points(axes, group["latents"], errors, tips, look, size=5, hollow=hollow)
             else:
                 at = group["name"].map(places)
-                add_points(axes, errors, at, tips, look, size=7.5 if hollow else 4, hollow=hollow)
+                add_points(axes, errors, at, tips, look, size=8 if hollow else 5, hollow=hollow)
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))

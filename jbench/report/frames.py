@@ -167,8 +167,11 @@ def _read(
     configurations = [one for part in parts for one in part.configurations]
     if request.baseline is not None:
         sources.check_baseline(request.baseline, configurations)
-    encoders = encoder_frame(parts[0].tables, request.task)
-    drawable = configurations or len(encoders) or _has_states(results, request.task)
+    drawable = (
+        configurations
+        or len(encoder_frame(parts[0].tables, request.task))
+        or _has_states(results, request.task)
+    )
     if parts[0].runs.empty and not drawable:
         raise sources.nothing_to_report(results, [p for part in parts for p in part.problems])
     if not drawable:

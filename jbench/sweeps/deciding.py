@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jbench.encoders.settings import EncoderSettings
 from jbench.errors import WorkError
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.data.curves import final_returns
@@ -98,7 +99,23 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
 
 def run_of(cell: Cell, seed: int) -> RunSettings:
     """Returns the run of a cell with any seed, which need not be in the matrix."""
-    return cell.runs[0].model_copy(update={"seed": seed})
+    run = cell.runs[0].model_copy(update={"seed": seed})
+    if run.encoder_draws is None:
+        return run
+    return run.model_copy(update={"encoder": _draw(cell, seed).id})
+
+
+def _draw(cell: Cell, seed: int) -> EncoderSettings:
+    """Returns the encoder of a seed, of a cell whose seeds have encoders of their own."""
+    return cell.encoders[0].model_copy(update={"seed": seed})
+
+
+def _with_runs(cell: Cell, runs: Sequence[RunSettings]) -> Cell:
+    """Returns a cell of other seeds, with their encoders."""
+    if cell.runs[0].encoder_draws is None:
+        return cell._replace(runs=list(runs))
+    draws = tuple(_draw(cell, run.seed) for run in runs)
+    return cell._replace(runs=list(runs), encoders=draws)
 
 
 def outcomes(
@@ -149,7 +166,7 @@ def next_cells(outcomes: Sequence[Outcome], tried: Mapping[str, RunSettings]) ->
             if mine:
                 before = {run.id: run for run in cells[key].runs} if key in cells else {}
                 runs = sorted((before | mine).values(), key=lambda run: run.seed)
-                cells[key] = cell._replace(runs=runs)
+                cells[key] = _with_runs(cell, runs)
     return list(cells.values())
 
 

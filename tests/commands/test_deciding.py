@@ -237,6 +237,27 @@ def test_only_undecided_comparisons_get_more_seeds(results, cells):
     assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", [])
 
 
+def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(tmp_path, results):
+    file = tmp_path / "draws.toml"
+    file.write_text(MATRIX.replace("[dataset]", '[encoder]\nseed = "each"\n\n[dataset]'))
+
+    def draws(seeds):
+        parts = read_matrix(str(file), seeds=tuple(seeds))
+        return matrix_cells(parts, results)[1]
+
+    cells = matrix_cells(read_matrix(str(file)), results)  # of the seeds 0 and 1
+    runs = draws(range(10)).runs
+    assert len({run.encoder for run in runs}) == 10
+    assert [deciding.run_of(cells[1], run.seed) for run in runs] == runs
+    for cell in cells:
+        fill(results, cell, [100, 900, 200, 800, 500])
+    found = outcomes_of(results, cells, ["pca3/full"])
+    assert [one.decision.seeds for one in found] == [5]
+    _, more = deciding.next_cells(found, {})
+    # A sweep makes the encoders of the new seeds first.
+    assert (more.runs, more.encoders) == (runs[5:], draws(range(5, 10)).encoders)
+
+
 def test_failed_run_stops_only_its_comparisons(results, cells):
     full, pca, random, _ = cells
     for cell in (full, random):

@@ -45,10 +45,10 @@ def collect(
     from jbench.datasets import collect as collect_dataset
     from jbench.settings.base import validated
     from jbench.settings.dataset import DatasetSettings
-    from jbench.simulation.find import checked_task, dataset_robot
+    from jbench.simulation.find import checked_task, dataset_robot, find_task
 
     output, database = Output(json), parsing.results_to_write(results)
-    robot = {} if task is None else dataset_robot(checked_task(task))
+    robot = {} if task is None else dataset_robot(find_task(task))
     settings = validated(
         DatasetSettings,
         "the dataset",
@@ -58,7 +58,9 @@ def collect(
         augment=parsing.augmented(augment),
     )
     before = database.find("dataset", settings.id)
-    if before is not None and before.status == "finished":
+    if before is None and robot:
+        checked_task(settings.robot)
+    elif before is not None and before.status == "finished":
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
     with output.progress("collect", settings.steps, "control steps") as progress:
         record = collect_dataset(settings, database, parsing.all_cores(threads), progress)

@@ -47,8 +47,9 @@ def find_task(name: str) -> Task:
     raise unknown_task(name)
 
 
+@lru_cache(maxsize=64)
 def checked_task(name: str) -> Task:
-    """Returns a task after an episode of random actions, for the first use of a task.
+    """Returns a task after an episode of random actions, before something new is made with it.
 
     Raises:
         RequestError, WorkError: see `find_task` and `DmTask.check`.

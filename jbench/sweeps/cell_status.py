@@ -8,6 +8,7 @@ from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.settings.alike import COST, SEED, alike
 from jbench.settings.run import RunSettings, read_run
+from jbench.simulation.find import checked_task
 from jbench.store import Record, Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell
@@ -132,11 +133,16 @@ def _core_seconds_per_step(record: Record, device: str) -> float | None:
 
 
 def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None:
-    """Returns the seconds per control step of temporary agents; None if they can't be made."""
+    """Returns the seconds per control step of temporary agents; None if they can't be made.
+
+    Raises:
+        RequestError: if jbench can't use the task.
+    """
     import torch
 
     from jbench.training.speed import seconds_per_step
 
+    checked_task(runs[0].task)
     # On a GPU the seeds are trained as one stack; with other cells in it they take less time.
     together = runs[:1] if device == "cpu" else runs
     try:

@@ -39,7 +39,7 @@ from jbench.settings.algorithms import base_of
 from jbench.settings.base import Count, Seed, Settings, in_id, validated, whole
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation.find import checked_task, dataset_robot, find_task
+from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.matrix_file import COMPARISON, PART, named, parts_of, read_content
@@ -238,7 +238,7 @@ def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -
 def _check_names(matrix: Matrix) -> None:
     """Raises a RequestError if a name is unknown."""
     for task in matrix.tasks:
-        checked_task(task)
+        find_task(task)
     for algo in (*matrix.algos, *matrix.hyperparameters):
         check_name(algo)
     for algo, overrides in matrix.hyperparameters.items():

@@ -25,6 +25,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 
 from jbench.settings.run import RunSettings
+from jbench.simulation.find import checked_task
 from jbench.store import Results
 from jbench.store.files import check_writable
 from jbench.sweeps.cell import Cell, all_runs
@@ -69,18 +70,21 @@ def sweep(
         A sentence for each run that failed, by run id.
 
     Raises:
-        RequestError: if the executor can't be made, or the results can't be written to.
+        RequestError: if the executor can't be made, the results can't be written to, or jbench
+            can't use the task of a new run.
         WorkError: if a process can't be started.
     """
     watcher = watcher or Watcher()
     clean(cells, results)
     planned = plan(list(all_runs(cells)), results)
     to_do = planned.to_do(retry_failed)
-    new = (run for run in to_do if planned.statuses[run.id].state == "missing")
+    new = [run for run in to_do if planned.statuses[run.id].state == "missing"]
     for sentence in (*planned.sentences(retry_failed), *new_beginnings(new, results)):
         watcher.note(sentence)
     if not to_do:
         return {}
+    for run in new:
+        checked_task(run.task)
     check_writable(results.record("run", to_do[0].id).path)
     with closing(make_executor() if make_executor else Local(results)) as executor:
         failures = prepare(cells, to_do, results, device, watcher)

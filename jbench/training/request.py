@@ -25,7 +25,7 @@ from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.base import settings_with, validated
 from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
-from jbench.simulation.find import checked_task, find_task
+from jbench.simulation import find_task
 from jbench.store import Results
 
 _PREFIX = f"{OFE}."
@@ -85,7 +85,7 @@ def request_runs(
     algorithm = algorithm_fields(algo, engine, base, of_algorithm, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
         input_mirror(task, load_encoder(results, fields["encoder"])[0])
-    fields["specs"] = checked_task(task).specs
+    fields["specs"] = find_task(task).specs
     return runs_of(seeds, encoders, task=task, **algorithm, **fields)
 
 

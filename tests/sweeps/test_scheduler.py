@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from jbench.cli import main
+from jbench.errors import RequestError
 from jbench.store import Results
 from jbench.sweeps.cell import all_runs
+from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.sweeps.scheduler import sweep
 from jbench.sweeps.watcher import Watcher
@@ -185,3 +187,17 @@ def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
     assert warnings[0].startswith(
         f"the runs on {cells[0].encoders[0].id} are left out: its dataset"
     )
+
+
+def test_task_is_tried_only_if_a_run_of_it_is_new(tmp_path):
+    task, results = "tests.simulation.own_tasks:EndsEarly", Results(tmp_path / "results")
+    matrix = tmp_path / "lab.toml"
+    matrix.write_text(f'tasks = ["{task}"]\nalgos = ["td3"]\nsteps = 1000\nseeds = "0"\n')
+    cells = matrix_cells(read_matrix(str(matrix)), results)
+    for begin in (lambda: sweep(cells, results), lambda: cell_statuses(cells, results, 1)):
+        with pytest.raises(RequestError, match="its episode ends, but must last"):
+            begin()
+    assert not list(tmp_path.rglob("manifest.json"))
+    (run,) = all_runs(cells)
+    results.create("run", run.id, run.values).finish({"steps_done": 1000})
+    assert sweep(cells, results) == {}

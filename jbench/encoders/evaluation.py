@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -20,6 +21,7 @@ from jbench.encoders.moments import FloatArray, Moments, affine_errors
 from jbench.encoders.states import Shard, States
 from jbench.names import TASKS
 from jbench.simulation import find_task, rollout
+from jbench.store import encoder_schema
 from jbench.tasks import resets
 from jbench.tasks.heuristics import heuristic
 
@@ -85,6 +87,45 @@ def evaluate_encoder(
             states=moments.rows,
         )
         for name, (shards, moments) in data.items()
+    }
+
+
+def error_tables(encoder: str, task: str, errors: Mapping[str, Errors]) -> dict[str, pa.Table]:
+    """Returns the rows of an encoder's errors, per feature and over all features.
+
+    Args:
+        encoder: its id.
+        errors: see `evaluate_encoder`.
+    """
+    columns: dict[str, FloatArray] = {}
+    totals: dict[str, Any] = {"encoder": encoder}
+    for episodes, its in errors.items():
+        end = "" if episodes == "test" else f"_{episodes}"
+        columns |= {
+            f"{episodes}_mse": its.mse,
+            f"{episodes}_variance": its.variance,
+            f"pca{end}_mse": its.pca,
+            f"random{end}_mse": its.random,
+        }
+        totals |= {
+            f"{episodes}_states": its.states,
+            f"{episodes}_explained": its.explained(its.mse),
+            f"pca{end}_explained": its.explained(its.pca),
+            f"random{end}_explained": its.explained(its.random),
+        }
+    features = [
+        {
+            "encoder": encoder,
+            "index": index,
+            "feature": label,
+            **{name: float(values[index]) for name, values in columns.items()},
+        }
+        for index, label in enumerate(find_task(task).labels)
+    ]
+    totals |= {name: float(values.mean()) for name, values in columns.items()}
+    return {
+        "encoder_features": pa.Table.from_pylist(features, encoder_schema.ENCODER_FEATURES),
+        "encoder_errors": pa.Table.from_pylist([totals], encoder_schema.ENCODER_ERRORS),
     }
 
 

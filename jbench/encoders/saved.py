@@ -1,7 +1,7 @@
-"""The encoder protocol, saved encoders, and finding them in the results."""
+"""The encoder protocol, and saved encoders."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,20 +13,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import Kind, Weights
-from jbench.encoders.registry import (
-    SCALES,
-    Wanted,
-    make_kind,
-    only_size,
-    representation,
-    wanted_encoder,
-)
+from jbench.encoders.registry import make_kind
 from jbench.encoders.scaling import Scaling
-from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import one_of
-from jbench.simulation import find_task
-from jbench.store import Record, Results
+from jbench.store import Results
 from jbench.store.shipped import results_to_read
 from jbench.tasks.features import Array
 from jbench.wording import with_results
@@ -188,114 +178,3 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
         return SavedEncoder.from_files(description, record.read_file(WEIGHTS)), description
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
-
-
-def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
-    """Returns the id of an encoder for a task.
-
-    Args:
-        name: a representation (see `wanted_encoder`) for its newest encoder trained on this task
-            and the plain robot; a number of latents for a denoising autoencoder; or the id of an
-            encoder, or the beginning of a single one.
-
-    Raises:
-        RequestError: if there is none, or it encodes the observations of another task.
-    """
-    results = results_to_read(results)
-    find_task(task)
-    encoder = wanted_encoder(f"dae{name}" if name.isdecimal() else name, task)
-    matches = [
-        record
-        for record in results.scan("encoder")[0]
-        if record.status == "finished"
-        and record.settings.get("task") == task
-        # Only its representation names a kind that was given as MODULE:CLASS.
-        and (
-            record.path.parent.name == name
-            if encoder is None
-            else _is_wanted(record.settings, encoder)
-        )
-        and _of_plain_robot(results, record)
-    ]
-    if encoder is None and not matches:
-        return _find_id(results, name, task)
-    if encoder is not None and not matches:
-        size = representation(encoder.kind, encoder.latents, encoder.options)
-        raise RequestError(
-            f"No {size} for {task} in {results.name}; type "
-            f"{with_results(_command(encoder.kind, task, encoder), results.name)} to make one."
-        )
-    return max(matches, key=lambda record: record.manifest.updated).id
-
-
-def find_draws(
-    results: Results, name: str, task: str, seeds: Sequence[int]
-) -> tuple[str, dict[int, str]]:
-    """Returns the encoders of each seed that have the settings of the named one otherwise.
-
-    Args:
-        name: see `find_encoder`.
-
-    Returns:
-        The hash of the settings without the seed, and the id of each seed's encoder.
-
-    Raises:
-        RequestError: if there is none for one of the seeds.
-    """
-    record = results.find("encoder", find_encoder(results, name, task))
-    assert record is not None
-    settings = EncoderSettings(**record.settings)
-    ids = {seed: settings.model_copy(update={"seed": seed}).id for seed in seeds}
-    finished = {r.id for r in results.scan("encoder")[0] if r.status == "finished"}
-    missing = [str(seed) for seed, id in ids.items() if id not in finished]
-    if missing:
-        wanted = Wanted(settings.kind, settings.latents, settings.scales)
-        raise RequestError(
-            f"There is no encoder with the settings of {record.id} and the seed "
-            f"{one_of(missing)} in {results.name}; type "
-            f"{with_results(_command(settings.kind, task, wanted), results.name)} "
-            f"--seed {','.join(missing)} to make it, with the same options."
-        )
-    return settings.draws, ids
-
-
-def _is_wanted(settings: Mapping[str, Any], encoder: Wanted) -> bool:
-    """Returns whether recorded settings are of this kind, size and scales."""
-    options = settings.get("options", {})
-    same = (settings.get("kind"), settings.get("latents")) == (encoder.kind, encoder.latents)
-    return same and all(options.get(name) == encoder.options.get(name) for name in SCALES)
-
-
-def _find_id(results: Results, name: str, task: str) -> str:
-    """Returns the id that a name or its beginning stands for.
-
-    Raises:
-        RequestError: if there is none, or it encodes the observations of another task.
-    """
-    id = results.complete_id("encoder", name)
-    _, description = load_encoder(results, id)
-    if description["task"] != task:
-        raise RequestError(
-            f"The encoder {id} is for {description['task']}, not for {task}; type "
-            f"{with_results(_command(description['kind'], task), results.name)} to make one."
-        )
-    return id
-
-
-def _command(kind: str, task: str, encoder: Wanted | None = None) -> str:
-    """Returns the command that trains an encoder; omits the size of kinds with only one size."""
-    options = {} if encoder is None else encoder.options
-    verb = "train-dae" if kind == "dae" and not options else f"train-encoder --kind {kind}"
-    has_size = encoder is not None and only_size(kind, task) is None
-    size = f" --latent {encoder.latents}" if encoder is not None and has_size else ""
-    scales = "".join(f" --set {name}={value}" for name, value in options.items())
-    return f"jbench {verb} --task {task}{size}{scales}"
-
-
-def _of_plain_robot(results: Results, record: Record) -> bool:
-    """Returns whether an encoder's dataset has the plain robot; True if it is unavailable."""
-    try:
-        dataset = results.find("dataset", str(record.settings.get("dataset")))
-    except (RequestError, WorkError):
-        return True
-    return dataset is None or dataset.settings.get("augment") is None

@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jbench.cores import one_thread
 from jbench.encoders.batch import Batch
-from jbench.encoders.evaluation import Errors, evaluate_encoder
+from jbench.encoders.evaluation import error_tables, evaluate_encoder
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.encoders.kind_check import check_kind
 from jbench.encoders.latent_scaling import RESCALINGS
@@ -89,7 +89,7 @@ def train_encoder(
             if not record.rows("encoder_errors"):
                 errors = evaluate_encoder(kind, weights, settings.latents, states)
                 predictions = _predictions(record, probe(kind, weights, states))
-                record.append(_tables(record, settings, errors) | predictions)
+                record.append(error_tables(record.id, settings.task, errors) | predictions)
         _finish(record, settings, kind, states, weights, device)
     return record
 
@@ -208,45 +208,6 @@ def _error_measure(
         }
 
     return measure
-
-
-def _tables(
-    record: Record, settings: EncoderSettings, errors: Mapping[str, Errors]
-) -> dict[str, pa.Table]:
-    """Returns the rows of an encoder's errors, per feature and over all features."""
-    columns: dict[str, Any] = {}
-    totals: dict[str, Any] = {"encoder": record.id}
-    for which, end in (("test", ""), ("heuristic", "_heuristic")):
-        if which not in errors:  # no heuristic is known of another robot
-            continue
-        found = errors[which]
-        columns |= {
-            f"{which}_mse": found.mse,
-            f"{which}_variance": found.variance,
-            f"pca{end}_mse": found.pca,
-            f"random{end}_mse": found.random,
-        }
-        totals |= {
-            f"{which}_states": found.states,
-            f"{which}_explained": found.explained(found.mse),
-            f"pca{end}_explained": found.explained(found.pca),
-            f"random{end}_explained": found.explained(found.random),
-        }
-    labels = find_task(settings.task).labels
-    features = [
-        {
-            "encoder": record.id,
-            "index": index,
-            "feature": label,
-            **{name: float(values[index]) for name, values in columns.items()},
-        }
-        for index, label in enumerate(labels)
-    ]
-    totals |= {name: float(values.mean()) for name, values in columns.items()}
-    return {
-        "encoder_features": pa.Table.from_pylist(features, encoder_schema.ENCODER_FEATURES),
-        "encoder_errors": pa.Table.from_pylist([totals], encoder_schema.ENCODER_ERRORS),
-    }
 
 
 def _predictions(record: Record, probe: Probe) -> dict[str, pa.Table]:

@@ -13,6 +13,7 @@ from pydantic import Field, NonNegativeInt, model_validator
 from jbench.errors import RequestError
 from jbench.names import TASKS, Base
 from jbench.settings.base import Count, Settings, omissible, settings_with
+from jbench.settings.bases import CHANGES, SCRIPT
 
 Initialization = Literal["fan-in", "glorot"]
 """Weight initialization of DDPG and TD3."""
@@ -211,75 +212,6 @@ SETTINGS: dict[str, type[AlgorithmSettings]] = {
 }
 """Settings class of each algorithm."""
 
-SCRIPT: dict[str, dict[str, Any]] = {
-    "ddpg": {
-        "initialization": "glorot",
-        "last_layer_bound": 3e-3,
-        "action_layer": 1,
-        "gradients_first": True,
-    },
-    "ppo": {
-        "n_steps": 32,  # 256 over 8 environments
-        "batch_size": 64,  # 4 minibatches
-        "clip_range": 0.1,
-        "clip_range_vf": 0.1,
-        "value_loss": "max",
-        "vf_coef": 0.25,  # stable-baselines 2: 0.5 of half the squared error
-        "shared_layers": True,
-    },
-    "td3": {
-        "initialization": "glorot",
-        "learning_starts": 9_999,  # the first update is at step 10,000, not one episode later
-    },
-}
-"""Settings of the authors' script that differ from the defaults here."""
-
-SB3: dict[str, dict[str, Any]] = {
-    "ddpg": {
-        "learning_starts": 100,
-        "uniform_warmup": True,
-        "train_freq": 1,
-        "gradient_steps": 1,
-        "tau": 0.005,
-    },
-    "ppo": {"batch_size": 256, "n_epochs": 10, "clip_range_vf": None},  # the batch is Table 1's
-    "sac": {"target_entropy": "auto"},
-    "td3": {},
-}
-"""Defaults of stable-baselines3 2.9 that differ from those here and are not in Table 1."""
-
-
-_OTHERS = {"hidden_layers": [256, 256], "batch_size": 256}
-_OFF_POLICY = {
-    **_OTHERS,
-    "learning_starts": 1_000,
-    "uniform_warmup": True,
-    "train_freq": 1,
-    "gradient_steps": 1,
-    "tau": 0.005,
-    "noise_mean": 0.0,
-}
-SUITE: dict[str, dict[str, Any]] = {
-    "ddpg": {**_OFF_POLICY, "learning_rate": 1e-3, "action_noise": "normal", "noise_sigma": 0.1},
-    "ppo": {
-        "hidden_layers": [64, 64],
-        "learning_rate": 3e-4,
-        "batch_size": 64,
-        "n_epochs": 10,
-        "clip_range_vf": None,
-        "ent_coef": 0.0,
-    },
-    "sac": {
-        **_OFF_POLICY,
-        "learning_rate": 3e-4,
-        "action_noise": "none",
-        "target_entropy": "auto",  # minus the number of actions
-    },
-    "td3": {**_OFF_POLICY, "learning_rate": 1e-3, "noise_sigma": 0.1},
-}
-"""Settings for other robots that differ from the defaults here: those of stable-baselines3, but off
-policy with two layers of 256 units and 1,000 random steps."""
-
 
 def base_of(task: str, base: Base | None = None) -> Base:
     """Returns the base as typed; of None, the task's: published for the Jitterbug, else suite."""
@@ -308,10 +240,4 @@ def algorithm_settings(
             f"The settings of the script are for {', '.join(SCRIPT)}: the script's {algo} is "
             "another algorithm, with a state-value network; choose published."
         )
-    changes = {
-        "published": {},
-        "script": SCRIPT.get(algo, {}),
-        "sb3": SB3[algo],
-        "suite": SUITE[algo],
-    }[base]
-    return settings_with(kind, algo, changes | (overrides or {}))
+    return settings_with(kind, algo, CHANGES[base].get(algo, {}) | (overrides or {}))

@@ -6,8 +6,9 @@ from collections.abc import Callable, Collection, Mapping
 from functools import cache
 from typing import Any
 
-from jbench.settings.algorithms import SCRIPT, SETTINGS, algorithm_settings
+from jbench.settings.algorithms import SETTINGS, algorithm_settings
 from jbench.settings.alike import COMPARED, VARIANT, Flat, alike, flatten
+from jbench.settings.bases import SCRIPT
 from jbench.settings.run import Run, RunSettings
 
 _HYPERPARAMETERS = "hyperparameters"

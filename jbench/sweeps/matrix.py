@@ -7,11 +7,10 @@ same matrix always gives the same runs.
 
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
     Field,
     NonNegativeInt,
@@ -23,10 +22,8 @@ from jbench.encoders.registry import Wanted, find_kind, kind_names, wanted_encod
 from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.errors import RequestError
 from jbench.names import (
-    ALGORITHMS,
     FULL,
     OFE,
-    TASKS,
     Base,
     Engine,
     Precision,
@@ -42,7 +39,15 @@ from jbench.settings.run import RunSettings
 from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
-from jbench.sweeps.matrix_file import COMPARISON, PART, named, parts_of, read_content
+from jbench.sweeps.matrix_file import (
+    COMPARISON,
+    PART,
+    check_keys,
+    choices,
+    named,
+    parts_of,
+    read_content,
+)
 from jbench.training.request import (
     check_options,
     representation_of,
@@ -197,42 +202,17 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
 def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
     """Returns the checked content of a file or part."""
     with named(name):
-        _check_keys(Matrix, content, "")
+        check_keys(Matrix, content)
         for key, field in Matrix.model_fields.items():
-            choices = _choices(field.annotation)
-            if choices and isinstance(content.get(key), str):
-                known(key, content[key], choices)
+            allowed = choices(field.annotation)
+            if allowed and isinstance(content.get(key), str):
+                known(key, content[key], allowed)
         seeds = content.get("seeds")
         given = {"seeds": parse_seeds(seeds, "seeds")} if isinstance(seeds, str) else {}
         matrix = validated(Matrix, "the matrix", **{**content, **given})
         _check_names(matrix)
     matrix._name = name
     return matrix
-
-
-def _choices(annotation: Any) -> list[str]:
-    """Returns the texts of a type such as `Literal["a", "b"] | None`; empty for other types."""
-    return [
-        text
-        for part in (annotation, *get_args(annotation))
-        if get_origin(part) is Literal
-        for text in get_args(part)
-    ]
-
-
-def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -> None:
-    """Raises a RequestError if a key is unknown or a required key is missing."""
-    for key, value in content.items():
-        known(f"key{where}", key, tuple(kind.model_fields))
-        inner = kind.model_fields[key].annotation
-        if isinstance(inner, type) and issubclass(inner, BaseModel):
-            if not isinstance(value, Mapping):
-                raise RequestError(f"{key} is a table: write [{key}] and its keys below it.")
-            _check_keys(inner, value, f" of [{key}]")
-    for key, field in kind.model_fields.items():
-        if field.is_required() and key not in content:
-            example = {"tasks": TASKS[1], "algos": ALGORITHMS[0]}[key]
-            raise RequestError(f'the key {key} is missing; write {key} = ["{example}"].')
 
 
 def _check_names(matrix: Matrix) -> None:
@@ -277,23 +257,26 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
         "ofe": requested_ofe(name, matrix.ofe),
     }
     encoders: dict[int, EncoderSettings] = {}
+    dataset = None
     if fields["ofe"] is not None:
         fields["representation"] = fields["ofe"].representation
     elif "/" in name:
         fields |= {"encoder": name, "representation": representation_of(results, name)}
     elif name != FULL:
-        encoders = _encoders(matrix, task, _wanted(name, task))
+        dataset = matrix.dataset_settings(task)
+        encoders = _encoders(matrix, dataset, task, _wanted(name, task))
         first = encoders[matrix.seeds[0]]
         fields["representation"] = first.representation
         if matrix.encoder.seed == "each":
             fields["encoder_draws"] = first.draws
-    dataset = matrix.dataset_settings(task) if encoders else None
     runs = runs_of(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
     different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
     return Cell(task, algo, name, runs, base_of(task, matrix.settings), different, dataset)
 
 
-def _encoders(matrix: Matrix, task: str, wanted: Wanted) -> dict[int, EncoderSettings]:
+def _encoders(
+    matrix: Matrix, dataset: DatasetSettings, task: str, wanted: Wanted
+) -> dict[int, EncoderSettings]:
     """Returns the encoder of each seed."""
     options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
     seed = matrix.encoder.seed
@@ -302,7 +285,7 @@ def _encoders(matrix: Matrix, task: str, wanted: Wanted) -> dict[int, EncoderSet
             wanted.kind,
             options,
             task=task,
-            dataset=matrix.dataset_settings(task).id,
+            dataset=dataset.id,
             latents=wanted.latents,
             seed=agent_seed if seed == "each" else seed,
         )

@@ -5,10 +5,12 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
 
 from jbench.errors import RequestError
-from jbench.names import SWEEPS, known
+from jbench.names import ALGORITHMS, SWEEPS, TASKS, known
 
 PART = "part"
 """Key of the parts, an array of tables."""
@@ -58,6 +60,31 @@ def named(name: str) -> Iterator[None]:
         yield
     except RequestError as error:
         raise RequestError(f"{name}: {error}") from None
+
+
+def choices(annotation: Any) -> list[str]:
+    """Returns the texts of a type such as `Literal["a", "b"] | None`; empty for other types."""
+    return [
+        text
+        for part in (annotation, *get_args(annotation))
+        if get_origin(part) is Literal
+        for text in get_args(part)
+    ]
+
+
+def check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str = "") -> None:
+    """Raises a RequestError if a key is unknown or a required key is missing."""
+    for key, value in content.items():
+        known(f"key{where}", key, tuple(kind.model_fields))
+        inner = kind.model_fields[key].annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            if not isinstance(value, Mapping):
+                raise RequestError(f"{key} is a table: write [{key}] and its keys below it.")
+            check_keys(inner, value, f" of [{key}]")
+    for key, field in kind.model_fields.items():
+        if field.is_required() and key not in content:
+            example = {"tasks": TASKS[1], "algos": ALGORITHMS[0]}[key]
+            raise RequestError(f'the key {key} is missing; write {key} = ["{example}"].')
 
 
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:

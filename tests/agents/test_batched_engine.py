@@ -22,7 +22,8 @@ from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS
 from jbench.policies.saved import Policy, policy_files
-from jbench.settings.algorithms import SCRIPT, algorithm_settings
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.bases import SCRIPT
 from jbench.settings.ofe import OFESettings
 from jbench.tasks.gym import JitterbugEnv
 

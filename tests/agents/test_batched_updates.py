@@ -8,7 +8,7 @@ from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import LOSS_SUMS
 from jbench.agents.batched.rollout import Rollout, minibatch_of
-from jbench.settings.algorithms import SCRIPT
+from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import (
     SIZE,
     copy_initial_parameters,

@@ -10,7 +10,8 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.network import Affine
 from jbench.agents.batched.ppo import Minibatch
 from jbench.agents.batched.twins import Twins
-from jbench.settings.algorithms import SCRIPT, algorithm_settings
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import SIZE, learners_of, settings_of
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO

@@ -14,6 +14,7 @@ from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.dataset import JITTERBUG, DatasetSettings
 from jbench.simulation import Task, Worlds, find_task, simulate
+from jbench.simulation.find import check_specs
 from jbench.store import Record, Results
 from jbench.tasks import model as robot
 from jbench.tasks import resets
@@ -21,6 +22,9 @@ from jbench.tasks.robots import load_model
 
 # Episodes per file and commit.
 _PART_EPISODES = 25
+
+_Simulate = Callable[[range], dict[str, pa.Table]]
+"""Simulates some episodes and returns their rows."""
 
 
 def collect(
@@ -58,29 +62,25 @@ def _collect_rest(
     The next files are simulated while one is written.
     """
     total = settings.steps // EPISODE_STEPS
-    _, of_episodes = layout.tables(settings.robot)
-    first = record.rows(of_episodes)
+    _, episodes = layout.tables(settings.robot)
+    first = record.rows(episodes)
     starts = range(first, total, _PART_EPISODES)
     progress(first * EPISODE_STEPS)
-    is_jitterbug = settings.robot == JITTERBUG
-    task, model = find_task(TASKS[0] if is_jitterbug else settings.robot), None
-    if is_jitterbug:
-        model = load_model(settings.augment)
-    # Enough files to keep all threads busy while one file is written. Others are made in one.
-    max_files = 1 + math.ceil(threads / _PART_EPISODES) if is_jitterbug else 1
+    if settings.robot == JITTERBUG:
+        # Enough files to keep all threads busy while one file is written.
+        max_files, simulation = 1 + math.ceil(threads / _PART_EPISODES), _jitterbug
+    else:
+        max_files, simulation = 1, _other_robot
 
     def commit(tables: Mapping[str, pa.Table]) -> None:
         record.append(tables)
-        progress(record.rows(of_episodes) * EPISODE_STEPS)
+        progress(record.rows(episodes) * EPISODE_STEPS)
 
     # The pools are closed in reverse order: simulations stop before the makers that wait for them.
-    with _pool(max_files) as makers, _pool(threads) as simulators, task.worlds(1) as worlds:
+    with _pool(max_files) as makers, simulation(settings, threads) as simulated:
 
         def make(start: int) -> dict[str, pa.Table]:
-            episodes = range(start, min(start + _PART_EPISODES, total))
-            if model is None:
-                return _part_of_task(task, worlds, settings.seed, episodes)
-            return _part(model, settings.seed, episodes, simulators)
+            return simulated(range(start, min(start + _PART_EPISODES, total)))
 
         ahead = deque(makers.submit(make, start) for start in starts[:max_files])
         for start in starts[max_files:]:
@@ -99,6 +99,23 @@ def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
+    """Yields a function that simulates episodes of the Jitterbug."""
+    model = load_model(settings.augment)
+    with _pool(threads) as simulators:
+        yield lambda episodes: _part(model, settings.seed, episodes, simulators)
+
+
+@contextmanager
+def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
+    """Yields a function that steps episodes of another robot, in the thread that calls it."""
+    check_specs(settings.robot, settings.specs)
+    task = find_task(settings.robot)
+    with task.worlds(1) as worlds:
+        yield lambda episodes: _part_of_task(task, worlds, settings.seed, episodes)
 
 
 def _part(

@@ -100,11 +100,10 @@ class Dataset:
 
     def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
         is_jitterbug = self.robot == JITTERBUG
-        columns = schema.STEPS if is_jitterbug else layout.observations_schema(find_task(task))
-        rows = self.record.read_part(steps, columns)
-        targets = self.record.read_part(
-            episodes, schema.DATASET_EPISODES if is_jitterbug else layout.SEEDS
-        )
+        columns = schema.STEPS, schema.DATASET_EPISODES
+        if not is_jitterbug:
+            columns = layout.observations_schema(find_task(task)), layout.SEEDS
+        rows, targets = map(self.record.read_part, (steps, episodes), columns)
         flaw = layout.flaw(rows, targets, part, EPISODE_STEPS)
         if flaw is not None:
             raise WorkError(

@@ -92,11 +92,15 @@ def render_to_file(
     stride = max(1, round(speed * _INTERVAL / scene.timestep))
     seconds = stride * scene.timestep / speed  # between two images
     at = strip_steps(steps) if suffix == ".png" else [*range(0, steps, stride), steps]
-    title, note = f"{scene.task}, {name}", f"{scene.camera or 'tracking'} camera, {SCALE}"
-    if scene.task not in TASKS:
-        note = f"{scene.camera} camera" if scene.camera else ""
-    if speed != 1:
-        note += f"{', ' if note else ''}{speed:g} x real time"
+    title = f"{scene.task}, {name}"
+    is_jitterbug = scene.task in TASKS
+    camera = scene.camera or ("tracking" if is_jitterbug else None)
+    notes = (
+        f"{camera} camera" if camera else "",
+        SCALE if is_jitterbug else "",
+        "" if speed == 1 else f"{speed:g} x real time",
+    )
+    note = ", ".join(filter(None, notes))
     last_frame: list[Frame] = []
 
     def pictures() -> Iterator[Picture]:

@@ -47,16 +47,20 @@ def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[st
     """Yields sentences on new runs that can't continue the shorter ones that are finished."""
     reasons: Counter[tuple[int, str]] = Counter()
     for run in runs:
-        if kept_runs(run, results):
+        shorter = shorter_runs(run, results, "evaluate_every")
+        same = [r for r in shorter if r.settings["evaluate_every"] == run.evaluate_every]
+        kept = [r for r in shorter if r.roles()]
+        if run.robots == 1 and any(r.roles() for r in same):
             continue
-        why = obstacle(run) or "the state was not kept, as --keep-state does"
-        shorter = shorter_runs(run, results)
-        if not shorter:
-            shorter = [r for r in shorter_runs(run, results, "evaluate_every") if r.roles()]
-            why = "evaluations have another distance; type --evaluate-every {}"
-        if shorter:
-            settings = shorter[0].settings
-            reasons[settings["steps"], why.format(settings["evaluate_every"])] += 1
+        if same:
+            longest, why = same[0], obstacle(run) or "the state was not kept, as --keep-state does"
+        elif kept:
+            longest = kept[0]
+            every = longest.settings["evaluate_every"]
+            why = f"evaluations have another distance; type --evaluate-every {every}"
+        else:
+            continue
+        reasons[longest.settings["steps"], why] += 1
     for (steps, why), count in reasons.items():
         if count == 1:
             what = "1 run trains from the beginning, not from the end of a finished run"

@@ -69,6 +69,13 @@ def test_mp4_shows_episode_in_slow_motion(tmp_path):
         assert np.abs(found - expected).mean() < 8
 
 
+@rendering
+def test_gif_ends_at_last_control_step(tmp_path):
+    path = tmp_path / "episode.gif"
+    assert render_to_file(Constant(), SCENE, path, name="x", steps=10).step == 10
+    assert Image.open(path).n_frames == 4  # at 0, 4, 8 and 10
+
+
 def test_odd_video_size_is_padded_to_even(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     gray = np.full((65, 97, 3), 128, np.uint8)

@@ -20,6 +20,7 @@ from jbench.errors import WorkError, sentence_of_failure
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
+from jbench.simulation import find
 from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.store import Record, Results
 from jbench.training.environment import make_env
@@ -50,13 +51,15 @@ def run(
         final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
 
     Raises:
+        RequestError: if the task is not installed or has changed.
         WorkError: if another process is training this run, its agent diverges, or its results
             can't be written.
     """
     with results.locked("run", settings.id) as existing:
         if existing is not None and existing.status == "finished":
             return existing
-        made_on = {"device": "cpu", **code_of(settings.algo)}
+        find.check_specs(settings.task, settings.specs)
+        made_on = {"device": "cpu", **code_of(settings.algo), **find.code_of(settings.task)}
         record = results.create("run", settings.id, settings.values, made_on)
         try:
             _train(settings, record, encoder, progress, until, final_episodes)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import registry
 
+from jbench.errors import RequestError
 from jbench.policies.saved import load_agent
 from jbench.registration import environment_id
 from jbench.settings.algorithms import algorithm_settings
@@ -70,5 +71,8 @@ def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
     record = sb3_run.run(run, results, None)
     assert record.rows("episodes") == 4
     assert record.rows("paths") == 0
+    changed = run.specs.model_copy(update={"model": "0" * 64})
+    with pytest.raises(RequestError, match="has changed since it was recorded"):
+        sb3_run.run(run.model_copy(update={"specs": changed}), results, None)
     assert load_agent(results, run.id).policy.weights[-1].shape == (6, 8)
     assert reproduce(results, record, 1).equal

@@ -22,6 +22,7 @@ Make = Callable[[int], Any]
 """Returns a new `dm_env.Environment` with this seed."""
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
+_UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
 
 # Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
 # a later version might add.
@@ -75,6 +76,7 @@ class DmTask(Task):
             action_maximum=self._maximum.tolist(),
             control_timestep=self.control_timestep,
         )
+        _close(environment)
 
     def environment(self, seed: int) -> Any:
         """Returns a new environment.
@@ -157,9 +159,6 @@ class DmTask(Task):
         return RequestError(f"jbench can't use the task {self.name}: {reason}.")
 
 
-_UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
-
-
 class DmWorlds(Worlds):
     """Environments of one task, stepped one after another."""
 
@@ -172,8 +171,7 @@ class DmWorlds(Worlds):
     def close(self) -> None:
         """Closes the environments."""
         for environment in self._environments:
-            if callable(close := getattr(environment, "close", None)):
-                close()
+            _close(environment)
 
     @property
     def environments(self) -> Sequence[Any]:
@@ -228,6 +226,7 @@ class DmWorlds(Worlds):
             if self._task.reseeds:
                 self._environments[world].task.random.seed(seed)
             else:
+                _close(self._environments[world])
                 self._environments[world] = self._task.environment(seed)
             timestep = self._environments[world].reset()
             self._observe(self._observations[world], timestep.observation)
@@ -251,6 +250,11 @@ class DmWorlds(Worlds):
         return WorkError(
             f"jbench can't use the task {self._task.name}: at control step {self._steps}, {reason}."
         )
+
+
+def _close(environment: Any) -> None:
+    if callable(close := getattr(environment, "close", None)):
+        close()
 
 
 def _model_hash(environment: Any) -> str | None:

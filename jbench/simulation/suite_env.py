@@ -68,6 +68,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begins an episode."""
         super().reset(seed=seed)
+        self._free_renderer()  # the next episode may have another model
         return self._worlds.reset([self.np_random])[0].copy(), {}
 
     def step(
@@ -98,10 +99,13 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def close(self) -> None:
         """Frees the renderer and closes the environment."""
+        self._free_renderer()
+        self._worlds.close()
+
+    def _free_renderer(self) -> None:
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-        self._worlds.close()
 
     def _find_camera(self, name: str | None) -> int:
         """Returns the number of a camera; -1 is the free one."""

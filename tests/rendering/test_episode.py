@@ -7,6 +7,7 @@ import pytest
 
 from jbench.names import CAMERAS
 from jbench.rendering.episode import Scene, goal, render_episode
+from jbench.simulation.suite_env import SuiteEnv
 from jbench.tasks import features, resets
 from jbench.tasks.gym import JitterbugEnv
 from tests.rendering.render_policies import PAD, Constant
@@ -98,3 +99,19 @@ def test_another_robot_is_drawn_by_its_first_camera_or_a_named_one():
     assert (first[1].picture != above[1].picture).any()
     assert [frame.time for frame in first] == [0, 0.09]
     assert first[1].goal == ""
+
+
+@pytest.mark.usefixtures("rendering")
+def test_terrain_of_a_later_episode_is_that_which_is_drawn():
+    first, second = (
+        SuiteEnv("dmc:quadruped-escape", "rgb_array", width=64, height=48) for _ in range(2)
+    )
+    first.reset(seed=0)
+    before = first.render()
+    for env in (first, second):
+        env.reset(seed=1)
+    after = first.render()
+    np.testing.assert_array_equal(after, second.render())
+    assert (after != before).any()
+    first.close()
+    second.close()

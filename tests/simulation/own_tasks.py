@@ -37,6 +37,17 @@ class Integrator(dm_env.Environment):
         return float(np.exp(-np.square(self.place).sum()))
 
 
+class Counted(Integrator):
+    opened = 0
+
+    def __init__(self, random=None):
+        super().__init__(random)
+        Counted.opened += 1
+
+    def close(self):
+        Counted.opened -= 1
+
+
 class EndsEarly(Integrator):
     steps = 5
 

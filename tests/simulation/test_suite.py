@@ -11,6 +11,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import SUITE_TASKS
 from jbench.simulation import find_task
 from jbench.simulation.find import check_specs, checked_task
+from tests.simulation import own_tasks
 
 OWN = "tests.simulation.own_tasks"
 STEPS = 300  # of 1000, which take a minute
@@ -146,3 +147,10 @@ def test_gymnasium_environment_is_a_world_of_the_task():
     assert (reward, terminated, truncated) == (step.rewards[0], False, False)
     assert env.spec.max_episode_steps == 1000
     assert {f"jbench/{task.replace(':', '-')}-v0" for task in SUITE_TASKS} <= set(registry)
+
+
+def test_environments_that_are_replaced_are_closed():
+    with find_task(f"{OWN}:Counted").worlds(2) as worlds:
+        for _ in range(3):
+            worlds.reset([np.random.default_rng(seed) for seed in (0, 1)])
+    assert own_tasks.Counted.opened == 0

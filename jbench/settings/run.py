@@ -214,12 +214,16 @@ class RunSettings(Settings):
         return self.parallel or int(own)
 
     @property
+    def rollout(self) -> int:
+        """Number of control steps between learning phases; 1 if the algorithm is not ours."""
+        if not self.is_ours:
+            return 1
+        return self.algorithm.rollout_steps(self.environments) * self.environments
+
+    @property
     def last_step(self) -> int:
         """Number of control steps at the end: `steps`, or more to complete a rollout."""
-        if not self.is_ours:
-            return self.steps
-        rollout = self.algorithm.rollout_steps(self.environments) * self.environments
-        return -(-self.steps // rollout) * rollout
+        return -(-self.steps // self.rollout) * self.rollout
 
     @property
     def episodes_on_each(self) -> int:

@@ -6,12 +6,14 @@ once, since nothing but a sequence of robots depends on the number of steps. `be
 `jbench.training.batch_member` makes the copy.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from jbench.agents.algorithms import find_agent
 from jbench.agents.plugin import is_resumable
 from jbench.errors import RequestError
+from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings, read_run
 from jbench.store import Record, Results
 
@@ -72,11 +74,18 @@ def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[st
 def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
     """Raises a RequestError if no longer run could continue one of these runs."""
     for run in runs:
-        reason = obstacle(run)
+        reason, instead = obstacle(run), "leave --keep-state out"
+        episodes = EPISODE_STEPS * run.environments  # control steps from one end to the next
+        if reason is None and run.specs is not None and run.last_step % episodes:
+            reason = (
+                f"{run.task} has a state between two episodes only, and the run's last control "
+                f"step is the {run.last_step:,}th"
+            )
+            enough = math.lcm(episodes, run.rollout)
+            instead = f"type --steps {-(-run.steps // enough) * enough}, or {instead}"
         if reason is not None:
             raise RequestError(
-                f"A finished run of {run.algo} can't be continued: {reason}; leave --keep-state "
-                "out."
+                f"A finished run of {run.algo} can't be continued: {reason}; {instead}."
             )
 
 

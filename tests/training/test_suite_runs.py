@@ -13,6 +13,7 @@ from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
+from jbench.training.continuation import check_state_can_be_kept
 from jbench.training.reproduce import reproduce
 from tests.training.small_runs import EPISODE, rows
 from tests.training.test_resume import kill
@@ -76,3 +77,35 @@ def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
         sb3_run.run(run.model_copy(update={"specs": changed}), results, None)
     assert load_agent(results, run.id).policy.weights[-1].shape == (6, 8)
     assert reproduce(results, record, 1).equal
+
+
+@pytest.mark.parametrize(
+    ("algo", "steps", "parallel", "hyperparameters", "enough"),
+    [
+        ("td3", 1990, None, {"train_freq": 5}, 2000),
+        ("td3", 4000, 3, {"train_freq": 3, "gradient_steps": 3}, 6000),
+        # A rollout ends at every 48th control step, and 2000 is none of them; 6000 is.
+        ("ppo", 3000, None, {"n_envs": 2, "n_steps": 24}, 6000),
+    ],
+)
+def test_state_within_an_episode_is_refused_before_the_training(
+    algo, steps, parallel, hyperparameters, enough
+):
+    chosen = algorithm_settings(algo, "suite", hyperparameters).model_dump(mode="json")
+    changes = {"algo": algo, "steps": steps, "parallel": parallel, "hyperparameters": chosen}
+    run = settings("td3", "dmc:cartpole-swingup").model_copy(update=changes)
+    with pytest.raises(RequestError, match=rf"two episodes only.*; type --steps {enough}, or leav"):
+        check_state_can_be_kept([run])
+    check_state_can_be_kept([run.model_copy(update={"steps": enough})])
+    plain = {"task": "face_direction", "specs": None}
+    check_state_can_be_kept([run.model_copy(update=plain)])
+
+
+def test_state_within_an_episode_is_refused_in_one_sentence(tmp_path, refused):
+    typed = ("--task", "dmc:cartpole-swingup", "--algo", "td3", "--steps", "1500", "--keep-state")
+    assert refused("train", *typed, results=tmp_path / "results") == (
+        "Error: A finished run of td3 can't be continued: dmc:cartpole-swingup has a state between "
+        "two episodes only, and the run's last control step is the 1,500th; type --steps 2000, or "
+        "leave --keep-state out.\n"
+    )
+    assert not (tmp_path / "results").exists()

@@ -27,7 +27,7 @@ def tables(robot: str) -> tuple[str, str]:
 
 def observations_schema(task: Task) -> pa.Schema:
     """Returns the columns of the steps of another robot: an action and its reward are null last."""
-    names = [*task.labels, *(f"action_{i}" for i in range(task.action_size)), "reward"]
+    names = [*task.labels, *task.action_labels, "reward"]
     counts = [("episode", pa.int32()), ("step", pa.int16())]
     return pa.schema([*counts, *((name, pa.float32()) for name in names)])
 

@@ -114,17 +114,17 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
         scaling = "SI units" if in_si_units else "minimum to -1, maximum to 1"
         outputs = [{"name": "motor_command", "unit": "1", "minimum": -1.0, "maximum": 1.0}]
     else:
-        inputs = [{"name": f"{part}_{i}"} for part, n in task.parts.items() for i in range(n)]
+        inputs = [{"name": label} for label in task.labels]
         scaling, bounds = "none", (task.specs.action_minimum, task.specs.action_maximum)
         outputs = [
             {
-                "name": f"action_{i}",
+                "name": label,
                 "minimum": -1.0,
                 "maximum": 1.0,
                 "actuator_minimum": least,
                 "actuator_maximum": most,
             }
-            for i, (least, most) in enumerate(zip(*bounds, strict=True))
+            for label, least, most in zip(task.action_labels, *bounds, strict=True)
         ]
     return {
         "inputs": json.dumps(inputs),

@@ -100,6 +100,11 @@ class Task(Protocol):
             for i in range(size)
         ]
 
+    @property
+    def action_labels(self) -> list[str]:
+        """A name for each value of an action, such as `action_0`."""
+        return [f"action_{i}" for i in range(self.action_size)]
+
     @abstractmethod
     def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> Worlds:
         """Returns new worlds, before their first episode.

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from jbench.cli import main
+from jbench.datasets.layout import observations_schema
 from jbench.encoders.kind import ClosedForm, Learned
 from jbench.encoders.registry import kind_names, make_kind, only_size
 from jbench.encoders.saved import SavedEncoder
@@ -192,9 +193,11 @@ def test_policy_of_another_robot_has_its_observation_and_all_its_motors(tmp_path
     np.testing.assert_allclose(actions, agent.act(observations), atol=PRECISION)
     properties = {each.key: each.value for each in onnx.load(path).metadata_props}
     inputs = [each["name"] for each in json.loads(properties["inputs"])]
-    # Joint angles, the height, the target, and velocities, as dm_control names them.
-    assert inputs[6:9] == ["joint_angles_6", "upright_0", "target_0"]
-    assert len(inputs) == 24
+    # Joint angles, the height, the target, and velocities, as dm_control names them; the height is
+    # one number, and has no index.
+    assert inputs[6:9] == ["joint_angles_6", "upright", "target_0"]
+    # As in a dataset, between the numbers of episode and step and the actions.
+    assert inputs == observations_schema(find_task("dmc:fish-swim")).names[2:26]
     bounds = {"minimum": -1, "maximum": 1, "actuator_minimum": -1, "actuator_maximum": 1}
     assert json.loads(properties["outputs"])[4] == {"name": "action_4", **bounds}
     assert json.loads(properties["control_timestep"]) == {"value": 0.04, "unit": "s"}

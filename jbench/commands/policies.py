@@ -188,11 +188,10 @@ def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
 def _task(database: "Results", policy: str, task: str | None, default: str) -> str:
     """Returns the task that was typed, that of a trained policy, or the default."""
     from jbench.policies.find import learned_task
-    from jbench.simulation import find_task
+    from jbench.simulation.find import checked_task
 
     if task is not None:
-        find_task(task)
-        return task
+        return checked_task(task).name
     return learned_task(database, policy) or default
 
 

@@ -59,6 +59,13 @@ class DmTask(Task):
         self.parts = self._read_parts(environment)
         self._minimum, self._maximum = self._read_bounds(environment)
         self.action_size = len(self._minimum)
+        columns = ["episode", "step", *self.labels, *self.action_labels, "reward"]
+        twice = [name for name in columns if columns.count(name) > 1]
+        if twice:
+            raise self._refusal(
+                f"a dataset of it would have two columns {twice[0]}; rename that part of its "
+                "observation"
+            )
         random = getattr(getattr(environment, "task", None), "random", None)
         self.reseeds = isinstance(random, np.random.RandomState)
         if not self.reseeds and not takes_random:
@@ -148,10 +155,12 @@ class DmTask(Task):
             np.broadcast_to(np.asarray(getattr(spec, name, infinite), np.float64), shape).copy()
             for name, infinite in (("minimum", -np.inf), ("maximum", np.inf))
         )
-        if not (np.abs([minimum, maximum]) < _UNBOUNDED).all() or not (minimum < maximum).all():
+        bounded = (np.abs([minimum, maximum]) < _UNBOUNDED).all(axis=0) & (minimum < maximum)
+        if not bounded.all():
+            i = int(np.argmin(bounded))
             raise self._refusal(
-                f"its actions are in [{minimum.min():g}, {maximum.max():g}]; give them finite "
-                "bounds, which jbench scales to [-1, 1]"
+                f"its action {i} is in [{minimum[i]:g}, {maximum[i]:g}]; give it two different "
+                "finite bounds, which jbench scales to [-1, 1]"
             )
         return minimum, maximum
 
@@ -234,7 +243,10 @@ class DmWorlds(Worlds):
 
     def _observe(self, row: NDArray[np.float32], values: Mapping[str, Any]) -> None:
         """Writes the parts of an observation, flattened in C order, into a row (size,)."""
-        parts = [np.ravel(value) for value in values.values()]
+        lacking = [name for name in self._task.parts if name not in values]
+        if lacking:
+            raise self._failure(f"its observation lacks {lacking[0]}")
+        parts = [np.ravel(values[name]) for name in self._task.parts]
         try:
             np.concatenate(parts, out=row, casting="same_kind")
         except ValueError:

@@ -1,7 +1,15 @@
-"""The robot of `docs/your-own-robot.md`, from random data to a report."""
+"""The robot of `docs/your-own-robot.md`: as a file, from random data to a report; as a package."""
+
+import json
+
+import pytest
 
 import jbench as api
-from tests.command_line import jbench, train
+from jbench import names
+from jbench.cli import main
+from jbench.store import Results
+from tests.command_line import TRAINING, jbench, succeed, train
+from tests.commands.distributions import install, make_importable
 from tests.documentation import code_of
 
 TASK = "two_poles:balance"
@@ -27,3 +35,102 @@ def test_robot_of_page_is_collected_encoded_trained_and_reported(tmp_path):
     page = (tmp_path / "results" / "report" / "index.html").read_text()
     assert TASK in page
     assert "solved" not in page  # what counts as solved is known of the Jitterbug's tasks only
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    return install("third_party_task", "your-own-robot.md", "two_poles.py", tmp_path_factory)
+
+
+@pytest.fixture
+def installed(site, monkeypatch):
+    make_importable(site, monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def trained(site, tmp_path_factory):
+    """Results of a run on the package's task, and of its evaluation."""
+    results = tmp_path_factory.mktemp("trained")
+    with pytest.MonkeyPatch.context() as patch:
+        make_importable(site, patch)
+        succeed(*train("td3", "full", "--task", "two-poles"), results=results)
+        (run, _) = Results(results).scan("run")[0]
+        succeed("evaluate", run.id, "--episodes", "2", results=results)
+        succeed("evaluate", "random", "--task", "two-poles", "--episodes", "1", results=results)
+    return Results(results)
+
+
+def test_task_of_a_package_is_trained_and_evaluated(trained):
+    for run in trained.scan("run")[0]:
+        assert run.status == "finished"
+        assert run.id.startswith("two-poles/td3/full/s0")
+        assert run.settings["task"] == "two-poles"
+        assert run.settings["specs"]["parts"] == ["cart", "poles", "velocities"]
+        assert run.settings["specs"]["sizes"] == [1, 4, 3]
+        assert run.manifest.provenance["task_package"] == "two-poles-robot 1.2"
+    returns = {
+        record.settings["policy"]: record.read("policy_episodes")["episode_return"].to_pylist()
+        for record in trained.scan("evaluation")[0]
+    }
+    assert sorted(map(len, returns.values())) == [1, 2]
+    assert all(0 < value < 1000 for values in returns.values() for value in values)
+
+
+def test_runs_of_a_task_that_is_not_installed_are_listed_reported_and_verified(trained, capsys):
+    here = ("--results", str(trained.path))
+    assert main(["runs", *here]) == 0
+    assert "two-poles/td3/full/s00-" in capsys.readouterr().out
+    assert main(["verify", *here]) == 0
+    report = ("report", "--json", "--format", "png", "--out", trained.path / "out")
+    rows = json.loads(succeed(*report, results=trained.path).stdout)["configurations"]
+    assert {(row["task"], row["seeds"]) for row in rows} == {("two-poles", 2)}
+
+
+def test_training_on_a_task_that_is_not_installed_is_refused(refused, tmp_path):
+    error = refused("train", "--task", "two-pole", results=tmp_path / "results")
+    assert "Unknown task 'two-pole'; choose move_from_origin" in error
+
+
+def test_tasks_of_packages_are_listed(installed, monkeypatch, capsys):
+    monkeypatch.setattr(names, "SUITE_TASKS", ("dmc:cheetah-run",))  # each of 49 is compiled
+    # Four of the package's are no tasks, as their specifications or their modules show.
+    assert main(["tasks", "--json"]) == 1
+    printed = json.loads(capsys.readouterr().out)
+    tasks = {each["name"]: each for each in printed["tasks"]}
+    assert (tasks["two-poles"]["observation_size"], tasks["two-poles"]["action_size"]) == (8, 1)
+    assert {"not-finite", "ends-early", "dmc:cheetah-run", "face_direction"} <= set(tasks)
+    broken = {each["name"]: each["error"] for each in printed["broken"]}
+    assert set(broken) == {"one-value", "unnamed", "same-names", "missing"}
+    assert "The task missing can't be loaded from own_tasks:Missing" in broken["missing"]
+    assert main(["tasks", "two-poles", "--json"]) == 0
+    (task,) = json.loads(capsys.readouterr().out)["tasks"]
+    assert task["parts"] == {"cart": 1, "poles": 4, "velocities": 3}
+
+
+@pytest.mark.parametrize(
+    "typed",
+    [
+        ("train", *TRAINING["td3"], "--algo", "td3"),
+        ("evaluate", "random"),
+        ("collect", "--steps", "1000"),
+    ],
+    ids=lambda typed: typed[0],
+)
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("not-finite", "at control step 3, height of its observation is not finite"),
+        ("one-value", "its action 1 is in [0.5, 0.5]; give it two different finite bounds"),
+        ("ends-early", "at control step 5, its episode ends, but must last 1000 control steps"),
+        ("unnamed", "its observation has no names: return a dictionary of named arrays"),
+        ("changes-size", "at control step 4, its observation has 6 values instead of 5"),
+        ("same-names", "a dataset of it would have two columns place_0; rename that part"),
+        ("broken", "it fails (OSError: no motor)"),
+    ],
+)
+def test_task_of_a_package_that_breaks_the_contract_is_refused(
+    installed, typed, name, sentence, tmp_path, refused
+):
+    error = refused(*typed, "--task", name, results=tmp_path / "results")
+    assert error.startswith(f"Error: jbench can't use the task {name}: {sentence}")
+    assert not (tmp_path / "results").exists()

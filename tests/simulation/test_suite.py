@@ -8,13 +8,12 @@ from gymnasium.envs.registration import registry
 
 import jbench.tasks  # noqa: F401 - registers the environments
 from jbench.errors import RequestError, WorkError
-from jbench.names import SUITE_TASKS
+from jbench.names import EPISODE_STEPS, SUITE_TASKS
 from jbench.simulation import find_task
 from jbench.simulation.find import check_specs, checked_task
-from tests.simulation import own_tasks
+from tests.third_party_task import own_tasks
 
-OWN = "tests.simulation.own_tasks"
-STEPS = 300  # of 1000, which take a minute
+OWN = "tests.third_party_task.own_tasks"
 
 
 def flat(timestep):
@@ -42,7 +41,7 @@ def test_episodes_equal_those_of_dm_control(name):
         worlds.step(np.zeros((2, task.action_size)))  # another episode before does not matter
         seen = worlds.reset(generators)
         np.testing.assert_array_equal(seen, [flat(one.reset()) for one in environments])
-        for _ in range(STEPS):
+        for _ in range(EPISODE_STEPS):
             actions = random.uniform(-1.2, 1.2, (2, task.action_size))
             step = worlds.step(actions)
             share = (np.clip(actions, -1, 1) + 1) * ((spec.maximum - spec.minimum) / 2)
@@ -92,6 +91,14 @@ def test_actions_of_own_task_are_scaled_and_its_seed_is_used():
     np.testing.assert_allclose(observations[1, :4], place.ravel(), rtol=1e-6)
 
 
+def test_parts_of_an_observation_have_the_order_of_the_specification():
+    observed = []
+    for name in ("Integrator", "Reordered"):
+        with find_task(f"{OWN}:{name}").worlds(1) as worlds:
+            observed += [worlds.reset([np.random.default_rng(0)])]
+    np.testing.assert_array_equal(*observed)
+
+
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
@@ -101,12 +108,16 @@ def test_actions_of_own_task_are_scaled_and_its_seed_is_used():
         (f"{OWN}:ChangesSize", "at control step 4, its observation has 6 values instead of 5"),
         (f"{OWN}:Unnamed", "its observation has no names"),
         (f"{OWN}:Integers", "its actions are int32 of shape"),
-        (f"{OWN}:Unbounded", r"its actions are in \[-inf, inf\]; give them finite bounds"),
+        (f"{OWN}:Unbounded", r"its action 0 is in \[-inf, inf\]; give it two different finite bo"),
+        (f"{OWN}:OneValue", r"its action 1 is in \[0.5, 0.5\]; give it two different finite boun"),
+        (f"{OWN}:LacksPart", "at control step 0, its observation lacks height"),
+        (f"{OWN}:SameNames", "a dataset of it would have two columns place_0; rename that part"),
+        (f"{OWN}:Rewarding", "a dataset of it would have two columns reward; rename that part"),
         (f"{OWN}:Broken", r"it fails \(OSError: no motor\)"),
         (f"{OWN}:unseeded", "its episodes can't be seeded"),
         (f"{OWN}:nothing", "it is a NoneType, not a dm_env.Environment"),
         (f"{OWN}:number", "is of type int; name a function"),
-        ("dmc:lqr-lqr_2_1", r"its actions are in .*1e[+]10\]; give them finite bounds"),
+        ("dmc:lqr-lqr_2_1", r"its action 0 is in .*1e[+]10\]; give it two different finite bounds"),
         ("dmc:cheetah-ran", "did you mean dmc:cheetah-run?"),
         ("walker-walk", "did you mean dmc:walker-walk?"),
         ("dmc:jitterbug-face_direction", "did you mean face_direction?"),

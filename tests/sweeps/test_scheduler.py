@@ -190,7 +190,7 @@ def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
 
 
 def test_task_is_tried_only_if_a_run_of_it_is_new(tmp_path):
-    task, results = "tests.simulation.own_tasks:EndsEarly", Results(tmp_path / "results")
+    task, results = "tests.third_party_task.own_tasks:EndsEarly", Results(tmp_path / "results")
     matrix = tmp_path / "lab.toml"
     matrix.write_text(f'tasks = ["{task}"]\nalgos = ["td3"]\nsteps = 1000\nseeds = "0"\n')
     cells = matrix_cells(read_matrix(str(matrix)), results)

@@ -80,6 +80,36 @@ class Unbounded(Integrator):
     actions = specs.Array((2,), float)
 
 
+class OneValue(Integrator):
+    actions = specs.BoundedArray((2,), float, [-1, 0.5], [1, 0.5])
+
+
+class Reordered(Integrator):
+    """Its observations have the parts in another order than their specification."""
+
+    def observe(self):
+        return dict(reversed(super().observe().items()))
+
+
+class LacksPart(Integrator):
+    def observe(self):
+        return {"place": self.place}
+
+
+class SameNames(Integrator):
+    """`place_0` is also the first value of `place`."""
+
+    def observation_spec(self):
+        return {"place": specs.Array((2, 2), float), "place_0": specs.Array((), float)}
+
+
+class Rewarding(Integrator):
+    """A column of its datasets would have the name of another one."""
+
+    def observation_spec(self):
+        return {"reward": specs.Array((), float)}
+
+
 class Broken(Integrator):
     def step(self, action):
         raise OSError("no motor")

@@ -199,9 +199,7 @@ def _entry_point(name: str) -> EntryPoint:
         known("algorithm", name, [*ALGORITHMS, *sorted({*agents, *rules})])
     except RequestError as error:
         raise RequestError(
-            f"{str(error).rstrip('.')}; an agent of another package must be installed here, and "
-            "MODULE:CLASS names a jbench.Agent, a jbench.Rule, or a class with the interface of "
-            "stable-baselines3."
+            f"{str(error).rstrip('.')}, install the package of another agent, or type MODULE:CLASS."
         ) from None
     if name in agents and name in rules:
         packages = [plugins.package_of(points[name]) for points in (agents, rules)]

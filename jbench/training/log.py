@@ -266,13 +266,13 @@ class CommitTimer:
     """Decides when to commit, so that commits take at most `_MAX_COMMIT_SHARE` of the time."""
 
     def __init__(self, every: float) -> None:
-        """Starts the timer.
+        """Starts the timer; the first commit is due at once, so that a run is soon in the results.
 
         Args:
             every: minimum seconds between two commits; 0 to commit always.
         """
         self._every = every
-        self._next = time.perf_counter() + every
+        self._next = time.perf_counter()
 
     def is_due(self) -> bool:
         """Returns whether it is time to commit."""

@@ -86,7 +86,7 @@ def test_training_uninstalled_agent_is_refused(swept, refused):
     before = sorted(swept.path.rglob("*"))
     error = refused("train", "--algo", "random-search", results=swept.path)
     assert "Unknown algorithm 'random-search'" in error
-    assert "an agent of another package must be installed here" in error
+    assert "install the package of another agent, or type MODULE:CLASS." in error
     assert sorted(swept.path.rglob("*")) == before
 
 

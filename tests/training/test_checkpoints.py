@@ -50,6 +50,18 @@ def stop_at(path, runs, steps):
         do(path, runs, progress=stop)
 
 
+def test_first_episode_is_committed_at_once(tmp_path):
+    runs = [settings("td3", 1, steps=400)]
+
+    def stop(run, now, episode_return):
+        if now == 200:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        do(tmp_path, runs, progress=stop, checkpoint_every=1000)
+    assert only(tmp_path, runs[0]).rows("episodes") == 1
+
+
 def only(path, run):
     return Results(path).find("run", run.id)
 

@@ -40,14 +40,14 @@ def test_seeds_share_processor_time_evenly(seeds, tmp_path):
     for run in runs:
         record = only(tmp_path, run)
         # Two environments each end an episode at 100 and at 200 steps, followed by evaluations; the
-        # last evaluation is at 240, the end of a rollout.
+        # first ones are committed at once. The last evaluation is at 240, the end of a rollout.
         assert times(record) == [
-            [share, share, 3 * share, 3 * share],
-            [2 * share, 4 * share, 5 * share],
+            [share, share, 4 * share, 4 * share],
+            [2 * share, 5 * share, 6 * share],
         ]
-        assert record.manifest.summary["processor_time"] == 6 * share
+        assert record.manifest.summary["processor_time"] == 7 * share
     answer = query.query_results(Results(tmp_path), "SELECT DISTINCT processor_time FROM runs")
-    assert answer.rows["processor_time"].tolist() == [6 * share]
+    assert answer.rows["processor_time"].tolist() == [7 * share]
 
 
 def test_resumed_run_continues_processor_time_of_checkpoint(tmp_path):

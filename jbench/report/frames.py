@@ -33,7 +33,7 @@ from jbench.report.encoders import encoder_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
 from jbench.report.request import Request
-from jbench.report.runs import provenance_frame, run_frame
+from jbench.report.runs import metric_frame, provenance_frame, run_frame
 from jbench.store import Results, query
 from jbench.store.shipped import shipped_results
 
@@ -60,6 +60,7 @@ class Frames:
     published: pd.DataFrame
     seeds: pd.DataFrame
     run_curves: pd.DataFrame
+    metrics: pd.DataFrame
     paths: pd.DataFrame
     baselines: pd.DataFrame
     verdicts: pd.DataFrame
@@ -126,6 +127,7 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
         published=published_frame(pd.concat([figures, *baselines]), tasks, request.algo),
         seeds=seed_frame(every),
         run_curves=run_curve_frame(plain),
+        metrics=metric_frame(source),
         paths=source.paths,
         baselines=policies.baseline_frame(tasks),
         verdicts=verdicts,

@@ -43,7 +43,7 @@ _WORDS = {
     "training": "Training returns",
 }
 _RUN_POINTS, _PATH_POINTS = 50, 30
-_PAGE_POINTS = 12_000  # of the curves of all runs together
+_PAGE_POINTS = 6_000  # of the curves of all runs together
 
 
 def render(frames: Frames) -> str:
@@ -217,9 +217,15 @@ def _sortable(value: Any) -> Any:
 def _runs(frames: Frames) -> dict[str, Any]:
     """Returns the runs for the script: names, facts, settings by number, curves and paths."""
     settings: dict[tuple[str, str], int] = {}
-    curves = {key: _curves(rows) for key, rows in _by_run(frames.run_curves)}
-    paths = {key: list(_paths(rows)) for key, rows in _by_run(frames.paths)}
-    most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, len(frames.runs))))
+    curves: dict[Any, list[tuple[str, pd.DataFrame]]] = {}
+    for (source, run, kind), rows in _groups(frames.run_curves, ["source", "run", "returns"]):
+        curves.setdefault((source, run), []).append((f"{kind} return", rows))
+    for pairs in curves.values():  # the leading one first, if it has five points or more
+        pairs.sort(key=lambda pair: (len(pair[1]) < 5, pair[0] != f"{frames.returns} return"))
+    for (run, name), rows in _groups(frames.metrics, ["run", "name"]):
+        curves.setdefault((OWN, run), []).append((clean(str(name)), rows))
+    paths = {key: list(_paths(rows)) for key, rows in _groups(frames.paths, ["source", "run"])}
+    most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, sum(map(len, curves.values())))))
     found = []
     for row in frames.runs.to_dict("records"):
         key = row["source"], row["run"]
@@ -230,30 +236,22 @@ def _runs(frames: Frames) -> dict[str, Any]:
                 "name": row["run"] if row["source"] == OWN else f"{row['source']}: {row['run']}",
                 "facts": ", ".join(filter(None, facts)),
                 "settings": [settings.setdefault(pair, len(settings)) for pair in pairs],
-                "curve": _thin_curve(curves.get(key, {}), frames.returns, most),
+                "curves": [_thin_curve(*pair, most) for pair in curves.get(key, [])],
                 "paths": paths.get(key, []),
             }
         )
     return {"settings": list(settings), "runs": found}
 
 
-def _by_run(rows: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
-    return iter(rows.groupby(["source", "run"], sort=False)) if len(rows) else iter(())
+def _groups(rows: pd.DataFrame, by: list[str]) -> Iterator[tuple[Any, pd.DataFrame]]:
+    return iter(rows.groupby(by, sort=False)) if len(rows) else iter(())
 
 
-def _curves(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {str(kind): curve for kind, curve in rows.groupby("returns")}
-
-
-def _thin_curve(curves: dict[str, pd.DataFrame], returns: str, most: int) -> list[Any]:
-    """Returns kind, steps and returns of the curve of a run, which has five points or more."""
-    kinds = sorted(curves, key=lambda kind: (len(curves[kind]) < 5, kind != returns))
-    if not kinds:
-        return []
-    curve = curves[kinds[0]]
+def _thin_curve(name: str, curve: pd.DataFrame, most: int) -> list[Any]:
+    """Returns name, steps and values of a curve of a run, of at most so many points."""
     shown = curve.iloc[np.linspace(0, len(curve) - 1, min(len(curve), most)).round().astype(int)]
-    steps, values = shown["steps"].round(), shown["value"].round(1)
-    return [kinds[0], steps.astype(int).tolist(), values.tolist()]
+    values = [json.loads(f"{value:.3g}") for value in shown["value"]]
+    return [name, shown["steps"].round().astype(int).tolist(), values]
 
 
 def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:

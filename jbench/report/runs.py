@@ -20,6 +20,7 @@ COLUMNS = [
     *("source", "run", "configuration", "label", "task", "algo", "representation", "kind", "words"),
     *("seed", "steps", "final", "status", "day", "diverged", "settings", "provenance"),
 ]
+METRICS = ["run", "name", "steps", "value"]
 _RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
 
 
@@ -55,6 +56,19 @@ def run_frame(source: Source, returns: str) -> pd.DataFrame:
     order = {one.configuration: i for i, one in enumerate(source.configurations)}
     found.sort(key=lambda row: (order.get(row["configuration"], -1), row["seed"]))
     return pd.DataFrame(found, columns=COLUMNS).astype({"steps": "Int64"})
+
+
+def metric_frame(source: Source) -> pd.DataFrame:
+    """Returns the finite metrics that runs of the results have recorded.
+
+    Columns: run, name, steps (control steps), value.
+    """
+    if "metrics" not in source.tables:
+        return pd.DataFrame(columns=METRICS)
+    rows = source.tables["metrics"].to_pandas(use_threads=False)
+    rows = rows[np.isfinite(rows["value"]) & rows["run"].isin(source.runs["run"])]
+    named: pd.DataFrame = rows.rename(columns={"control_steps": "steps"})[METRICS]
+    return named
 
 
 def provenance(recorded: str) -> dict[str, str]:

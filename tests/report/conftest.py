@@ -100,11 +100,12 @@ class FabricatedResults:
             status: status of the run.
             environments: number of parallel environments.
             changes: settings, and `evaluated` (mean returns of its evaluations by control steps),
-                `seconds` (processor time per episode) and `diverged` (control step of divergence).
+                `seconds` (processor time per episode), `metrics` (values at two steps by name) and
+                `diverged` (control step of divergence).
         """
         steps = changes.pop("steps", len(returns) * 1000)
         evaluated, seconds = changes.pop("evaluated", {}), changes.pop("seconds", None)
-        diverged = changes.pop("diverged", None)
+        diverged, metrics = changes.pop("diverged", None), changes.pop("metrics", {})
         settings = {**SETTINGS, **changes, "seed": seed, "steps": steps}
         self.count += 1
         id = f"face_direction/r{self.count:04d}"
@@ -112,6 +113,11 @@ class FabricatedResults:
         tables = {"episodes": episodes(id, returns, environments, seconds)}
         if evaluated:
             tables["evaluations"] = evaluations(id, evaluated, seconds)
+        if metrics:
+            names = [name for name in metrics for _ in (1, 2)]
+            columns = {"run": [id] * len(names), "control_steps": [1000, 2000] * len(metrics)}
+            columns |= {"name": names, "value": [v for pair in metrics.values() for v in pair]}
+            tables["metrics"] = rows(columns, schema.METRICS)
         record.append(tables)
         if diverged is not None:
             record.fail("its critic_loss is not finite")

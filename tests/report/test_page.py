@@ -198,6 +198,21 @@ def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):
     assert not dialog.is_visible()
 
 
+def test_metrics_of_a_run_are_curves_in_its_dialog(fabric, tmp_path, opened):
+    fabric.run(
+        [100.0] * 8, metrics={"loss": (0.5, 0.25), "<b>x</b>": (1.0, 1.0), "no": (np.nan,) * 2}
+    )
+    shown = opened(written(frames(fabric.results), tmp_path)).page
+    shown.locator("tr[data-run] button").click()
+    dialog = shown.locator("dialog")
+    curves = dialog.get_by_label("Curve", exact=True)
+    assert curves.inner_text().split() == ["training", "return", "loss", "<b>x</b>"]
+    curves.select_option("loss")
+    texts = dialog.locator(".curve text").all_text_contents()
+    assert texts == ["0.25", "0.375", "0.5", "2,000 steps"]
+    assert dialog.locator(".curve .mark").count() == 1
+
+
 def test_everything_that_a_mouse_can_do_a_keyboard_can(shipped_page, opened):
     shown = opened(shipped_page).page
     selector = "button, a[href], select, input, summary, .scroll"

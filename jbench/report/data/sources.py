@@ -27,7 +27,7 @@ from jbench.wording import are, counted, repair_hint, with_results
 _RUNS = ("runs", "episodes", "evaluations", "paths")
 _MORE = (
     *("encoders", "encoder_errors", "encoder_predictions"),
-    *("policy_evaluations", "policy_episodes"),
+    *("policy_evaluations", "policy_episodes", "metrics"),
 )
 _COLUMNS = {
     "episodes": ("run", "episode", *POINT),

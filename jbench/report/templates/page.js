@@ -127,15 +127,17 @@ for (const table of all(".sortable")) {
 const data = document.getElementById("runs-data");
 if (data) {
   const { runs, settings } = JSON.parse(data.textContent), dialog = document.getElementById("run");
-  const other = dialog.querySelector("select");
+  const other = dialog.querySelector("label select");
   runs.forEach((run, i) => other.add(new Option(run.name, i)));
   const polyline = (points) => `M${points.map((point) => point.join(" ")).join("L")}`;
-  const drawCurve = (svg, [kind, steps, values]) => {
-    const top = Math.max(1000, ...values), bottom = Math.min(0, ...values), last = steps.at(-1) || 1;
+  const drawCurve = (svg, [name, steps, values]) => {
+    const usual = name.endsWith(" return") ? [0, 1000] : [], last = steps.at(-1) || 1;
+    const top = Math.max(...usual, ...values), bottom = Math.min(...usual, ...values, top - 1e-6 * Math.abs(top) - 1e-12);
+    svg.replaceChildren();
     const x = (step) => 40 + (310 * step) / last, y = (value) => 195 - (185 * (value - bottom)) / (top - bottom);
     for (const level of [bottom, (top + bottom) / 2, top]) {
       make("path", { class: "grid", d: `M40 ${y(level)}H350` }, svg);
-      make("text", { x: 34, y: y(level) + 4, "text-anchor": "end" }, svg).textContent = Math.round(level);
+      make("text", { x: 34, y: y(level) + 4, "text-anchor": "end" }, svg).textContent = +level.toPrecision(3);
     }
     make("text", { x: 350, y: 214, "text-anchor": "end" }, svg).textContent = `${last.toLocaleString("en")} steps`;
     make("path", { class: "mark", d: polyline(steps.map((step, i) => [x(step), y(values[i])])) }, svg);
@@ -169,14 +171,15 @@ if (data) {
     }
   };
   const open = (i) => {
-    const run = runs[i], [chart, path] = all(".drawings > div", dialog);
-    all("svg", dialog).forEach((svg) => svg.replaceChildren());
+    const run = runs[i], [chart, path] = all(".drawings > div", dialog), [curve, svg] = chart.children;
+    path.lastElementChild.replaceChildren();
     dialog.querySelector("h2").textContent = run.name;
     dialog.querySelector(".facts").textContent = run.facts;
-    chart.hidden = !run.curve.length;
+    chart.hidden = !run.curves.length;
     path.hidden = !run.paths.length;
-    chart.firstElementChild.textContent = `Learning curve, ${run.curve[0]} return`;
-    if (run.curve.length) drawCurve(chart.lastElementChild, run.curve);
+    curve.replaceChildren(...run.curves.map(([name], i) => new Option(name, i)));
+    curve.onchange = () => drawCurve(svg, run.curves[curve.value]);
+    if (run.curves.length) curve.onchange();
     if (run.paths.length) drawPaths(path.lastElementChild, run.paths);
     other.value = i > 0 ? i - 1 : Math.min(1, runs.length - 1);
     other.onchange = () => compare(run);

@@ -229,13 +229,13 @@ def _runs(frames: Frames) -> dict[str, Any]:
     found = []
     for row in frames.runs.to_dict("records"):
         key = row["source"], row["run"]
-        pairs = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
+        texts = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
         facts = [row["label"], f"seed {row['seed']}", row["status"], row["diverged"], row["day"]]
         found.append(
             {
                 "name": row["run"] if row["source"] == OWN else f"{row['source']}: {row['run']}",
                 "facts": ", ".join(filter(None, facts)),
-                "settings": [settings.setdefault(pair, len(settings)) for pair in pairs],
+                "settings": [settings.setdefault(pair, len(settings)) for pair in texts],
                 "curves": [_thin_curve(*pair, most) for pair in curves.get(key, [])],
                 "paths": paths.get(key, []),
             }

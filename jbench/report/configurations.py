@@ -184,9 +184,6 @@ def published_frame(
 
     Columns: task, algo, representation, kind, figure (`Figure 9`), source, seeds, steps, q10, q25,
     median, q75, q90; a figure that has only some quantiles leaves NaN.
-
-    Args:
-        published: see `read_published`.
     """
     shown = published[published["task"].isin([*tasks])]
     shown = shown if algo is None else shown[shown["algo"] == algo]

@@ -75,14 +75,10 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
 def prediction_frame(
     configurations: Sequence[Configuration], encoders: pd.DataFrame
 ) -> pd.DataFrame:
-    """Returns the final returns of representations beside what their latents predict.
+    """Returns the final returns, of one kind, beside what latents predict.
 
     Only for tasks and algorithms with three or more measured representations. Representations with
     several variants of an encoder are left out, because runs do not say which of them they observe.
-
-    Args:
-        configurations: of one kind of return.
-        encoders: see `encoder_frame`.
     """
     returns = return_frame(configurations)
     keys = ["task", "representation"]

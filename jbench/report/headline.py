@@ -24,12 +24,8 @@ def headline(
 ) -> str:
     """Returns the headline, of at most 30 words.
 
-    It names tasks where the answer depends on them.
-
-    Args:
-        verdicts: of one kind of return.
-        configurations: of the same kind of return.
-        comparisons: of the same kind of return; empty unless two sides are compared.
+    It names tasks where the answer depends on them. All rows are of one kind of return; there are
+    comparisons only if two sides are compared.
     """
     known = configurations[configurations["seeds"] > 0]
     if known.empty:
@@ -58,12 +54,13 @@ def _on_sides(comparisons: pd.DataFrame) -> str:
     ends = comparisons[enough][["corrected_low", "corrected_high"]]
     words = [judged(*pair) for pair in ends.itertuples(index=False)]
     counts = {word: words.count(word) for word in ("higher", "lower", "similar") if word in words}
-    answer = one_of([f"{word} in {count}" for word, count in counts.items()], "and")
-    answer += f" of {len(comparisons)} configurations"
     if not counts:
         answer = "not shown to differ from it"
     elif len(comparisons) == 1:
         (answer,) = counts
+    else:
+        answer = one_of([f"{word} in {count}" for word, count in counts.items()], "and")
+        answer += f" of {len(comparisons)} configurations"
     return f"The final return with {first}, compared with {other}, is {answer}."
 
 
@@ -75,11 +72,7 @@ def _sentence(clauses: Sequence[str]) -> str:
 
 
 def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:
-    """Yields a clause for each outcome: with which representations, and on which tasks if not all.
-
-    Args:
-        verdicts: against the full observation.
-    """
+    """Yields a clause for each outcome: with which representations, on which tasks if not all."""
     several = verdicts["task"].nunique() > 1
     found: dict[str, dict[str, list[str]]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):

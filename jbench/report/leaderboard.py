@@ -22,6 +22,7 @@ COLUMNS = [
     *("task", "rank", "entry", "algo", "observation", "median", "low", "high", "n"),
     *("steps_min", "steps"),
 ]
+_NAMES = {"source": "entry", "seeds": "n", "median_low": "low", "median_high": "high"}
 
 
 def ranked_configurations(
@@ -80,19 +81,9 @@ def leaderboard(
         by_hand: (episodes,) returns of the hand-written policy of each task.
         algo: only hand-written policies and published curves of this algorithm; None for all.
     """
-    known = configurations[configurations["seeds"] > 0]
-    agents = pd.DataFrame(
-        {
-            **{name: known[name] for name in ("task", "algo", "median", "steps_min", "steps")},
-            "entry": known["source"],
-            "observation": known["representation"].where(
-                known["words"] == "", known["representation"] + ", " + known["words"]
-            ),
-            "low": known["median_low"],
-            "high": known["median_high"],
-            "n": known["seeds"],
-        }
-    )
+    agents = configurations[configurations["seeds"] > 0].rename(columns=_NAMES)
+    words = agents["words"].where(agents["words"] == "", ", " + agents["words"])
+    agents["observation"] = agents["representation"] + words
     others: list[dict[str, object]] = [
         {
             **{"task": task, "entry": HAND_WRITTEN, "algo": HEURISTIC, "observation": FULL},
@@ -108,9 +99,8 @@ def leaderboard(
     every: pd.DataFrame = pd.concat([agents, pd.DataFrame(others), theirs], ignore_index=True)
     every = every.reindex(columns=COLUMNS).sort_values("median", ascending=False, kind="stable")
     ranked = [_ranked(every[every["task"] == task]) for task in in_order(tasks)]
-    integers = dict.fromkeys(("rank", "n", "steps_min", "steps"), "Int64")
     frame = pd.concat(ranked, ignore_index=True) if ranked else every
-    return frame.astype(integers)
+    return frame.astype(dict.fromkeys(("rank", "n", "steps_min", "steps"), "Int64"))
 
 
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
@@ -135,12 +125,9 @@ def _published(published: pd.DataFrame) -> pd.DataFrame:
     """
     ends = published.groupby(CURVE).last().sort_values(["steps", "median"])
     best = ends.groupby(CURVE[1:]).last().reset_index()
-    best = best.rename(columns={"representation": "observation"})
+    best = best.rename(columns={"representation": "observation"})[
+        ["task", "algo", "observation", "median", "steps"]
+    ]
     steps = best["steps"].round().astype(int)
-    return pd.DataFrame(
-        {
-            **{name: best[name] for name in ("task", "observation", "median")},
-            **{"algo": best["algo"].map(display_name), "entry": PUBLISHED},
-            **{"steps": steps, "steps_min": steps},
-        }
-    )
+    algo = best["algo"].map(display_name)
+    return best.assign(algo=algo, entry=PUBLISHED, steps=steps, steps_min=steps)

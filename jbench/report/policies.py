@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from importlib import resources
-from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -55,14 +54,11 @@ def baseline_frame(tasks: set[str]) -> pd.DataFrame:
 def findings(
     tables: Mapping[str, pa.Table], task: str | None = None
 ) -> tuple[list[Finding], list[str]]:
-    """Returns a finding on claim (h) for each task whose hand-written policy was evaluated.
+    """Returns findings on claim (h), and a note on tasks whose policy was not evaluated.
 
     Args:
         tables: `policy_evaluations` and `policy_episodes` are used.
         task: only this task; None for all.
-
-    Returns:
-        Findings, and notes on the other tasks.
     """
     if "policy_evaluations" not in tables:
         return [], []
@@ -70,13 +66,11 @@ def findings(
     tasks = in_order(returns if task is None else {task} & returns.keys())
     found = [examine_heuristic(name, returns[name]) for name in tasks]
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
-    if not missing:
-        return found, []
     note = (
         f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate --policy "
-        f"{HEURISTIC} --task {missing[0]}`."
+        f"{HEURISTIC} --task {(missing or [''])[0]}`."
     )
-    return found, [note]
+    return found, [note] if missing else []
 
 
 def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
@@ -100,16 +94,6 @@ def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray
     }
 
 
-class _States(NamedTuple):
-    """The states of one evaluated policy: motor velocities (rad/s) and positions (m)."""
-
-    names: dict[str, Any]
-    target_yaw: float
-    motor_velocity: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-
-
 def behavior(
     results: Results, task: str | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
@@ -119,22 +103,20 @@ def behavior(
     newest saved states. A velocity is as observed: 1 at 180 rad/s. A share is that of all states in
     a square, of which x and y (m) are the center; reach is half of the width of the map.
     """
-    newest: dict[tuple[str, str], _States] = {}
+    newest: dict[tuple[str, str], pd.DataFrame] = {}
     problems = []
     for record in results.scan("evaluation")[0]:
         settings = record.settings
-        if record.status != "finished" or not settings.get("states"):
-            continue
-        if task in (None, settings.get("task")):
+        saved = record.status == "finished" and settings.get("states")
+        if saved and task in (None, settings.get("task")):
             try:
-                states = _read(record)
-                newest[states.names["task"], states.names["policy"]] = states
+                newest[str(settings["task"]), str(settings["policy"])] = _read(record)
             except WorkError as error:
                 problems.append(str(error))
     motor, positions = [pd.DataFrame(columns=MOTOR)], [pd.DataFrame(columns=POSITIONS)]
     for name in dict.fromkeys(task for task, _ in newest):
         ranked = [one for key, one in newest.items() if key[0] == name]
-        ranked.sort(key=lambda one: one.names["median"])
+        ranked.sort(key=lambda one: one["median"].iloc[0])
         shown = ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
         motor += [_motor(one) for one in shown]
         positions += _positions(shown)
@@ -143,18 +125,24 @@ def behavior(
     return first[[*MOTOR]], second[[*POSITIONS]], problems
 
 
-def _read(record: Record) -> _States:
-    """Reads the states of an evaluation, whose manifest is untrusted."""
+def _read(record: Record) -> pd.DataFrame:
+    """Returns the states of an evaluation, whose manifest is untrusted.
+
+    Columns: task, policy, label, median, target_yaw (rad; NaN if it is random), motor_velocity
+    (rad/s), x and y (m).
+    """
     states = record.read("policy_states")
     settings, yaw = record.settings, record.settings.get("target_yaw")
     try:
         median, policy = float(record.manifest.summary["median"]), str(settings["policy"])
         label = f"{policy} (median return {median:.0f}, {int(settings['episodes'])} episodes)"
-        names = {"task": str(settings["task"]), "policy": policy, "label": label, "median": median}
-        columns = [states[name].to_numpy() for name in ("motor_velocity", "x", "y")]
-        if not (states.num_rows and np.isfinite(columns).all()):
+        columns = {name: states[name].to_numpy() for name in ("motor_velocity", "x", "y")}
+        if not (states.num_rows and np.isfinite([*columns.values()]).all()):
             raise ValueError("no states, or states that are not finite")
-        return _States(names, np.nan if yaw is None else float(yaw), *columns)
+        names = {"task": str(settings["task"]), "policy": policy, "label": label, "median": median}
+        return pd.DataFrame(
+            {**names, "target_yaw": np.nan if yaw is None else float(yaw), **columns}
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise WorkError(
             f"The evaluation {record.id} has invalid settings or states ({error}); delete "
@@ -162,31 +150,29 @@ def _read(record: Record) -> _States:
         ) from None
 
 
-def _motor(one: _States) -> pd.DataFrame:
+def _motor(states: pd.DataFrame) -> pd.DataFrame:
     # Imported here because the package imports dm_control, which most reports don't need.
     from jbench.tasks.features import RANGES
 
     full_speed = RANGES["motor_velocity"][1][0]  # rad/s, an observation of 1
     edges = np.linspace(-1.2, 1.2, 121)
-    observed = np.clip(one.motor_velocity / full_speed, edges[0], edges[-1])
+    observed = np.clip(states["motor_velocity"].to_numpy() / full_speed, edges[0], edges[-1])
     density, _ = np.histogram(observed, edges, density=True)
-    middles = (edges[:-1] + edges[1:]) / 2
-    return pd.DataFrame({**one.names, "velocity": middles, "density": density})
+    names = states.iloc[0][["task", "policy", "label", "median"]]
+    return pd.DataFrame({**names, "velocity": (edges[:-1] + edges[1:]) / 2, "density": density})
 
 
-def _positions(shown: Sequence[_States]) -> list[pd.DataFrame]:
+def _positions(shown: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
     """Returns the maps of a task's policies, of one reach, without their empty squares."""
-    farthest = max(float(np.quantile(np.hypot(one.x, one.y), 0.995)) for one in shown)
+    farthest = max(float(np.quantile(np.hypot(one["x"], one["y"]), 0.995)) for one in shown)
     reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
     edges = np.linspace(-reach, reach, _BINS + 1)
     middles = (edges[:-1] + edges[1:]) / 2
     maps = []
     for one in shown:
-        counts, _, _ = np.histogram2d(one.x, one.y, [edges, edges])
+        counts, _, _ = np.histogram2d(one["x"], one["y"], [edges, edges])
         column, row = np.nonzero(counts)
-        share = counts[column, row] / len(one.x)
-        where = {"x": middles[column], "y": middles[row], "share": share}
-        maps.append(
-            pd.DataFrame({**one.names, **where, "target_yaw": one.target_yaw, "reach": reach})
-        )
+        where = {"x": middles[column], "y": middles[row], "share": counts[column, row] / len(one)}
+        names = one.iloc[0][["task", "policy", "label", "median", "target_yaw"]]
+        maps.append(pd.DataFrame({**names, **where, "reach": reach}))
     return maps

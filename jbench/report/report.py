@@ -8,11 +8,10 @@ changed are kept.
 import io
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -47,48 +46,31 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
         WorkError: if there are runs but none can be read, or the disk is full.
     """
-    from jbench.report.page import render  # matplotlib takes a second
+    from jbench.report.figures import drawings  # matplotlib takes a second
+    from jbench.report.page import render
+    from jbench.report.style import image
 
     found = frames(results, request)
     pa.default_memory_pool().release_unused()  # memory of the rows that were read
     make_directory(out)  # before anything is drawn, since it may raise an error
     files = {"index.html": render(found).encode()}
     if not request.watched:
-        files |= dict(_figure_files(found))
+        for name, draw in drawings(found).items():
+            drawn = draw(request.columns)
+            files |= {f"figures/{name}.{end}": image(drawn, end) for end in request.formats}
         files |= {f"tables/{name}": text.encode() for name, text in tables.files(found)}
-        files["tables/curves.parquet"] = _to_parquet(found.curves)
+        curves = pa.Table.from_pandas(found.curves, preserve_index=False, nthreads=1)
+        pq.write_table(curves, sink := io.BytesIO(), compression="zstd")
+        files["tables/curves.parquet"] = sink.getvalue()
     paths, kept = _write(out, files)
     return Report(found, [*found.notes, *kept], paths)
 
 
-def _figure_files(found: Frames) -> Iterator[tuple[str, bytes]]:
-    from jbench.report import figures, style
-
-    for name, draw in figures.drawings(found).items():
-        drawn = draw(found.request.columns)
-        for ending in found.request.formats:
-            yield f"figures/{name}.{ending}", style.image(drawn, ending)
-
-
-def _to_parquet(frame: pd.DataFrame) -> bytes:
-    sink = io.BytesIO()
-    rows = pa.Table.from_pandas(frame, preserve_index=False, nthreads=1)
-    pq.write_table(rows, sink, compression="zstd")
-    return sink.getvalue()
-
-
 def _write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[str]]:
-    """Writes the files of a report, and removes those of an earlier report that it lacks.
-
-    Args:
-        out: an existing directory.
-        contents: content of each file by name.
+    """Writes the files of a report by name, and removes those of an earlier one that it lacks.
 
     Returns:
         The files written, and a sentence on kept files of an earlier report, if any.
-
-    Raises:
-        WorkError: if writing fails, such as on a full disk.
     """
     before = _listed(out)
     new = {name: sha256(content) for name, content in contents.items()}

@@ -124,12 +124,7 @@ class Look(NamedTuple):
 
 
 def representation_looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
-    """Returns the look of each series of representations, by its name.
-
-    Args:
-        rows: with the names of series and a column `kind`.
-        name: column of the names.
-    """
+    """Returns the look of each series of rows, by its name, in the color of its `kind`."""
     kinds = dict(zip(rows[name], map(_family, rows["kind"]), strict=True))
     strange = sorted({kind for kind in kinds.values() if kind not in _KINDS})
     known = dict(_KINDS)
@@ -148,12 +143,7 @@ def _family(kind: str) -> str:
 
 
 def algorithm_looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
-    """Returns the look of each series of algorithms, by its name.
-
-    Args:
-        rows: with the names of series, and a column `algo` unless each is an algorithm.
-        name: column of the names.
-    """
+    """Returns the look of each series of rows, by its name, in the color of its `algo`, if any."""
     algorithms = dict(zip(rows[name], rows["algo" if "algo" in rows else name], strict=True))
     known = dict(_ALGORITHMS)
     for i, algo in enumerate(sorted({*algorithms.values()} - {*known})):
@@ -181,11 +171,7 @@ def _looks(series: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
 
 
 def image(figure: Figure, ending: str) -> bytes:
-    """Returns a figure as the content of a file; the same figure gives the same bytes.
-
-    Args:
-        ending: png, svg or pdf.
-    """
+    """Returns a figure as a png, svg or pdf file; the same figure gives the same bytes."""
     dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": None}
     sink = io.BytesIO()
     with mpl.rc_context(PAPER):

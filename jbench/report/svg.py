@@ -34,8 +34,7 @@ _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 def panel_svgs(panel: Panel, label: str) -> str:
     """Returns the versions of a panel as SVG elements of a page, with their names as classes.
 
-    Args:
-        label: what it shows, for readers who can't see it.
+    The label says what it shows to readers who can't see it.
     """
     texts = []
     with mpl.rc_context(style.PAGE):

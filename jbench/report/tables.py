@@ -52,28 +52,27 @@ def tables(frames: Frames) -> list[Table]:
     return [table for table in every if len(table.frame)]
 
 
-def _observed(row: Row) -> str:
-    return ", ".join(filter(None, (row["representation"], row["words"])))
-
-
-def _sourced(row: Row) -> str:
-    return str(row["algo"]) if row["source"] == OWN else f"{row['source']}: {row['algo']}"
+def _positive(value: float) -> str:
+    return str(value) if value else ""
 
 
 def _range(row: Row) -> str:
     if missing(row["steps"]):
         return ""
-    ends = dict.fromkeys((steps(row["steps_min"]), steps(row["steps"])))
-    return "\N{EN DASH}".join(ends)
-
-
-def _positive(value: float) -> str:
-    return str(value) if value else ""
+    return "\N{EN DASH}".join(dict.fromkeys((steps(row["steps_min"]), steps(row["steps"]))))
 
 
 _TASK, _ALGO = plain("task"), plain("algorithm", "algo")
-_SOURCED = Column("algorithm", "algo", _sourced)
-_OBSERVED = Column("observation", "representation", _observed)
+_SOURCED = Column(
+    "algorithm",
+    "algo",
+    lambda row: row["algo"] if row["source"] == OWN else f"{row['source']}: {row['algo']}",
+)
+_OBSERVED = Column(
+    "observation",
+    "representation",
+    lambda row: ", ".join(filter(None, (row["representation"], row["words"]))),
+)
 _SEEDS = number("seeds", "seeds", str)
 _RANGE = Column("steps", "steps", _range, numeric=True)
 

@@ -63,7 +63,7 @@ def test_windows_are_truncated_at_both_ends(order):
     assert curve.widths.tolist() == [3, 4, *[5] * 16, 4, 3]
     assert curve.quantile(50)[:3].tolist() == [5 / 3, 14 / 4, 30 / 5]  # of 0, 1, 4, 9, 16
     assert curve.quantile(50)[-1] == (17**2 + 18**2 + 19**2) / 3
-    assert curve.full.tolist() == [False] * 2 + [True] * 16 + [False] * 2
+    assert (curve.widths == curve.window).tolist() == [False] * 2 + [True] * 16 + [False] * 2
     # Between the ends the published definition holds: the mean over full windows.
     np.testing.assert_allclose(curve.quantile(50)[2:-2], np.convolve(run, np.ones(5) / 5, "valid"))
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pyarrow as pa
 
-from jbench.report.analysis.compare import compare
 from jbench.report.analysis.examine import examine
-from jbench.report.analysis.scores import seed_scores, statistics
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, seed_scores, statistics
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.report.frames import frames
 from jbench.report.request import Request
@@ -93,9 +92,9 @@ class TestStatistics:
             short = {10_000: 150.0, 20_000: 350.0}
             fabric.run(FLAT[:20], seed, representation="dae12", evaluated=short)
         full, encoded = fabric.configurations(EVALUATION)[0]
-        one = compare(encoded, full)
+        one = Comparison(encoded, full)
         assert one.control_steps == 20_000
-        assert one.difference.value == 50
+        assert one.sample(IQM_DIFFERENCE).value == 50
 
 
 class TestFrames:

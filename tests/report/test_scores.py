@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from jbench.report.analysis.compare import compare, pair_frame
-from jbench.report.analysis.scores import seed_scores, statistics
+from jbench.report.analysis.compare import pair_frame
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, seed_scores, statistics
 from jbench.report.configurations import configuration_frame
 from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.statistics import bootstrap as st
 
 
 def flat(fabric, finals, episodes=40, **settings):
@@ -135,12 +136,13 @@ class TestComparisons:
         flat(fabric, [10, 20, 30, 40])
         flat(fabric, [25, 30, 50, 60], representation="dae12")
         full, encoded = fabric.configurations()[0]
-        one = compare(encoded, full)
+        one = Comparison(encoded, full)
         # Of 16 pairs: 25 is above two, 30 above two with one tie, 50 and 60 above all.
-        assert one.improvement.value == pytest.approx((2 + 2.5 + 4 + 4) / 16)
-        assert one.difference.value == pytest.approx(40 - 25)
-        assert one.medians.value == pytest.approx(40 - 25)
-        assert (one.seeds, one.control_steps) == ((4, 4), 40_000)
+        probability = one.sample(st.probability_of_improvement).value
+        assert probability == pytest.approx((2 + 2.5 + 4 + 4) / 16)
+        assert one.sample(IQM_DIFFERENCE).value == pytest.approx(40 - 25)
+        assert one.sample(st.difference(st.median)).value == pytest.approx(40 - 25)
+        assert (one.seeds, one.control_steps) == (4, 40_000)
 
     def test_unequal_lengths_are_cut_to_common_steps(self, fabric):
         ramp = np.arange(40.0)
@@ -148,7 +150,7 @@ class TestComparisons:
             fabric.run(ramp, seed)
             fabric.run(np.zeros(20), seed, representation="dae12")
         full, encoded = fabric.configurations()[0]
-        one = compare(full, encoded)
+        one = Comparison(full, encoded)
         assert one.control_steps == 20_000
         # The last quarter of the first 20 episodes is 15 to 19, with mean 17.
-        assert one.difference.value == 17
+        assert one.sample(IQM_DIFFERENCE).value == 17

@@ -73,6 +73,16 @@ class TestCompare:
             "similar in 1 of 2 configurations."
         )
 
+    def test_headline_says_that_no_comparison_is_decided(self, fabric):
+        for seed in range(6):
+            fabric.run(FLAT + 50 * seed, seed, engine="sb3")
+            fabric.run(FLAT + 50 * (5 - seed), seed, engine="batched")
+        found = frames(fabric.results, Request(compare=("engine=batched", "engine=sb3")))
+        assert found.headline == (
+            "The final return with engine=batched, compared with engine=sb3, is not shown to "
+            "differ from it."
+        )
+
     def test_omitted_setting_is_compared_by_its_default(self, fabric):
         fabric.run(FLAT)
         fabric.run(FLAT + 10, precision="bfloat16")

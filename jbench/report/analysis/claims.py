@@ -5,7 +5,7 @@ the value that would refute it and the margin are the same for our runs, for the
 and for both kinds of return.
 """
 
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -177,18 +177,16 @@ def _needed(distance: float, standard_error: float, seeds: int) -> SeedsNeeded |
 
 def claim_frame(findings: list[Finding]) -> pd.DataFrame:
     """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
-    rows = map(_row, sorted(findings, key=lambda finding: finding.claim))
+    rows = []
+    for finding in sorted(findings, key=lambda finding: finding.claim):
+        value, low, high, _ = finding.effect
+        form = ratio if finding.claim in "bf" else whole if finding.claim in "gh" else signed
+        effect = "unknown" if np.isnan(value) else form(value)
+        interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
+        needed, rule = finding.seeds_needed or (None, "")
+        statement, test = CLAIMS[finding.claim]
+        row = {**finding._asdict(), "statement": statement, "test": test}
+        row |= {"effect": value, "low": low, "high": high}
+        row |= {"text": f"{finding.verdict}: {effect}{interval}"}
+        rows.append({**row, "seeds_needed": needed, "seeds_needed_by": rule})
     return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
-
-
-def _row(finding: Finding) -> dict[str, Any]:
-    value, low, high, _ = finding.effect
-    form = ratio if finding.claim in "bf" else whole if finding.claim in "gh" else signed
-    effect = "unknown" if np.isnan(value) else form(value)
-    interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
-    needed, rule = finding.seeds_needed or (None, "")
-    row = {name: getattr(finding, name) for name in COLUMNS if name in Finding._fields}
-    row |= {"effect": value, "low": low, "high": high}
-    row |= {"text": f"{finding.verdict}: {effect}{interval}"}
-    row |= {"seeds_needed": needed, "seeds_needed_by": rule}
-    return row | dict(zip(("statement", "test"), CLAIMS[finding.claim], strict=True))

@@ -1,14 +1,15 @@
 """Comparisons of configurations: two sides, pairs, profiles."""
 
 from collections.abc import Collection, Sequence
+from itertools import combinations
 from statistics import multimode
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from jbench.report.analysis.scores import compared_scores, seed_scores
-from jbench.report.analysis.verdicts import Ends, corrected_level, difference_text, judged
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, ends, seed_scores
+from jbench.report.analysis.verdicts import corrected_level, difference_text, judged
 from jbench.report.data.configuration import (
     ID,
     Configuration,
@@ -30,6 +31,11 @@ COMPARISONS = [
     *("steps", "p", "p_low", "p_high", "difference", "low", "high"),
     *("median_difference", "median_low", "median_high", "corrected_low", "corrected_high", "text"),
 ]
+_NUMBERS = {
+    st.probability_of_improvement: ("p", "p_low", "p_high"),
+    IQM_DIFFERENCE: ("difference", "low", "high"),
+    st.difference(st.median): ("median_difference", "median_low", "median_high"),
+}
 ALL_TASKS = "all tasks"
 THRESHOLDS = np.linspace(0, 1000, 201)
 """Episode returns at which a profile is computed."""
@@ -37,69 +43,34 @@ THRESHOLDS = np.linspace(0, 1000, 201)
 _MAX_NAMED = 8
 
 
-class Comparison(NamedTuple):
-    """Final returns of two configurations, at the last control step that all seeds have reached.
-
-    Attributes:
-        control_steps: at which they are compared.
-        seeds: numbers of seeds of ours and of theirs with a final return.
-        improvement: probability that a run of ours ends above one of theirs.
-        difference: difference of the interquartile means, ours minus theirs.
-        medians: difference of the medians, ours minus theirs.
-    """
-
-    control_steps: int
-    seeds: tuple[int, int]
-    improvement: st.Sample
-    difference: st.Sample
-    medians: st.Sample
-
-
-def compare(ours: Configuration, theirs: Configuration) -> Comparison:
-    """Compares two configurations by the same kind of return."""
-    one, other = compared_scores(ours, theirs)
-    statistics = [
-        st.probability_of_improvement,
-        st.difference(st.interquartile_mean),
-        st.difference(st.median),
-    ]
-    found = st.samples(statistics, [one.final], [other.final])
-    return Comparison(one.control_steps, (len(one.final), len(other.final)), *found)
-
-
 def comparison_frame(pairs: Sequence[tuple[Configuration, Configuration]]) -> pd.DataFrame:
     """Returns a row per comparison of two sides, the first minus the second, with 95% intervals.
 
     The verdict rests on an interval that is corrected for the number of comparisons by the same
-    kind of return.
+    kind of return. Differences are of interquartile means and of medians; p is the probability that
+    a run of the first ends above one of the second.
     """
     rows = []
     for kind in KINDS:
-        found = [
-            (ours, theirs, compare(ours, theirs)) for ours, theirs in pairs if ours.kind == kind
-        ]
-        enough = [min(one.seeds) >= st.DECIDING_SEEDS for *_, one in found]
-        ends: list[Ends] = [_ends(one.difference) for *_, one in found]
-        level = corrected_level([one for one, known in zip(ends, enough, strict=True) if known])
-        for (ours, theirs, one), interval, known in zip(found, ends, enough, strict=True):
-            low, high = interval(1 - level)
-            row: dict[str, Any] = {name: ours.identity[name] for name in COMPARISONS[:4]}
-            row |= {"returns": kind, "a": ours.source, "b": theirs.source}
-            row |= {"seeds_a": one.seeds[0], "seeds_b": one.seeds[1], "steps": one.control_steps}
-            numbers = [n for sample in one[2:] for n in sample.estimate()[:3]]
-            row |= dict(zip(COMPARISONS[10:19], numbers, strict=True))
-            verdict = judged(low, high) if known else "undecided"
+        same = [pair for pair in pairs if pair[0].kind == kind]
+        found = [Comparison(*pair) for pair in same]
+        decidable = [ends(one.sample(IQM_DIFFERENCE)) for one in found if one.decidable]
+        level = corrected_level(decidable)
+        for (ours, theirs), one in zip(same, found, strict=True):
+            row: dict[str, Any] = {**ours.identity, "returns": kind}
+            row |= {"a": ours.source, "b": theirs.source, "steps": one.control_steps}
+            row |= {"seeds_a": len(one.ours.final), "seeds_b": len(one.theirs.final)}
+            for statistic, names in _NUMBERS.items():
+                row |= zip(names, one.sample(statistic).estimate(), strict=False)
+            low, high = ends(one.sample(IQM_DIFFERENCE))(1 - level)
+            verdict = judged(low, high) if one.decidable else "undecided"
             text = f"{verdict}: {difference_text(low, high)}"
             if np.isnan(low):
-                text = f"{signed(one.difference.value)}, too few seeds"
+                text = f"{signed(row['difference'])}, too few seeds"
             elif verdict in ("higher", "lower"):
                 text = f"{ours.source} {difference_text(low, high)}"
             rows.append({**row, "corrected_low": low, "corrected_high": high, "text": text})
     return pd.DataFrame(rows, columns=COMPARISONS)
-
-
-def _ends(sample: st.Sample) -> Ends:
-    return lambda confidence: sample.estimate(confidence)[1:3]
 
 
 def across(
@@ -148,39 +119,30 @@ def pair_frame(
     """Returns the probability that a run of configuration a ends above one of b, both ways.
 
     Only runs on the plain robot are paired, of at least `DECIDING_SEEDS` seeds each that were
-    trained equally long. Columns: task, returns, a, b (configurations), their labels, p with
-    its 95% interval (low, high), decided (as in the verdicts; for others,
+    trained equally long. Columns: task, returns, a, b (configurations), their labels, p with its
+    95% interval (low, high), decided (as in the verdicts on the same kind of return; for others,
     whether 0.5 is outside of the interval that is corrected for the number of pairs), steps (of
     training).
-
-    Args:
-        configurations: of one kind of return.
-        verdicts: see `verdict_frame`; of the same kind of return.
     """
-    known = [
-        (one, scores)
-        for one in verified(configurations)
-        if not one.robots
-        for scores in compared_scores(one)
-        if len(scores.final) >= st.DECIDING_SEEDS
-    ]
+    plain = [one for one in verified(configurations) if not one.robots]
     found = [
-        (one, other, st.samples([st.probability_of_improvement], [ours.final], [theirs.final])[0])
-        for i, (one, ours) in enumerate(known)
-        for other, theirs in known[i + 1 :]
-        if one.task == other.task and ours.control_steps == theirs.control_steps
+        (one, other, compared)
+        for one, other in combinations(plain, 2)
+        if one.task == other.task and int(one.last_step) == int(other.last_step)
+        if (compared := Comparison(one, other)).decidable
     ]
-    level = corrected_level([_ends(sample) for *_, sample in found], _excludes_half)
-    known_verdicts: dict[frozenset[str], bool] = {}
+    samples = [compared.sample(st.probability_of_improvement) for *_, compared in found]
+    level = corrected_level(list(map(ends, samples)), _excludes_half)
+    known: dict[frozenset[str], bool] = {}
     if verdicts is not None:
         final = verdicts[verdicts["claim"] == "a"]
         names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
-        known_verdicts = dict(zip(names, final["verdict"].isin(["higher", "lower"]), strict=True))
+        known = dict(zip(names, final["verdict"].isin(["higher", "lower"]), strict=True))
     rows = []
-    for one, other, sample in found:
+    for (one, other, _), sample in zip(found, samples, strict=True):
         p, low, high, _ = sample.estimate()
         pair = frozenset((one.configuration, other.configuration))
-        decided = known_verdicts.get(pair, _excludes_half(*_ends(sample)(1 - level)))
+        decided = known.get(pair, _excludes_half(*ends(sample)(1 - level)))
         for a, b, *numbers in ((one, other, p, low, high), (other, one, 1 - p, 1 - high, 1 - low)):
             labels = a.task, a.kind, a.configuration, b.configuration, a.label, b.label
             rows.append((*labels, *numbers, decided, int(a.longest)))
@@ -197,9 +159,6 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     The rows of `ALL_TASKS` are of the configurations that were trained on each task; every task has
     the same weight. Columns: `ID`, returns, seeds, final_return, share, low, high (pointwise 95%
     interval, for at least three seeds).
-
-    Args:
-        configurations: of one kind of return.
     """
     groups: dict[str, dict[tuple[str, int], list[Configuration]]] = {}
     for one in (one for one in configurations if len(seed_scores(one).final)):

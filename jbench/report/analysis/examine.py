@@ -10,6 +10,7 @@ unknown.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -30,13 +31,12 @@ from jbench.report.analysis.claims import (
     decide_similar,
     decide_solved,
 )
-from jbench.report.analysis.scores import Scores, compared_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Scores, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.published import CURVE
 from jbench.report.data.returns import EVALUATION, TRAINING, has_solved_return, steps
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import difference
 
 _BAND = "the interval is the 10-90 band, which contains the population median with 97.9%"
 _NO_WIDTH = "the uncertainty of a published band's width is unknown"
@@ -47,7 +47,16 @@ _QUARTILES = (
 _ONE_SEED = "only one seed each is published"
 _PRINTED_STEPS = "PPO's steps are taken as printed"
 _OPPOSITE: dict[Verdict, Verdict] = {"supported": "contradicted", "contradicted": "supported"}
-_IQM = st.difference(st.interquartile_mean)
+_STATISTICS = {
+    "a": (IQM_DIFFERENCE, "final"),
+    "b": (st.ratio(st.standard_deviation), "final"),
+    "c": (IQM_DIFFERENCE, "area"),
+    "e": (st.difference(st.median), "final"),
+    "f": (st.ratio(st.standard_deviation), "final"),
+}
+"""Statistic of each claim on two configurations, and the scores of which it is."""
+
+Pair = tuple[Configuration, Configuration]
 
 
 def examine(configurations: Sequence[Configuration]) -> list[Finding]:
@@ -57,11 +66,37 @@ def examine(configurations: Sequence[Configuration]) -> list[Finding]:
     what the claim is about; each pair at the last control step that every seed of both has reached.
     """
     plain = [one for one in configurations if not one.robots]
-    found = [*_on_representations(plain), *_on_algorithms(plain)]
+    reduced = [
+        (ours, full)
+        for group in differing_in(plain, "representation")
+        for full in group
+        for ours in group
+        if (full.representation, ours.representation) == (FULL, REDUCED)
+    ]
+    found = [one for pair in reduced for one in _on_pair("abc", pair, FULL)]
+    for harder, easier in product(reduced, repeat=2):
+        full, other = harder[1], easier[1]
+        named = (full.task, other.task) == (HARDER, EASIER)
+        if named and full.comparable("task") == other.comparable("task"):
+            found.append(_on_gain(harder, easier))
+    found += [one for pair in _off_policy(plain) for one in _on_pair("ef", pair, ON_POLICY)]
     for one in (one for one in plain if has_solved_return(one.task)):
-        (scores,) = compared_scores(one)
-        found.append(_solves("g", one.name, scores.final, **_common(one)))
+        final = seed_scores(one, int(one.last_step)).final
+        found.append(_solves("g", one.name, final, **_common(one)))
     return found
+
+
+def _off_policy(plain: Sequence[Configuration]) -> Iterator[Pair]:
+    """Yields the pairs of an off-policy algorithm and PPO.
+
+    If both have variants, each is only compared with the first variant of the other algorithm.
+    """
+    for group in differing_in(plain, "algo"):
+        firsts = {one.algo: one for one in reversed(group)}
+        for other in (one for one in group if one.algo in OFF_POLICY):
+            for ppo in (one for one in group if one.algo == ON_POLICY):
+                if other is firsts[other.algo] or ppo is firsts[ON_POLICY]:
+                    yield other, ppo
 
 
 def examine_heuristic(task: str, returns: FloatArray) -> Finding:
@@ -69,18 +104,17 @@ def examine_heuristic(task: str, returns: FloatArray) -> Finding:
     return _solves("h", task, returns, returns=EVALUATION)
 
 
-def _solves(letter: str, compared: str, values: FloatArray, **more: Any) -> Finding:
+def _solves(claim: str, compared: str, values: FloatArray, **more: Any) -> Finding:
     effect = st.estimate(st.median, [values])
-    verdict = decide_solved(effect, len(values))
-    return Finding(letter, compared, effect, len(values), *verdict, **more)
+    return Finding(
+        claim, compared, effect, len(values), *decide_solved(effect, len(values)), **more
+    )
 
 
 def _common(*compared: Configuration) -> dict[str, Any]:
     """Returns the fields that all findings on the same configurations share."""
-    common = min(one.last_step for one in compared)
-    first = compared[0]
-    more = {"steps": int(common), "remark": _cut(*compared)}
-    return {"returns": first.kind, "source": first.source, **more}
+    more = {"steps": int(min(one.last_step for one in compared)), "remark": _cut(*compared)}
+    return {"returns": compared[0].kind, "source": compared[0].source, **more}
 
 
 def _cut(*compared: Configuration) -> str:
@@ -91,51 +125,61 @@ def _cut(*compared: Configuration) -> str:
     return f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
 
 
-def _on_representations(plain: Sequence[Configuration]) -> Iterator[Finding]:
-    """Yields findings on (a) to (d): the reduced order against the full observation."""
-    pairs = [
-        (reduced, full)
-        for group in differing_in(plain, "representation")
-        for full in group
-        for reduced in group
-        if (full.representation, reduced.representation) == (FULL, REDUCED)
-    ]
-    for reduced, full in pairs:
-        ours, theirs = compared_scores(reduced, full)
-        compared, more = f"{reduced.name} against {FULL}", _common(full, reduced)
-        seeds = min(len(theirs.final), len(ours.final))
-        statistics = [_IQM, st.ratio(st.standard_deviation)]
-        similar, spread = st.samples(statistics, [ours.final], [theirs.final])
-        inner, outer = similar.estimate(0.9), similar.estimate()
-        faster = st.estimate(_IQM, [ours.area], [theirs.area])
-        yield Finding("a", compared, inner, seeds, *decide_similar(inner, outer, seeds), **more)
-        yield _on_variability("b", compared, spread.estimate(), ours, theirs, more)
-        yield Finding("c", compared, faster, seeds, *decide(faster, seeds, 0), **more)
-    for harder, full in pairs:
-        for easier, other in pairs:
-            named = (full.task, other.task) == (HARDER, EASIER)
-            if named and full.comparable("task") == other.comparable("task"):
-                yield _on_gain((harder, full), (easier, other))
+def _on_pair(claims: str, pair: Pair, baseline: str) -> Iterator[Finding]:
+    """Yields the findings on some claims, each that the first differs from the second."""
+    one = Comparison(*pair)
+    for claim in claims:
+        sample, more = one.sample(*_STATISTICS[claim]), _common(*pair)
+        effect = sample.estimate()
+        if claim == "a":
+            outer, effect = effect, sample.estimate(0.9)
+            verdict, needed = decide_similar(effect, outer, one.seeds)
+        elif claim in "bf":
+            verdict, needed = decide(effect, one.seeds, 1.0, logarithmic=True)
+            verdict = _without_episodes(claim, one, verdict, more)
+        else:
+            verdict, needed = decide(effect, one.seeds, 0)
+        compared = f"{pair[0].name} against {baseline}"
+        yield Finding(claim, compared, effect, one.seeds, verdict, needed, **more)
 
 
-def _on_gain(
-    harder: tuple[Configuration, Configuration], easier: tuple[Configuration, Configuration]
-) -> Finding:
-    scores = [*compared_scores(*harder), *compared_scores(*easier)]
+def _without_episodes(
+    claim: str, one: Comparison, verdict: Verdict, more: dict[str, Any]
+) -> Verdict:
+    """Returns the verdict on a ratio, undecided if the variation of episodes may explain it.
+
+    Claim (b) is that the first agents vary less, (f) that they vary more.
+
+    Args:
+        more: fields of the finding, of which `by_episodes` is set and the remark is completed.
+    """
+    deviations = (scores.deviation_by_episodes for scores in (one.ours, one.theirs))
+    more["by_episodes"] = _ratio(*deviations)
+    value, low, high = one.of_agents()
+    if not {"supported": low > 0, "contradicted": high < 0}.get(verdict, True):
+        interval = f"difference {value:+.0f} [{low:+.0f}, {high:+.0f}]"
+        reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
+        verdict = "undecided"
+        more["remark"] = "; ".join(filter(None, (reason, more["remark"])))
+    return _OPPOSITE.get(verdict, verdict) if claim == "b" else verdict
+
+
+def _on_gain(harder: Pair, easier: Pair) -> Finding:
+    comparisons = Comparison(*harder), Comparison(*easier)
+    scores = [scores for one in comparisons for scores in (one.ours, one.theirs)]
     effect = st.estimate(_gain_of_gains, *([one.area] for one in scores))
-    seeds = min(len(one.area) for one in scores)
-    full = harder[1]
-    name = ", ".join(filter(None, (full.algo, full.words)))
+    seeds = min(one.seeds for one in comparisons)
+    name = ", ".join(filter(None, (harder[1].algo, harder[1].words)))
     untested = _no_gain_to_compare(scores)
-    verdict, needed = decide(effect, seeds, 0)
+    verdict, needed = ("undecided", None) if untested else decide(effect, seeds, 0)
     more = _common(*harder) | {"steps": min(one.control_steps for one in scores)}
     more["remark"] = "; ".join(filter(None, (untested, _cut(*harder), _cut(*easier))))
-    result = ("undecided", None) if untested else (verdict, needed)
-    return Finding("d", f"{name}: {HARDER} against {EASIER}", effect, seeds, *result, **more)
+    compared = f"{name}: {HARDER} against {EASIER}"
+    return Finding("d", compared, effect, seeds, verdict, needed, **more)
 
 
 def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
-    """Returns why the gains of two tasks test nothing on claim (d); else an empty text.
+    """Returns why gains test nothing on claim (d); else an empty text.
 
     Args:
         scores: of the harder task's reduced order and full observation, then of the easier task's.
@@ -146,59 +190,12 @@ def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
             return (
                 f"no verdict, on {task} both are within {MARGIN:g} of random actions ({random:g})"
             )
-    gain = _IQM([scores[0].area], [scores[1].area])
+    gain = IQM_DIFFERENCE([scores[0].area], [scores[1].area])
     return "" if gain > 0 else f"no verdict, nothing is gained on {HARDER} ({gain:+.0f})"
 
 
 def _gain_of_gains(*strata: st.Strata) -> FloatArray:
-    return _IQM(*strata[:2]) - _IQM(*strata[2:])
-
-
-def _on_algorithms(plain: Sequence[Configuration]) -> Iterator[Finding]:
-    """Yields findings on (e) and (f): off-policy algorithms against PPO.
-
-    If both have variants, each is only compared with the first variant of the other algorithm.
-    """
-    for group in differing_in(plain, "algo"):
-        firsts = {one.algo: one for one in reversed(group)}
-        for other in (one for one in group if one.algo in OFF_POLICY):
-            for ppo in (one for one in group if one.algo == ON_POLICY):
-                if other is not firsts[other.algo] and ppo is not firsts[ON_POLICY]:
-                    continue
-                ours, theirs = compared_scores(other, ppo)
-                compared, more = f"{other.name} against {ON_POLICY}", _common(ppo, other)
-                seeds = min(len(theirs.final), len(ours.final))
-                statistics = [st.difference(st.median), st.ratio(st.standard_deviation)]
-                drawn = st.samples(statistics, [ours.final], [theirs.final])
-                higher, wider = (sample.estimate() for sample in drawn)
-                yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0), **more)
-                yield _on_variability("f", compared, wider, ours, theirs, more)
-
-
-def _on_variability(
-    letter: str,
-    compared: str,
-    ratio: st.Estimate,
-    ours: Scores,
-    theirs: Scores,
-    more: dict[str, Any],
-) -> Finding:
-    """Returns the finding that the first agents vary less (b) or more (f) than the second ones.
-
-    It is undecided if the variation of the episodes may explain the ratio.
-    """
-    seeds = min(len(ours.final), len(theirs.final))
-    verdict, needed = decide(ratio, seeds, 1.0, logarithmic=True)
-    value, low, high = difference(ours.agents, theirs.agents)
-    if not {"supported": low > 0, "contradicted": high < 0}.get(verdict, True):
-        interval = f"difference {value:+.0f} [{low:+.0f}, {high:+.0f}]"
-        reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
-        verdict = "undecided"
-        more = {**more, "remark": "; ".join(filter(None, (reason, more["remark"])))}
-    if letter == "b":
-        verdict = _OPPOSITE.get(verdict, verdict)
-    alone = _ratio(ours.deviation_by_episodes, theirs.deviation_by_episodes)
-    return Finding(letter, compared, ratio, seeds, verdict, needed, by_episodes=alone, **more)
+    return IQM_DIFFERENCE(*strata[:2]) - IQM_DIFFERENCE(*strata[2:])
 
 
 def examine_published(published: pd.DataFrame) -> list[Finding]:
@@ -206,9 +203,6 @@ def examine_published(published: pd.DataFrame) -> list[Finding]:
 
     Returns at the end of training are compared; for (c) and (d), the mean of the median over
     training.
-
-    Args:
-        published: see `read_published`.
     """
     ends = published.groupby(CURVE).last().reset_index()
     ends["name"] = ends["task"] + " " + ends["algo"] + " " + ends["representation"]

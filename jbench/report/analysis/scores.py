@@ -1,5 +1,6 @@
 """Scores of each seed of a configuration, and their statistics across seeds."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -11,7 +12,18 @@ from jbench.report.data.returns import EVALUATION, FINAL_POINTS, SOLVED, has_sol
 from jbench.returns import final_episodes
 from jbench.statistics import BoolArray, FloatArray, IntArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import Agents, components, smallest_difference
+from jbench.statistics.agents import (
+    Agents,
+    Difference,
+    components,
+    difference,
+    smallest_difference,
+)
+
+IQM_DIFFERENCE = st.difference(st.interquartile_mean)
+
+Ends = Callable[[float], tuple[float, float]]
+"""Gives the interval of a number at a confidence."""
 
 
 class Scores(NamedTuple):
@@ -52,25 +64,19 @@ _SCORES: WeakKeyDictionary[Configuration, dict[int | None, Scores]] = WeakKeyDic
 def seed_scores(configuration: Configuration, control_steps: int | None = None) -> Scores:
     """Returns the scores up to a control step; None: over the whole runs."""
     known = _SCORES.setdefault(configuration, {})
-    if control_steps not in known:
-        known[control_steps] = _scores(configuration, control_steps)
-    return known[control_steps]
-
-
-def _scores(configuration: Configuration, control_steps: int | None) -> Scores:
+    if control_steps in known:
+        return known[control_steps]
     lengths = configuration.lengths_up_to(control_steps)
-    if control_steps is None:
-        control_steps = int(configuration.longest)
     within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, configuration.returns, np.nan)
-    final = final_returns(
-        returns, configuration.control_steps, lengths, FINAL_POINTS[configuration.kind]
-    )[0]
+    most = FINAL_POINTS[configuration.kind]
+    final, _ = final_returns(returns, configuration.control_steps, lengths, most)
     area = moving_average(returns, returns.shape[1])[:, 0]
-    known = np.isfinite(final) & np.isfinite(area)
+    usable = np.isfinite(final) & np.isfinite(area)
     deviations, episodes = _episodes(configuration, returns, lengths)
-    numbers = final[known], area[known], deviations[known], episodes[known]
-    return Scores(*numbers, known, control_steps)
+    numbers = final[usable], area[usable], deviations[usable], episodes[usable]
+    end = int(configuration.longest) if control_steps is None else control_steps
+    return known.setdefault(control_steps, Scores(*numbers, usable, end))
 
 
 def _episodes(
@@ -91,10 +97,35 @@ def _episodes(
     return np.array(deviations, float), np.array([len(values) for values in ends], float)
 
 
-def compared_scores(*configurations: Configuration) -> list[Scores]:
-    """Returns the scores up to the last control step that each of their seeds reached."""
-    common = int(min(configuration.last_step for configuration in configurations))
-    return [seed_scores(configuration, common) for configuration in configurations]
+class Comparison:
+    """Two configurations at the last control step that each of their seeds has reached.
+
+    Attributes:
+        ours: scores of the first one, up to `control_steps`.
+        theirs: scores of the second one.
+        seeds: smaller number of seeds with scores.
+        decidable: whether these are enough for a verdict.
+    """
+
+    def __init__(self, ours: Configuration, theirs: Configuration) -> None:
+        self.control_steps = int(min(ours.last_step, theirs.last_step))
+        self.ours, self.theirs = (seed_scores(one, self.control_steps) for one in (ours, theirs))
+        self.seeds = min(len(self.ours.final), len(self.theirs.final))
+        self.decidable = self.seeds >= st.DECIDING_SEEDS
+
+    def sample(self, statistic: st.Statistic, scores: str = "final") -> st.Sample:
+        """Returns a statistic of the scores of both: `final`, or `area`."""
+        groups = ([getattr(one, scores)] for one in (self.ours, self.theirs))
+        return st.samples([statistic], *groups)[0]
+
+    def of_agents(self, confidence: float = 0.95) -> Difference:
+        """Returns the difference of the standard deviations between agents."""
+        return difference(self.ours.agents, self.theirs.agents, confidence)
+
+
+def ends(sample: st.Sample) -> Ends:
+    """Returns the intervals of a statistic."""
+    return lambda confidence: sample.estimate(confidence)[1:3]
 
 
 def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
@@ -126,10 +157,10 @@ def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
 
 def _intervals(statistics: dict[str, st.Statistic], scores: FloatArray) -> dict[str, float]:
     row: dict[str, float] = {}
-    drawn = st.samples(list(statistics.values()), [scores])
-    for name, sample in zip(statistics, drawn, strict=True):
-        value, low, high, _ = sample.estimate()
-        row |= {name: value, f"{name}_low": low, f"{name}_high": high}
+    for name, sample in zip(
+        statistics, st.samples(list(statistics.values()), [scores]), strict=True
+    ):
+        row |= zip((name, f"{name}_low", f"{name}_high"), sample.estimate(), strict=False)
     return row
 
 
@@ -140,4 +171,4 @@ def _steps_to_solved(configuration: Configuration, curve: Curve) -> FloatArray:
     """
     known = np.isfinite(configuration.returns).any(axis=1)
     at = moving_average(configuration.control_steps[known], curve.window)
-    return steps_to_threshold(curve.each[known][:, curve.full], at, SOLVED)
+    return steps_to_threshold(curve.each[known][:, curve.widths == curve.window], at, SOLVED)

@@ -21,7 +21,7 @@ import pandas as pd
 
 from jbench.names import FULL, kind_of
 from jbench.report.analysis.claims import MARGIN
-from jbench.report.analysis.scores import compared_scores, seed_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Ends, ends, seed_scores
 from jbench.report.data.configuration import (
     ID,
     Configuration,
@@ -33,7 +33,6 @@ from jbench.report.data.configuration import (
 from jbench.report.data.returns import EVALUATION, KINDS, signed, whole
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import difference
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.statistics.step_down import decide
 
@@ -70,9 +69,6 @@ _DECIDED = {"larger": "higher", "smaller": "lower", "equal": "similar"}
 _TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
 _MAX_SEEDS = 30  # of the group-sequential test
 
-Ends = Callable[[float], tuple[float, float]]
-"""Gives the interval of a number at a confidence."""
-
 
 def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFrame) -> pd.DataFrame:
     """Returns the verdicts on each reduced representation against each baseline.
@@ -81,15 +77,16 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
     variability, c: speed), verdict, mark, value with its 95% interval (low, high), corrected_low
     and corrected_high (the interval that decides), corrected_by, text, seeds, steps. Beside reduced
     representations, `scaled` is compared with `full`: the effect of scaling alone.
-
-    Args:
-        decisions: see `decision_frame`.
     """
     keys = ["source", "task", "algo", "representation", "against"]
     listed = {tuple(row[key] for key in keys): row for row in decisions.to_dict("records")}
     rows: list[dict[str, Any]] = []
     for kind in KINDS:
-        asked = list(_questions(with_returns(configurations, kind)))
+        asked = [
+            _Question(ours, theirs, claim)
+            for ours, theirs in _pairs(with_returns(configurations, kind))
+            for claim in _WORDS
+        ]
         for claim in _WORDS:
             free = []
             for one in (one for one in asked if one.claim == claim):
@@ -111,31 +108,22 @@ class _Question:
     """A claim on two configurations, and its row of `verdict_frame`."""
 
     def __init__(self, ours: Configuration, theirs: Configuration, claim: str) -> None:
-        one, other = compared_scores(ours, theirs)
-        self.claim, self.seeds = claim, min(len(one.final), len(other.final))
+        one = Comparison(ours, theirs)
+        self.claim, self.decidable = claim, one.decidable
         if claim == "b":
-            agents = one.agents, other.agents
-            value = difference(*agents).value
-            self.ends: Ends = lambda confidence: difference(*agents, confidence)[1:]
+            value, low, high = one.of_agents()
+            self.ends: Ends = lambda confidence: one.of_agents(confidence)[1:]
         else:
-            name = "final" if claim == "a" else "area"
-            groups = [getattr(one, name)], [getattr(other, name)]
-            (sample,) = st.samples([st.difference(st.interquartile_mean)], *groups)
-            value = sample.value
-            self.ends = lambda confidence: sample.estimate(confidence)[1:3]
-        low, high = self.ends(0.95)
-        against = shown_representation(theirs.representation)
+            sample = one.sample(IQM_DIFFERENCE, "final" if claim == "a" else "area")
+            value, low, high, _ = sample.estimate()
+            self.ends = ends(sample)
         self.row: dict[str, Any] = {
-            **{**ours.identity, "returns": ours.kind, "against": against, "claim": claim},
+            **{**ours.identity, "returns": ours.kind, "claim": claim},
+            "against": shown_representation(theirs.representation),
             "baseline": theirs.configuration,
             **{"value": value, "low": low, "high": high},
-            **{"seeds": self.seeds, "steps": one.control_steps},
+            **{"seeds": one.seeds, "steps": one.control_steps},
         }
-
-    @property
-    def decidable(self) -> bool:
-        """Whether there are enough seeds for a verdict."""
-        return self.seeds >= st.DECIDING_SEEDS
 
     def judge(self, low: float, high: float, by: str, verdict: str | None = None) -> None:
         """Adds the verdict, by default that of a corrected interval."""
@@ -155,14 +143,14 @@ class _Question:
         self.row |= {"corrected_low": low, "corrected_high": high, "corrected_by": by}
 
 
-def _questions(configurations: Sequence[Configuration]) -> Iterator[_Question]:
+def _pairs(
+    configurations: Sequence[Configuration],
+) -> Iterator[tuple[Configuration, Configuration]]:
     for group in differing_in(configurations, "representation"):
         baselines = {kind_of(one.representation): one for one in reversed(group)}
         for ours in group:
             others = {FULL: (), SCALED: (FULL,)}.get(kind_of(ours.representation), BASELINES)
-            for theirs in (baselines[name] for name in others if name in baselines):
-                for claim in _WORDS:
-                    yield _Question(ours, theirs, claim)
+            yield from ((ours, baselines[name]) for name in others if name in baselines)
 
 
 def judged(low: float, high: float, claim: str = "a") -> str:

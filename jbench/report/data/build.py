@@ -15,18 +15,12 @@ import pyarrow as pa
 from jbench.names import EPISODE_STEPS, ReturnsName
 from jbench.report.data.configuration import OWN, Configuration, paper_order, with_unique_names
 from jbench.report.data.curves import BAND_SEEDS
-from jbench.report.data.points import (
-    NOTHING,
-    count_divergence,
-    evaluation_points,
-    stacked,
-    training_points,
-)
+from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.settings.alike import comparable
 from jbench.settings.run import parse_run
 from jbench.settings.variants import variant_words
-from jbench.statistics import BoolArray, FloatArray, IntArray
+from jbench.statistics import BoolArray, IntArray
 from jbench.wording import are, counted
 
 _KEY = ["task", "algo", "representation", "variant"]
@@ -34,7 +28,7 @@ _ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, 
 _NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
 Points = Mapping[ReturnsName, Mapping[str, pd.DataFrame]]
-"""Points of runs in order, with the columns `points.FIELDS`, by kind of return and run."""
+"""Points by kind of return and run; see `run_points`."""
 
 
 def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
@@ -73,14 +67,10 @@ def build(
     """Returns the configurations in the order of the paper, and notes on runs that are in none.
 
     Runs with the same settings have training returns if any has training episodes, and evaluation
-    returns if any was evaluated.
-
-    Args:
-        runs: see `usable_runs`.
-        episodes: the table of that name; may contain other runs.
-        evaluations: the table of that name; may contain other runs.
+    returns if any was evaluated. The tables of episodes and evaluations may contain other runs.
     """
-    points = {TRAINING: training_points(episodes), EVALUATION: evaluation_points(evaluations)}
+    tables: dict[ReturnsName, pa.Table] = {TRAINING: episodes, EVALUATION: evaluations}
+    points = {kind: run_points(table, kind) for kind, table in tables.items()}
     recorded = [
         len(points[TRAINING].get(run, points[EVALUATION].get(run, NOTHING))) for run in runs["run"]
     ]
@@ -111,12 +101,9 @@ def build(
 def _build_kinds(
     same: pd.DataFrame, points: Points, words: str, source: str
 ) -> list[Configuration]:
-    """Returns a configuration for each kind of return that its runs have.
+    """Returns a configuration for each kind of return of runs, the longest of each seed first.
 
     Diverged runs have training returns, and evaluations if all runs diverged and planned them.
-
-    Args:
-        same: the runs of these settings, the longest of each seed first.
     """
     chosen = same.drop_duplicates("seed")
     diverged = chosen["divergence"].notna()
@@ -146,13 +133,19 @@ def _build(
     chosen = chosen[~missing]
     points = stacked([recorded.get(run, NOTHING) for run in chosen["run"]], kind)
     absent = (np.isnan(points["returns"]) & np.isfinite(points["control_steps"])).sum(axis=1)
-    planned = int(chosen["steps"].fillna(0).max())
+    typed = chosen["steps"].fillna(0).to_numpy(np.int64)
+    planned = int(typed.max())
     diverged = chosen["divergence"].notna().to_numpy()
     at = np.array([one[0] if isinstance(one, tuple) else np.nan for one in chosen["divergence"]])
     if diverged.any():
         points = count_divergence(points, at, planned, kind)
     present = np.isfinite(points["control_steps"])
     lengths = np.max(np.where(present, np.arange(present.shape[1]) + 1, 0), axis=1)
+    finished = (chosen["status"] == "finished").to_numpy()
+    ends = points["control_steps"][np.arange(len(chosen)), lengths - 1]
+    steps = np.where(finished & (typed > 0), typed, ends).astype(np.int64)
+    if diverged.any() and not diverged.all():
+        steps[diverged] = np.maximum(steps[diverged], steps[~diverged].max())
     first = chosen.iloc[0]
     robots = 0 if first["typed"].augment is None else first["typed"].robots
     episodes = max(planned // EPISODE_STEPS, present.shape[1])
@@ -162,9 +155,9 @@ def _build(
         **fields,
         seeds=chosen["seed"].to_numpy(np.int64),
         lengths=lengths.astype(np.int64),
-        steps=_steps(chosen, points["control_steps"], lengths),
+        steps=steps,
         diverged=diverged,
-        finished=(chosen["status"] == "finished").to_numpy(),
+        finished=finished,
         notes=(*notes, *_notes_on_points(chosen["seed"], present, absent, kind)),
         robots=robots,
         robot_episodes=-(-episodes // robots) if robots else 0,
@@ -174,24 +167,8 @@ def _build(
     )
 
 
-def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -> IntArray:
-    """Returns the control steps that each seed was trained for."""
-    ends = control_steps[np.arange(len(chosen)), lengths - 1].astype(np.int64)
-    planned = chosen["steps"].fillna(0).to_numpy(np.int64)
-    finished = (chosen["status"] == "finished").to_numpy() & (planned > 0)
-    steps = np.where(finished, planned, ends)
-    diverged = chosen["divergence"].notna().to_numpy()
-    if diverged.any() and not diverged.all():
-        steps[diverged] = np.maximum(steps[diverged], steps[~diverged].max())
-    return np.asarray(steps, np.int64)
-
-
 def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) -> list[str]:
-    """Returns notes on unusual runs.
-
-    Args:
-        same: runs of these settings, of which some are chosen.
-    """
+    """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
     notes = []
     point = _NAMES[kind][0]
     if len(chosen) < BAND_SEEDS:
@@ -226,12 +203,7 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
 def _notes_on_points(
     seeds: pd.Series, present: BoolArray, absent: IntArray, kind: ReturnsName
 ) -> list[str]:
-    """Returns notes on non-finite returns, and on evaluations at different steps.
-
-    Args:
-        present: (seeds, points) whether a seed has a point there.
-        absent: (seeds,) number of points without a return.
-    """
+    """Returns notes on non-finite returns (seeds,), and on evaluations at different steps."""
     notes = [
         f"{counted(count, _NAMES[kind][1])} of seed {seed} {are(count)} not finite and left out"
         for seed, count in zip(seeds, absent, strict=True)

@@ -8,7 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from jbench.names import Order
 from jbench.report.request import WINDOW
 from jbench.returns import FINAL_EPISODES, final_episodes
-from jbench.statistics import BoolArray, FloatArray, IntArray
+from jbench.statistics import FloatArray, IntArray
 
 QUANTILES = (10, 25, 50, 75, 90)
 """Percent, across seeds."""
@@ -46,12 +46,6 @@ class Curve:
         """Returns one of the `QUANTILES`, (points,)."""
         row: FloatArray = self.quantiles[QUANTILES.index(percent)]
         return row
-
-    @property
-    def full(self) -> BoolArray:
-        """Whether each point (points,) averages a whole window."""
-        whole: BoolArray = self.widths == self.window
-        return whole
 
 
 def learning_curve(

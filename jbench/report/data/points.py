@@ -79,28 +79,27 @@ def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
     return named[columns]
 
 
-def training_points(episodes: pa.Table) -> dict[str, pd.DataFrame]:
-    """Returns the training episodes of each run in order; runs without episodes are left out."""
-    frame = _finite(episodes, "episode").sort_values("episode", kind="stable")
-    points = frame.rename(columns={"episode_return": "returns"}).assign(deviations=np.nan, counts=1)
+def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, pd.DataFrame]:
+    """Returns the points in order of each run that has any, with the columns `FIELDS`.
+
+    A point is a training episode, or the mean over the episodes of an evaluation. Numbers that are
+    not finite are NaN.
+    """
+    number = "episode" if kind == TRAINING else "evaluation"
+    columns = table.select(["run", number, *POINT]).unify_dictionaries()
+    rows: pd.DataFrame = columns.to_pandas(use_threads=False).astype(dict.fromkeys(POINT, float))
+    rows[POINT] = rows[POINT].where(np.isfinite(rows[POINT]))
+    if kind == TRAINING:
+        points = rows.sort_values(number, kind="stable").assign(deviations=np.nan, counts=1)
+        points = points.rename(columns={"episode_return": "returns"})
+    else:
+        grouped = rows.groupby(["run", number], observed=True)
+        returns = grouped["episode_return"]  # ignores NaN
+        points = grouped[["control_steps", "processor_time"]].max()
+        points = points.assign(
+            returns=returns.mean(), deviations=returns.std(), counts=returns.count()
+        )
     return {str(run): group for run, group in points.groupby("run", observed=True)}
-
-
-def evaluation_points(evaluations: pa.Table) -> dict[str, pd.DataFrame]:
-    """Returns the evaluations of each run in order, each the mean over its episodes."""
-    grouped = _finite(evaluations, "evaluation").groupby(["run", "evaluation"], observed=True)
-    points = grouped[["control_steps", "processor_time"]].max()
-    returns = grouped["episode_return"]  # ignores NaN
-    points = points.assign(returns=returns.mean(), deviations=returns.std(), counts=returns.count())
-    return {str(run): group for run, group in points.groupby("run", observed=True)}
-
-
-def _finite(table: pa.Table, number: str) -> pd.DataFrame:
-    """Returns the rows of points, with NaN for numbers that are not finite."""
-    rows = table.select(["run", number, *POINT]).unify_dictionaries()
-    frame: pd.DataFrame = rows.to_pandas(use_threads=False).astype(dict.fromkeys(POINT, float))
-    frame[POINT] = frame[POINT].where(np.isfinite(frame[POINT]))
-    return frame
 
 
 def stacked(runs: Sequence[pd.DataFrame], kind: ReturnsName) -> dict[str, FloatArray]:
@@ -127,7 +126,7 @@ def count_divergence(
 
     Args:
         at: (seeds,) control steps until the divergence; NaN if the seed did not diverge.
-        planned: planned control steps, to which all seeds are extended if all diverged.
+        planned: control steps, to which all seeds are extended if all diverged.
     """
     planned = max(planned, int(np.nanmax(at)))
     if np.isfinite(at).all():

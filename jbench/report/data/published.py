@@ -35,9 +35,7 @@ def read_published(table: pa.Table) -> pd.DataFrame:
 
     Columns: figure (`Figure 9`, or `SEQUENCE`), task, algo, representation, steps (center of the
     window, as printed), q10, q25, median, q75, q90 (NaN if a figure lacks them), source, seeds.
-
-    Args:
-        table: of the name `published`. Figure 8 with a wider, estimated band is left out.
+    Figure 8 with a wider, estimated band is left out.
     """
     rows: pd.DataFrame = table.to_pandas(use_threads=False)
     rows = rows[rows["figure"] != "fig8-10-90"]
@@ -60,15 +58,11 @@ def imported_curve(configuration: Configuration, curve: Curve) -> pd.DataFrame:
     """Returns an imported curve in the form of a published one."""
     known = curve.seeds > 0
     percents = QUANTILES if len(configuration.seeds) >= BAND_SEEDS else (50,)
-    names: dict[str, Any] = {
-        "figure": IMPORTED,
-        "task": configuration.task,
-        "algo": configuration.algo,
-        "source": IMPORTED,
-    }
-    names |= {"representation": configuration.representation, "seeds": len(configuration.seeds)}
-    values = {NAMES[f"q{percent}"]: curve.quantile(percent)[known] for percent in percents}
-    return pd.DataFrame({**names, "steps": curve.control_steps[known], **values})
+    values: dict[str, Any] = {"figure": IMPORTED, "source": IMPORTED}
+    values |= {name: getattr(configuration, name) for name in CURVE[1:]}
+    values |= {"seeds": len(configuration.seeds), "steps": curve.control_steps[known]}
+    values |= {NAMES[f"q{percent}"]: curve.quantile(percent)[known] for percent in percents}
+    return pd.DataFrame(values)
 
 
 def best_median(

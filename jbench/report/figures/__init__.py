@@ -27,7 +27,8 @@ MAKERS = (
     shares.positions,
     curves.augmented_sequences,
 )
-"""Functions that make a figure of frames, in the order of the page; None without enough data."""
+"""Functions that make a figure of frames, in the order of the page; None or no panels without
+enough data."""
 
 
 def cleaned(frames: Frames) -> Frames:
@@ -53,7 +54,8 @@ def _clean_texts(frame: pd.DataFrame) -> pd.DataFrame:
 
 def charts(frames: Frames) -> list[Chart]:
     """Returns the figures that there are data for; see `cleaned`."""
-    return [chart for make in MAKERS if (chart := make(frames)) is not None]
+    made = (make(frames) for make in MAKERS)
+    return [chart for chart in made if chart is not None and chart.panels]
 
 
 def drawings(frames: Frames) -> dict[str, Callable[[int | None], Figure]]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import matplotlib as mpl
 import pandas as pd
@@ -15,6 +16,9 @@ from jbench.report.figures.marks import shortened
 from jbench.report.style import Look
 
 Draw = Callable[[Axes], None]
+
+ROWS: Any = {"columns": 2, "alike": False, "minimum": 440}
+"""Fields of a chart whose panels have names beside their rows."""
 
 _WIDTHS = {1: 3.5, 2: 7.15, None: 9.0}
 """Width of a file in inches, by columns of a paper."""
@@ -92,12 +96,13 @@ class Chart:
             for axes in grid.flat[len(self.panels) :]:
                 axes.remove()
             if self.legend:
+                marks = [
+                    Line2D([], [], color=look.color, linestyle=look.line, marker=look.marker)
+                    for look in self.legend.values()
+                ]
                 figure.legend(
-                    [
-                        Line2D([], [], color=look.color, linestyle=look.line, marker=look.marker)
-                        for look in self.legend.values()
-                    ],
-                    [shortened(name) for name in self.legend],
+                    marks,
+                    list(map(shortened, self.legend)),
                     loc="outside upper left",
                     ncols=-(-len(self.legend) // legend_rows),
                     handlelength=1.8,
@@ -111,10 +116,21 @@ class Chart:
 
 
 def by_task(
-    rows: pd.DataFrame, draw: Callable[..., None], width: float = 4.2, height: float = 2.5
+    rows: pd.DataFrame,
+    draw: Callable[..., None],
+    width: float = 4.2,
+    height: float | Callable[[pd.DataFrame], float] = 2.5,
+    by: Sequence[str] = ("task",),
 ) -> list[Panel]:
-    """Returns a panel for each task, which a function draws of its rows on axes."""
+    """Returns a panel for each task, or other group, which a function draws of its rows on axes.
+
+    The title is the last name of the group.
+    """
     return [
-        Panel(str(task), {"": partial(draw, group)}, (width, height))
-        for task, group in rows.groupby("task", sort=False)
+        Panel(
+            str(names[-1]),
+            {"": partial(draw, group)},
+            (width, height(group) if callable(height) else height),
+        )
+        for names, group in rows.groupby([*by], sort=False)
     ]

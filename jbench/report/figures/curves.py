@@ -181,11 +181,11 @@ def draw_curves(
     x: str = "control steps",
     y: str = "return",
 ) -> None:
-    """Draws the curves of a panel.
+    """Draws the curves of a panel, of one kind of return.
 
     Args:
-        rows: rows of `frames.curves` of one kind of return, with a column `series`.
-        published: rows of `frames.published`, with a column `series`; those of the task are drawn.
+        rows: rows of `frames.curves`, with a column `series`, as in `published`.
+        published: rows of `frames.published`; those of the task are drawn.
         baselines: rows of `frames.baselines` of the task.
         each: `frames.run_curves`; drawn where there are too few seeds for a band.
     """

@@ -91,23 +91,13 @@ def add_line(
     add_points(axes, np.asarray(x)[shown], np.asarray(y)[shown], texts, look, size=size, seen=seen)
 
 
-def add_interval(axes: Axes, place: float, low: float, high: float, look: Look) -> None:
-    """Draws an interval in a row; one without an upper end reaches the edge."""
-    if np.isfinite(low):
-        ends = [low, high if np.isfinite(high) else 1e6]
-        axes.plot(
-            ends, [place] * 2, color=look.color, linewidth=2.2, solid_capstyle="butt",
-            gid=look.series,
-        )  # fmt: skip
-
-
 def add_rows(
     axes: Axes,
     rows: pd.DataFrame,
     looks: Mapping[str, Look],
     *,
     value: str,
-    ends: tuple[str, str],
+    ends: tuple[str, str] | None = None,
     look: str = "kind",
     hollow: Any = None,
 ) -> None:
@@ -115,15 +105,21 @@ def add_rows(
 
     Args:
         rows: with a column `name`.
+        ends: columns of the interval; by default those of the value, …_low and …_high.
         look: column of the names in `looks`.
         hollow: whether each mark is hollow.
     """
     for place, row in enumerate(rows.to_dict("records")):
-        low, high = row[ends[0]], row[ends[1]]
-        add_interval(axes, place, low, high, looks[row[look]])
+        drawn, (low, high) = (
+            looks[row[look]],
+            (row[n] for n in ends or (f"{value}_low", f"{value}_high")),
+        )
+        if np.isfinite(low):  # an interval without an upper end reaches the edge
+            interval = [low, high if np.isfinite(high) else 1e6]
+            line: Any = {"color": drawn.color, "solid_capstyle": "butt", "gid": drawn.series}
+            axes.plot(interval, [place] * 2, linewidth=2.2, **line)
         tip = f"{row['name']}: {interval_text(row[value], low, high)}"
         tip += f", n = {row['seeds']}" if "seeds" in row else ""
-        drawn = looks[row[look]]
         blank = hollow is not None and bool(hollow[place])
         add_points(axes, [row[value]], [place], [tip], drawn, size=7.5, hollow=blank)
     name_rows(axes, rows["name"])

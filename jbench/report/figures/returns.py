@@ -10,7 +10,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.figures.chart import Chart, Panel, by_task
+from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.figures.marks import (
     PLAIN,
     ROW,
@@ -44,23 +44,20 @@ def forest(frames: Frames) -> Chart | None:
     for task, group in rows.groupby("task", sort=False):
         policies = frames.baselines[frames.baselines["task"] == task]
         height = 0.55 + ROW * (len(group) + len(policies))
-        draw = partial(draw_forest, group, looks=looks, seeds=seeds, policies=policies)
+        draw = partial(_draw_forest, group, looks=looks, seeds=seeds, policies=policies)
         panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
         known = group[group["s"].notna()]
         if len(known) > 1:
-            draw, height = partial(draw_variability, known, looks=looks), 0.55 + ROW * len(known)
+            draw, height = partial(_draw_variability, known, looks=looks), 0.55 + ROW * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
     note = (
         "large mark: interquartile mean with 95% interval; dots: seeds with twice their standard "
         "error; |: the paper's training return"
     )
-    return Chart(
-        "returns", "Final returns", note, panels, "configurations", looks,
-        columns=2, alike=False, minimum=440,
-    )  # fmt: skip
+    return Chart("returns", "Final returns", note, panels, "configurations", looks, **ROWS)
 
 
-def draw_forest(
+def _draw_forest(
     rows: pd.DataFrame,
     axes: Axes,
     *,
@@ -68,22 +65,14 @@ def draw_forest(
     seeds: pd.DataFrame,
     policies: pd.DataFrame,
 ) -> None:
-    """Draws the final returns of a task: the interquartile mean, its interval, and all seeds.
-
-    Args:
-        rows: rows of `frames.configurations` of one task and kind of return.
-        seeds: rows of `frames.seeds`.
-        policies: rows of `frames.baselines`.
-    """
+    """Draws the final returns of a task: the interquartile mean, its interval, and all seeds."""
     seeds = seeds[seeds["configuration"].isin(rows["configuration"]) & seeds["final"].notna()]
     for place, row in enumerate(rows.to_dict("records")):
         look, mine = looks[row["kind"]], seeds[seeds["configuration"] == row["configuration"]]
         final, below = mine["final"], np.full(len(mine), place + 0.27)
         error = 2 * mine["episode_sd"] / np.sqrt(mine["episodes"])
-        axes.hlines(
-            below, final - error, final + error, color=look.color, alpha=0.35, linewidth=0.8,
-            gid=look.series,
-        )  # fmt: skip
+        thin: Any = {"color": look.color, "alpha": 0.35, "linewidth": 0.8, "gid": look.series}
+        axes.hlines(below, final - error, final + error, **thin)
         tips = [
             f"seed {seed}: {value:.0f}" + (f" ± {twice:.0f}" if np.isfinite(twice) else "")
             for seed, value, twice in zip(mine["seed"], final, error, strict=True)
@@ -92,7 +81,7 @@ def draw_forest(
         if np.isfinite(row["published"]):
             tip = f"{row['name']}, the paper's training return: {row['published']:.0f}"
             add_points(axes, [row["published"]], [place], [tip], look._replace(marker="|"), size=11)
-    add_rows(axes, rows, looks, value="iqm", ends=("iqm_low", "iqm_high"))
+    add_rows(axes, rows, looks, value="iqm")
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
     apart = Look(style.SOFT, (), "D", len(looks))
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
@@ -106,22 +95,14 @@ def draw_forest(
     axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))
 
 
-def draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
-    """Draws the standard deviation s between agents' expected returns; hollow if it may be 0.
-
-    Args:
-        rows: rows of `frames.configurations` of one task and kind of return, with s.
-    """
-    add_rows(
-        axes, rows, looks, value="s", ends=("s_low", "s_high"),
-        hollow=~(rows["s_low"].to_numpy() > 0),
-    )  # fmt: skip
+def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
+    """Draws the standard deviation s between agents' expected returns; hollow if it may be 0."""
+    add_rows(axes, rows, looks, value="s", hollow=~(rows["s_low"].to_numpy() > 0))
     # A few configurations with few seeds have intervals that would hide all others.
     ends = rows["s_high"][np.isfinite(rows["s_high"])]
     widest = min(float(ends.max()), 3 * float(ends.median()))
     highest = max(1.0, 1.2 * float(rows["s"].max()), widest)
-    axes.set_xlim(-0.02 * highest, highest)
-    axes.set_xlabel("s, standard deviation")
+    axes.set(xlim=(-0.02 * highest, highest), xlabel="s, standard deviation")
 
 
 def comparisons(frames: Frames) -> Chart | None:
@@ -151,30 +132,27 @@ def errors(frames: Frames) -> Chart | None:
         return None
     settings = rows["settings"].fillna("")
     unsized = rows["representation"].str.replace(r"(?<=[a-z])\d+", "", n=1, regex=True)
-    rows = rows.assign(series=(unsized + " " + settings).str.strip())
-    rows = rows.assign(name=(rows["representation"] + " " + settings).str.strip())
+    rows = rows.assign(
+        series=(unsized + " " + settings).str.strip(),
+        name=(rows["representation"] + " " + settings).str.strip(),
+    )
     looks = style.representation_looks(rows, "series")
     panels = []
     for task, group in rows.groupby("task", sort=False):
         by_size = group.groupby("series")["latents"].nunique().max() > 1
         size = (4.2, 2.6) if by_size else (5.2, 0.7 + ROW * len(group))
-        draw = partial(draw_errors, group.sort_values("latents") if by_size else group, looks=looks)
+        group = group.sort_values("latents") if by_size else group
+        draw = partial(_draw_errors, group, looks=looks, by_size=by_size)
         panels.append(Panel(str(task), {"": draw}, size))
     note = "filled: held-out episodes of the dataset; hollow: episodes of the hand-written policy"
-    return Chart(
-        "encoders", "Reconstruction error by encoder", note, panels, "encoders", looks,
-        columns=2, alike=False, minimum=440,
-    )  # fmt: skip
+    title = "Reconstruction error by encoder"
+    return Chart("encoders", title, note, panels, "encoders", looks, **ROWS)
 
 
-def draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
-    """Draws the unexplained variance of encoders.
-
-    Args:
-        rows: rows of `frames.encoders` of one task, with columns `series` and `name`; several
-            sizes of a series are drawn against the number of latents.
-    """
-    by_size = rows.groupby("series")["latents"].nunique().max() > 1
+def _draw_errors(
+    rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look], by_size: bool
+) -> None:
+    """Draws the unexplained variance of encoders, in rows or against the number of latents."""
     places = dict(zip(rows["name"], range(len(rows)), strict=False))
     # The filled mark is the smaller one, so that both are seen where errors are equal.
     for column, hollow in (("heuristic", True), ("test", False)):
@@ -184,56 +162,46 @@ def draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) ->
                 f"{one}: {value:.3g} not explained"
                 for one, value in zip(group["name"], group[column], strict=True)
             ]
+            x, y, size = errors, group["name"].map(places), 8 if hollow else 5
             if by_size:
-                width = 0.8 if hollow else 1.6
-                line: Any = {"color": look.color, "linestyle": look.line, "linewidth": width}
-                axes.plot(group["latents"], errors, gid=look.series, **line)
-                add_points(axes, group["latents"], errors, tips, look, size=5, hollow=hollow)
-            else:
-                at = group["name"].map(places)
-                add_points(axes, errors, at, tips, look, size=8 if hollow else 5, hollow=hollow)
+                x, y, size = group["latents"], errors, 5
+                line: Any = {"linestyle": look.line, "linewidth": 0.8 if hollow else 1.6}
+                axes.plot(x, y, color=look.color, gid=look.series, **line)
+            add_points(axes, x, y, tips, look, size=size, hollow=hollow)
+    axis = axes.yaxis if by_size else axes.xaxis
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
-        axes.yaxis.set_major_formatter(PLAIN)
     else:
         name_rows(axes, rows["name"])
         axes.set(xscale="log", xlabel="fraction of the variance not explained")
-        axes.xaxis.set_major_formatter(PLAIN)
+    axis.set_major_formatter(PLAIN)
 
 
-def predictions(frames: Frames) -> Chart | None:
+def predictions(frames: Frames) -> Chart:
     """Returns final returns against what latents predict of the next control step."""
     rows = frames.predictions
     looks = style.representation_looks(rows, "representation")
+    counts = rows.groupby(["task", "algo"])["configuration"].transform("nunique")
+
+    def draw(rows: pd.DataFrame, axes: Axes) -> None:
+        for row in rows.to_dict("records"):
+            look, at = looks[row["representation"]], max(row["r2"], 0.0)
+            if np.isfinite(row["low"]):
+                axes.plot([at, at], [row["low"], row["high"]], color=look.color, gid=look.series)
+            tip = f"{row['label']}: {row['iqm']:.0f}, R² {row['r2']:.2f}"
+            add_points(axes, [at], [row["iqm"]], [tip], look, size=6)
+        axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
+        axes.set(xlim=(-0.03, 1.03), ylim=(0, 1000))
+        if narrow(axes):
+            axes.xaxis.set_major_locator(ticker.MaxNLocator(3))
+
+    rows = rows.assign(panel=rows["task"] + ", " + rows["algo"])[counts >= _NARROW]
     panels = [
-        Panel(f"{task}, {algo}", {"": partial(draw_predictions, points, looks=looks)}, (3.2, 2.3))
-        for (task, algo), group in rows.groupby(["task", "algo"], sort=False)
-        if group["configuration"].nunique() >= _NARROW
-        for _, points in group.groupby("quantity", sort=False)
+        panel
+        for _, group in rows.groupby("panel", sort=False)
+        for panel in by_task(group, draw, 3.2, 2.3, by=["quantity", "panel"])
     ]
-    if not panels:
-        return None
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"
-    return Chart(
-        "predictions", "Return against what latents predict", note, panels, "predictions", looks,
-        columns=4, alike=False, minimum=260,
-    )  # fmt: skip
-
-
-def draw_predictions(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
-    """Draws final returns against an R².
-
-    Args:
-        rows: rows of `frames.predictions` of one task, algorithm and quantity.
-    """
-    for row in rows.to_dict("records"):
-        look, at = looks[row["representation"]], max(row["r2"], 0.0)
-        if np.isfinite(row["low"]):
-            axes.plot([at, at], [row["low"], row["high"]], color=look.color, gid=look.series)
-        tip = f"{row['label']}: {row['iqm']:.0f}, R² {row['r2']:.2f}"
-        add_points(axes, [at], [row["iqm"]], [tip], look, size=6)
-    axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
-    axes.set(xlim=(-0.03, 1.03), ylim=(0, 1000))
-    if narrow(axes):
-        axes.xaxis.set_major_locator(ticker.MaxNLocator(3))
+    name, title = "predictions", "Return against what latents predict"
+    return Chart(name, title, note, panels, name, looks, columns=4, alike=False, minimum=260)

@@ -1,7 +1,6 @@
 """Shares: pairs of configurations, performance profiles, motor velocities and positions."""
 
-from collections.abc import Collection, Mapping
-from functools import partial
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -11,10 +10,9 @@ from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.analysis.compare import ALL_TASKS
-from jbench.report.figures.chart import Chart, Panel, by_task
+from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.figures.marks import PLAIN, add_line, add_solved, shortened
 from jbench.report.frames import Frames
-from jbench.report.style import Look
 
 _PROFILES = 6  # lines that can be told apart
 _SHARES = colors.LinearSegmentedColormap.from_list("share", ["#e08214", "#f3f1ee", "#4d8fc4"])
@@ -23,46 +21,32 @@ _TARGET = "#d00000"
 _FULL_SPEED = 180  # rad/s, an observed velocity of 1
 
 
-def pairs(frames: Frames) -> Chart | None:
+def pairs(frames: Frames) -> Chart:
     """Returns the probability that a run of one configuration ends above one of another."""
-    panels = []
-    for task, rows in frames.pairs.groupby("task", sort=False):
-        # Those that are compared with one other only, such as of another length, say little.
-        counts = rows.groupby("a")["b"].nunique()
-        kept = counts.index[counts > 1]
-        rows = rows[rows["a"].isin(kept) & rows["b"].isin(kept)]
-        if (count := rows["a"].nunique()) > 2:
-            panels.append(
-                Panel(str(task), {"": partial(draw_pairs, rows)}, (5.2, 1.4 + 0.33 * count))
-            )
-    if not panels:
-        return None
+    # Those that are compared with one other only, such as of another length, say little.
+    others = frames.pairs.groupby(["task", "a"])["b"].transform("nunique")
+    rows = frames.pairs[others > 1]
+    rows = rows[rows["b"].isin(rows["a"])]
+    rows = rows[rows.groupby("task")["a"].transform("nunique") > 2]
     note = (
         "percentage of pairs of runs in which the row's ends above the column's; bold: decided, "
         "corrected for the number of pairs"
     )
-    return Chart(
-        "pairs", "Which reaches the higher return", note, panels, "pairs",
-        columns=2, alike=False, minimum=440,
-    )  # fmt: skip
+    panels = by_task(rows, _draw_pairs, 5.2, lambda rows: 1.4 + 0.33 * rows["a"].nunique())
+    return Chart("pairs", "Which reaches the higher return", note, panels, "pairs", **ROWS)
 
 
-def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
-    """Draws a matrix of probabilities.
-
-    Args:
-        rows: rows of `frames.pairs` of one task.
-    """
+def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
     names = list(dict.fromkeys(rows["a_label"]))
     share = rows.pivot_table(index="a_label", columns="b_label", values="p")
     share = share.reindex(index=names, columns=names)
     axes.pcolormesh(share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, edgecolors="none")
+    size = mpl.rcParams["font.size"] * 0.9
     for row in rows.to_dict("records"):
-        axes.text(
-            names.index(row["b_label"]) + 0.5, names.index(row["a_label"]) + 0.5,
-            f"{100 * row['p']:.0f}", ha="center", va="center", color=_DARK,
-            weight="bold" if row["decided"] else "normal", size=mpl.rcParams["font.size"] * 0.9,
-        )  # fmt: skip
+        at = names.index(row["b_label"]) + 0.5, names.index(row["a_label"]) + 0.5
+        weight = "bold" if row["decided"] else "normal"
+        text = f"{100 * row['p']:.0f}"
+        axes.text(*at, text, ha="center", va="center", color=_DARK, weight=weight, size=size)
     middles, shown = np.arange(len(names)) + 0.5, [shortened(name) for name in names]
     axes.set_yticks(middles, shown)
     axes.set_xticks(middles, shown, rotation=40, ha="right", rotation_mode="anchor")
@@ -72,98 +56,71 @@ def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
     axes.tick_params(length=0)
 
 
-def profiles(frames: Frames) -> Chart | None:
+def profiles(frames: Frames) -> Chart:
     """Returns the share of runs above each return, of tasks with few enough configurations."""
-    rows = frames.profiles
-    lines = rows.groupby("task")["label"].transform("nunique")
-    rows = rows[(lines > 1) & (lines <= _PROFILES)]
-    if rows.empty:
-        return None
+    lines = frames.profiles.groupby("task")["label"].transform("nunique")
+    rows = frames.profiles[(lines > 1) & (lines <= _PROFILES)]
     looks = style.representation_looks(rows, "label")
     tasks = {*frames.profiles["task"]} - {ALL_TASKS}
-    panels = by_task(rows, partial(draw_profiles, looks=looks, tasks=tasks), 5.2, 2.8)
+
+    def draw(rows: pd.DataFrame, axes: Axes) -> None:
+        for name, line in rows.groupby("label", sort=False):
+            values = line[["share", "low", "high"]]
+            changes = [(values != values.shift(by)).any(axis=1) for by in (1, -1)]
+            line = line[changes[0] | changes[1]]
+            x, share = line["final_return"].to_numpy(), line["share"].to_numpy()
+            tips = [
+                f"{name}: {100 * y:.0f}% above {at:.0f}" for at, y in zip(x, share, strict=True)
+            ]
+            band, look = (line["low"], line["high"]), looks[str(name)]
+            add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
+        add_solved(axes, tasks if ALL_TASKS in {*rows["task"]} else rows["task"])
+        axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
+        axes.set_xlim(left=0)
+
     note = "share of runs that end above a return; bands: 95% intervals"
+    panels = by_task(rows, draw, 5.2, 2.8)
     return Chart("profiles", "Performance profiles", note, panels, "profiles", looks)
 
 
-def draw_profiles(
-    rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look], tasks: Collection[str]
-) -> None:
-    """Draws the share of runs above each return.
-
-    Args:
-        rows: rows of `frames.profiles` of one task, or of `ALL_TASKS`.
-        tasks: all of them.
-    """
-    for name, line in rows.groupby("label", sort=False):
-        values = line[["share", "low", "high"]]
-        steps = (values != values.shift()).any(axis=1) | (values != values.shift(-1)).any(axis=1)
-        line = line[steps]
-        x, share = line["final_return"].to_numpy(), line["share"].to_numpy()
-        tips = [f"{name}: {100 * y:.0f}% above {at:.0f}" for at, y in zip(x, share, strict=True)]
-        band, look = (line["low"], line["high"]), looks[str(name)]
-        add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
-    add_solved(axes, tasks if ALL_TASKS in {*rows["task"]} else rows["task"])
-    axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
-    axes.set_xlim(left=0)
-
-
-def motor(frames: Frames) -> Chart | None:
+def motor(frames: Frames) -> Chart:
     """Returns the distribution of motor velocities of evaluated policies (Figure 4)."""
-    rows = frames.motor
-    if rows.empty:
-        return None
-    looks = style.algorithm_looks(rows, "label")
-    panels = by_task(rows, partial(draw_motor, looks=looks), 5.0, 2.8)
+    looks = style.algorithm_looks(frames.motor, "label")
+
+    def draw(rows: pd.DataFrame, axes: Axes) -> None:
+        for name, line in rows.groupby("label", sort=False):
+            velocity, density = line["velocity"].to_numpy(), line["density"].to_numpy()
+            density = np.where(density > 0, density, np.nan)  # the axis is logarithmic
+            tips = [
+                f"{name}: density {value:.2g} at {at * _FULL_SPEED:.0f} rad/s"
+                for at, value in zip(velocity, density, strict=True)
+            ]
+            add_line(axes, velocity, density, tips, looks[str(name)], step="mid", marked=False)
+        axes.set(yscale="log", xlabel="motor velocity as observed (1: 180 rad/s)")
+        axes.set_ylabel("density")
+        axes.yaxis.set_major_formatter(PLAIN)
+
+    panels = by_task(frames.motor, draw, 5.0, 2.8)
     note = "distribution over all states of the evaluated episodes (the paper's Figure 4)"
     return Chart("motor", "Motor velocities", note, panels, "motor", looks, columns=2)
 
 
-def draw_motor(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
-    """Draws the density of motor velocities.
-
-    Args:
-        rows: rows of `frames.motor` of one task.
-    """
-    for name, line in rows.groupby("label", sort=False):
-        velocity, density = line["velocity"].to_numpy(), line["density"].to_numpy()
-        density = np.where(density > 0, density, np.nan)  # the axis is logarithmic
-        tips = [
-            f"{name}: density {value:.2g} at {at * _FULL_SPEED:.0f} rad/s"
-            for at, value in zip(velocity, density, strict=True)
-        ]
-        add_line(axes, velocity, density, tips, looks[str(name)], step="mid", marked=False)
-    axes.set(yscale="log", xlabel="motor velocity as observed (1: 180 rad/s)", ylabel="density")
-    axes.yaxis.set_major_formatter(PLAIN)
-
-
-def positions(frames: Frames) -> Chart | None:
+def positions(frames: Frames) -> Chart:
     """Returns the positions of the robot with evaluated policies (Figure 5)."""
-    panels = [
-        Panel(str(label), {"": partial(draw_positions, group)}, (3.4, 3.2))
-        for (_, label), group in frames.positions.groupby(["task", "label"], sort=False)
-    ]
     note = (
         "share of all states, from light to dark on a logarithmic scale; cross: start; arrow: the "
         "target's direction (the paper's Figure 5)"
     )
-    if not panels:
-        return None
+    panels = by_task(frames.positions, _draw_positions, 3.4, 3.2, by=["task", "label"])
     return Chart("positions", "Positions", note, panels, "positions", minimum=260)
 
 
-def draw_positions(rows: pd.DataFrame, axes: Axes) -> None:
-    """Draws a map of the torso's positions.
-
-    Args:
-        rows: rows of `frames.positions` of one policy.
-    """
+def _draw_positions(rows: pd.DataFrame, axes: Axes) -> None:
     reach, yaw = (float(rows[name].iloc[0]) for name in ("reach", "target_yaw"))
     share = rows.pivot_table(index="y", columns="x", values="share").where(lambda one: one > 0)
-    axes.pcolormesh(
-        share.columns.to_numpy(float), share.index.to_numpy(float), share.to_numpy(),
-        cmap="viridis_r", norm=colors.LogNorm(1e-6, 0.1), shading="nearest", rasterized=True,
-    )  # fmt: skip
+    places = share.columns.to_numpy(float), share.index.to_numpy(float)
+    scale: Any = {"cmap": "viridis_r", "norm": colors.LogNorm(1e-6, 0.1)}
+    axes.pcolormesh(*places, share.to_numpy(), shading="nearest", rasterized=True, **scale)
     axes.plot(0, 0, "+", color=_TARGET, markersize=9)
     if np.isfinite(yaw):
         x, y = reach * np.cos(yaw), reach * np.sin(yaw)

@@ -72,22 +72,16 @@ def _clean(parent: ElementTree.Element) -> None:
             continue
         _set_attributes(element)
         if element.tag == f"{_SVG}a":
-            _set_title(element)
+            # A link around marks becomes a group with a title.
+            tip, element.tag = element.attrib.pop("href", ""), f"{_SVG}g"
+            if tip:
+                element.insert(0, title := ElementTree.Element(f"{_SVG}title"))
+                title.text = tip
         element.text = element.text if element.tag in (f"{_SVG}text", f"{_SVG}title") else None
         element.tail = None
         _clean(element)
         if element.tag == f"{_SVG}defs" and not len(element):
             parent.remove(element)
-
-
-def _set_title(link: ElementTree.Element) -> None:
-    """Turns a link around marks into a group with a title."""
-    tip = link.attrib.pop("href", "")
-    link.tag = f"{_SVG}g"
-    if tip:
-        title = ElementTree.Element(f"{_SVG}title")
-        title.text = tip
-        link.insert(0, title)
 
 
 def _set_attributes(element: ElementTree.Element) -> None:

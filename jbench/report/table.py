@@ -147,28 +147,22 @@ def plain(title: str, key: str | None = None) -> Column:
     return Column(title, name, lambda row: "" if missing(row[name]) else str(row[name]))
 
 
-def number(title: str, key: str, form: Form = whole) -> Column:
-    """Returns a column of numbers."""
-
-    def text(row: Row) -> str:
-        return "" if missing(row[key]) else form(row[key])
-
-    return Column(title, key, text, numeric=True)
-
-
-def estimate(
-    title: str, key: str, form: Form = whole, ends: tuple[str, str] | None = None
-) -> Column:
-    """Returns a column of numbers with their intervals: `668 [640, 690]`."""
-    low, high = ends or (f"{key}_low", f"{key}_high")
+def number(title: str, key: str, form: Form = whole, ends: tuple[str, str] | None = None) -> Column:
+    """Returns a column of numbers, with the intervals of these ends: `668 [640, 690]`."""
 
     def text(row: Row) -> str:
         if missing(row[key]):
             return ""
-        known = not (missing(row[low]) or missing(row[high])) and np.isfinite(row[low])
-        return form(row[key]) + (f" [{form(row[low])}, {form(row[high])}]" if known else "")
+        low, high = (row[end] for end in ends) if ends else (np.nan, np.nan)
+        known = not (missing(low) or missing(high)) and np.isfinite(low)
+        return form(row[key]) + (f" [{form(low)}, {form(high)}]" if known else "")
 
     return Column(title, key, text, numeric=True)
+
+
+def estimate(title: str, key: str, form: Form = whole) -> Column:
+    """Returns a column of numbers with their intervals, whose ends are …_low and …_high."""
+    return number(title, key, form, (f"{key}_low", f"{key}_high"))
 
 
 def missing(value: Any) -> bool:

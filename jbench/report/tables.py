@@ -115,7 +115,7 @@ def _verdicts(frames: Frames) -> Table:
         *(_TASK, _ALGO, _OBSERVED, plain("against")),
         Column("of", "claim", lambda row: _CLAIM[row["claim"]]),
         Column("verdict", "verdict", lambda row: f"{row['mark']} {row['text']}"),
-        *(estimate("difference", "value", signed, ("low", "high")), _SEEDS),
+        *(number("difference", "value", signed, ("low", "high")), _SEEDS),
         plain("corrected by", "corrected_by"),
     ]
     caption = (
@@ -131,7 +131,7 @@ def _decisions(frames: Frames) -> Table:
     columns = [
         *(_TASK, _ALGO, plain("observation", "representation"), plain("against")),
         *(plain("final return is", "verdict"), _SEEDS),
-        estimate("difference", "difference", signed, ("low", "high")),
+        number("difference", "difference", signed, ("low", "high")),
         number("error spent", "spent", "{:.2%}".format),
     ]
     caption = (
@@ -147,8 +147,8 @@ def _comparisons(frames: Frames) -> Table:
         *(_TASK, _ALGO, _OBSERVED, plain("returns"), plain("this", "a"), plain("against", "b")),
         Column("seeds", "seeds_a", lambda row: f"{row['seeds_a']}, {row['seeds_b']}", True),
         number("steps", "steps", steps),
-        estimate("probability", "p", ratio, ("p_low", "p_high")),
-        *(estimate("difference", "difference", signed, ("low", "high")), plain("verdict", "text")),
+        estimate("probability", "p", ratio),
+        *(number("difference", "difference", signed, ("low", "high")), plain("verdict", "text")),
     ]
     caption = (
         "Final returns at the last control step that every seed of both sides has reached: "
@@ -178,7 +178,7 @@ def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
     """Returns the leaderboard by one kind of return."""
     columns = [
         *(_TASK, number("rank", "rank", str), plain("entry"), _ALGO, plain("observation")),
-        *(estimate("median", "median", ends=("low", "high")), number("n", "n", str), _RANGE),
+        *(number("median", "median", ends=("low", "high")), number("n", "n", str), _RANGE),
     ]
     caption = (
         f"{_FINAL[returns]} Medians. {_INTERVAL} Entries whose intervals cross share a rank; those "

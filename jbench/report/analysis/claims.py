@@ -150,7 +150,7 @@ def decide_solved(median: st.Estimate, seeds: int) -> tuple[Verdict, SeedsNeeded
 def decide_similar(
     inner: st.Estimate, outer: st.Estimate, seeds: int
 ) -> tuple[Verdict, SeedsNeeded | None]:
-    """Returns the verdict on a claim that two groups are similar, and the seeds needed.
+    """Returns the verdict on a claim that two groups of seeds are similar, and the seeds needed.
 
     Args:
         inner: the difference with its 90% interval (two one-sided tests at 5%).

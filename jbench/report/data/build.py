@@ -5,25 +5,24 @@ that diverges half of the time would look as good as one that never does.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbench.names import EPISODE_STEPS, ReturnsName
-from jbench.report.data.configuration import OWN, Configuration, paper_order, with_unique_names
+from jbench.names import ReturnsName
+from jbench.report.data.configuration import KEY, OWN, Configuration, make_names_unique, paper_order
 from jbench.report.data.curves import BAND_SEEDS
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.settings.alike import comparable
 from jbench.settings.run import parse_run
 from jbench.settings.variants import variant_words
-from jbench.statistics import BoolArray, IntArray
+from jbench.statistics import IntArray
 from jbench.wording import are, counted
 
-_KEY = ["task", "algo", "representation", "variant"]
 _ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, True]
 _NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
@@ -34,7 +33,7 @@ Points = Mapping[ReturnsName, Mapping[str, pd.DataFrame]]
 def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
     """Returns the runs that belong to a configuration, and a sentence for each other run."""
     frame = runs.to_pandas(use_threads=False)
-    incomplete = frame[[*_KEY, "seed"]].isna().any(axis=1)
+    incomplete = frame[[*KEY, "seed"]].isna().any(axis=1)
     problems = [
         f"The settings of the run {run} lack a task, algo, representation or seed; it is not "
         "reported."
@@ -74,16 +73,18 @@ def build(
     recorded = [
         len(points[TRAINING].get(run, points[EVALUATION].get(run, NOTHING))) for run in runs["run"]
     ]
+    ends = [divergence(text) or (np.nan, "") for text in runs["diverged"]]
     # Other columns are left out, since their texts are long.
-    runs = runs[[*_KEY, "run", "seed", "steps", "status", "encoder"]].assign(
+    runs = runs[[*KEY, "run", "seed", "steps", "status", "encoder"]].assign(
         recorded=recorded,
-        divergence=pd.Series([divergence(t) for t in runs["diverged"]], runs.index, object),
+        diverged=[at for at, _ in ends],
+        divergence=[words for _, words in ends],
         typed=pd.Series([parse_run(text) for text in runs["settings"]], runs.index, object),
     )
     # Evaluation does not affect training, so runs that differ only in it are one configuration.
     alike = runs["typed"].map(comparable)
     runs["variant"] = runs.groupby(alike)["variant"].transform("min")
-    idle = (runs["recorded"] == 0) & runs["divergence"].isna()
+    idle = (runs["recorded"] == 0) & runs["diverged"].isna()
     notes = [
         f"The run {run} ({status}) has no episodes yet."
         for run, status in zip(runs["run"][idle], runs["status"][idle], strict=True)
@@ -92,79 +93,43 @@ def build(
     for _, group in runs[~idle].groupby(["algo", "representation"]):
         words = variant_words(dict(zip(group["variant"], group["typed"], strict=True)))
         for _, same in group.groupby(["task", "variant"]):
-            same = same.sort_values(_ORDER, ascending=_ASCENDING)
-            built += _build_kinds(same, points, words[same["variant"].iloc[0]], source)
+            for one in _build(same.sort_values(_ORDER, ascending=_ASCENDING), points):
+                one.words, one.source = words[one.variant], source
+                built.append(one)
     built.sort(key=lambda one: one.words)
-    return with_unique_names(sorted(built, key=paper_order)), notes
+    built.sort(key=paper_order)
+    make_names_unique(built)
+    return built, notes
 
 
-def _build_kinds(
-    same: pd.DataFrame, points: Points, words: str, source: str
-) -> list[Configuration]:
-    """Returns a configuration for each kind of return of runs, the longest of each seed first.
+def _build(same: pd.DataFrame, points: Points) -> Iterator[Configuration]:
+    """Yields a configuration for each kind of return of runs, the longest of each seed first.
 
     Diverged runs have training returns, and evaluations if all runs diverged and planned them.
     """
     chosen = same.drop_duplicates("seed")
-    diverged = chosen["divergence"].notna()
+    diverged = chosen["diverged"].notna()
     planned = all(run.evaluate_episodes for run in chosen["typed"])
     expected = {TRAINING: diverged.any(), EVALUATION: diverged.all() and planned}
-    kinds = [kind for kind in points if expected[kind] or chosen["run"].isin([*points[kind]]).any()]
-    built = []
-    for kind in kinds:
+    notes: list[str] | None = None
+    for kind, recorded in points.items():
+        known = chosen["run"].isin([*recorded])
+        if not (expected[kind] or known.any()):
+            continue
         # Both kinds are of the same runs, on which only the first one has notes.
-        notes = _notes_on_runs(same, chosen, kind) if kind == kinds[0] else []
-        built.append(_build(chosen, kind, points[kind], notes, words=words, source=source))
-    return built
-
-
-def _build(
-    chosen: pd.DataFrame,
-    kind: ReturnsName,
-    recorded: Mapping[str, pd.DataFrame],
-    notes: Sequence[str],
-    **names: str,
-) -> Configuration:
-    """Returns a configuration of the chosen runs, one of each seed."""
-    missing = ~chosen["run"].isin([*recorded]) & chosen["divergence"].isna()
-    if missing.any():
-        point = "evaluation" if kind == EVALUATION else "training episode"
-        notes = [f"{missing.sum()} of {len(chosen)} seeds have no {point}", *notes]
-    chosen = chosen[~missing]
-    points = stacked([recorded.get(run, NOTHING) for run in chosen["run"]], kind)
-    absent = (np.isnan(points["returns"]) & np.isfinite(points["control_steps"])).sum(axis=1)
-    typed = chosen["steps"].fillna(0).to_numpy(np.int64)
-    planned = int(typed.max())
-    diverged = chosen["divergence"].notna().to_numpy()
-    at = np.array([one[0] if isinstance(one, tuple) else np.nan for one in chosen["divergence"]])
-    if diverged.any():
-        points = count_divergence(points, at, planned, kind)
-    present = np.isfinite(points["control_steps"])
-    lengths = np.max(np.where(present, np.arange(present.shape[1]) + 1, 0), axis=1)
-    finished = (chosen["status"] == "finished").to_numpy()
-    ends = points["control_steps"][np.arange(len(chosen)), lengths - 1]
-    steps = np.where(finished & (typed > 0), typed, ends).astype(np.int64)
-    if diverged.any() and not diverged.all():
-        steps[diverged] = np.maximum(steps[diverged], steps[~diverged].max())
-    first = chosen.iloc[0]
-    robots = 0 if first["typed"].augment is None else first["typed"].robots
-    episodes = max(planned // EPISODE_STEPS, present.shape[1])
-    fields: Any = {name: str(first[name]) for name in _KEY} | names | points
-    return Configuration(
-        kind=kind,
-        **fields,
-        seeds=chosen["seed"].to_numpy(np.int64),
-        lengths=lengths.astype(np.int64),
-        steps=steps,
-        diverged=diverged,
-        finished=finished,
-        notes=(*notes, *_notes_on_points(chosen["seed"], present, absent, kind)),
-        robots=robots,
-        robot_episodes=-(-episodes // robots) if robots else 0,
-        settings=first["typed"],
-        draws=chosen["encoder"].nunique(),
-        runs=tuple(chosen["run"]),
-    )
+        notes = _notes_on_runs(same, chosen, kind) if notes is None else []
+        used = chosen[known | diverged]
+        if missing := len(chosen) - len(used):
+            point = "evaluation" if kind == EVALUATION else "training episode"
+            notes = [f"{missing} of {len(chosen)} seeds have no {point}", *notes]
+        stacks = stacked([recorded.get(run, NOTHING) for run in used["run"]], kind)
+        absent = np.isnan(stacks["returns"]) & np.isfinite(stacks["control_steps"])
+        if diverged.any():
+            longest = int(used["steps"].fillna(0).max())
+            stacks = count_divergence(stacks, used["diverged"].to_numpy(float), longest, kind)
+        one = Configuration(kind, used, stacks)
+        one.notes = (*notes, *_notes_on_points(one, absent.sum(axis=1)))
+        yield one
 
 
 def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) -> list[str]:
@@ -180,17 +145,13 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
             f"seed {seed} has {len(recorded) + 1} runs: the longest is used, of {lengths[seed]} "
             f"{point}s, not that of {', '.join(map(str, recorded))}"
         )
-    diverged = chosen[chosen["divergence"].notna()]
-    which = [
-        f"seed {seed} {words}"
-        for seed, (_, words) in zip(diverged["seed"], diverged["divergence"], strict=True)
-    ]
-    if which:
+    others, diverged = chosen[chosen["diverged"].isna()], chosen[chosen["diverged"].notna()]
+    if len(diverged):
+        which = ", ".join("seed " + diverged["seed"].astype(str) + " " + diverged["divergence"])
         notes.append(
-            f"{len(which)} of {len(chosen)} diverged ({', '.join(which)}): from its divergence on, "
-            "a seed counts with return 0, the minimum"
+            f"{len(diverged)} of {len(chosen)} diverged ({which}): from its divergence on, a seed "
+            "counts with return 0, the minimum"
         )
-    others = chosen[chosen["divergence"].isna()]
     for ended in ("failed", "unfinished"):
         for seed in others["seed"][others["status"] == ended]:
             notes.append(f"seed {seed} {ended} after {counted(lengths[seed], point)}")
@@ -200,17 +161,16 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
     return notes
 
 
-def _notes_on_points(
-    seeds: pd.Series, present: BoolArray, absent: IntArray, kind: ReturnsName
-) -> list[str]:
-    """Returns notes on non-finite returns (seeds,), and on evaluations at different steps."""
+def _notes_on_points(one: Configuration, absent: IntArray) -> list[str]:
+    """Returns notes on returns (seeds,) that are not finite, and on evaluations at other steps."""
     notes = [
-        f"{counted(count, _NAMES[kind][1])} of seed {seed} {are(count)} not finite and left out"
-        for seed, count in zip(seeds, absent, strict=True)
+        f"{counted(count, _NAMES[one.kind][1])} of seed {seed} {are(count)} not finite and left out"
+        for seed, count in zip(one.seeds, absent, strict=True)
         if count
     ]
     # A gap after a run's last point is its end; a gap before it is a missing evaluation.
+    present = np.isfinite(one.control_steps)
     ended = ~np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]
-    if kind == EVALUATION and not (present | ended).all():
+    if one.kind == EVALUATION and not (present | ended).all():
         notes.append("seeds were evaluated after different numbers of control steps")
     return notes

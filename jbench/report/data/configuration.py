@@ -1,13 +1,15 @@
 """Configurations: the runs that share all settings except seed and steps, one run per seed."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from jbench.names import (
     ALGORITHMS,
+    EPISODE_STEPS,
     FULL,
     REPRESENTATION,
     TASKS,
@@ -16,11 +18,11 @@ from jbench.names import (
     kind_of,
 )
 from jbench.report.data.curves import Curve, learning_curve
+from jbench.report.data.points import FIELDS
 from jbench.report.data.returns import TRAINING
 from jbench.report.request import WINDOW
 from jbench.settings.alike import comparable
-from jbench.settings.run import Run
-from jbench.statistics import BoolArray, FloatArray, IntArray
+from jbench.statistics import FloatArray, IntArray
 
 OWN = "own"
 """Source of the runs in the reported results."""
@@ -31,6 +33,9 @@ IMPORTED = "imported"
 SEQUENCE_WINDOW = 20
 """Episodes in a moving average, within each robot's episodes (the authors' script)."""
 
+KEY = ["task", "algo", "representation", "variant"]
+"""Columns of runs that name a configuration."""
+
 ID = ("configuration", "label", "source", "task", "algo", "representation", "kind", "words")
 """Columns of a frame that name a configuration."""
 
@@ -38,7 +43,6 @@ _SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading"
 """Kinds whose number of latents follows from the task, so that names leave it out."""
 
 
-@dataclass(frozen=True, eq=False)
 class Configuration:
     """The runs of a configuration, and their points of one kind of return.
 
@@ -71,29 +75,37 @@ class Configuration:
         words: settings that differ from the defaults; see `variants.variant_words`.
     """
 
-    kind: ReturnsName
-    task: str
-    algo: str
-    representation: str
-    variant: str
-    seeds: IntArray
-    returns: FloatArray
-    control_steps: FloatArray
-    processor_time: FloatArray
-    deviations: FloatArray
-    counts: FloatArray
-    lengths: IntArray
-    steps: IntArray
-    diverged: BoolArray
-    finished: BoolArray
-    notes: tuple[str, ...]
-    robots: int
-    robot_episodes: int
-    settings: Run
-    draws: int
-    runs: tuple[str, ...]
-    source: str
-    words: str
+    def __init__(
+        self, kind: ReturnsName, runs: pd.DataFrame, points: Mapping[str, FloatArray]
+    ) -> None:
+        """Collects what is known of runs.
+
+        Args:
+            kind: of return.
+            runs: a row for each seed; see `build.build`.
+            points: (seeds, points) arrays by the names `points.FIELDS`.
+        """
+        first, self.kind = runs.iloc[0], kind
+        self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
+        self.source, self.words = OWN, ""
+        self.notes: tuple[str, ...] = ()
+        self.returns, self.control_steps, self.processor_time = (points[one] for one in FIELDS[:3])
+        self.deviations, self.counts = (points[one] for one in FIELDS[3:])
+        self.seeds, self.runs = runs["seed"].to_numpy(np.int64), tuple(runs["run"])
+        self.diverged = runs["diverged"].notna().to_numpy()
+        self.finished = (runs["status"] == "finished").to_numpy()
+        self.draws, self.settings = runs["encoder"].nunique(), first["typed"]
+        present = np.isfinite(self.control_steps)
+        self.lengths = self.lengths_up_to(None)
+        planned = runs["steps"].fillna(0).to_numpy(np.int64)
+        ends = self.control_steps[np.arange(len(runs)), self.lengths - 1]
+        self.steps = np.where(self.finished & (planned > 0), planned, ends).astype(np.int64)
+        if self.diverged.any() and not self.diverged.all():
+            longest = self.steps[~self.diverged].max()
+            self.steps[self.diverged] = np.maximum(self.steps[self.diverged], longest)
+        self.robots = 0 if self.settings.augment is None else self.settings.robots
+        episodes = max(int(planned.max()) // EPISODE_STEPS, present.shape[1])
+        self.robot_episodes = -(-episodes // self.robots) if self.robots else 0
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
@@ -145,10 +157,8 @@ class Configuration:
 
     def lengths_up_to(self, control_steps: float | None) -> IntArray:
         """Returns the number of points (seeds,) up to a control step; None: of all points."""
-        if control_steps is None:
-            return self.lengths
         points = np.arange(1, self.returns.shape[1] + 1)
-        within = self.control_steps <= control_steps
+        within = self.control_steps <= (np.inf if control_steps is None else control_steps)
         return np.asarray(np.max(np.where(within, points, 0), axis=1), np.int64)
 
     def comparable(self, *names: str) -> tuple[str, str]:
@@ -235,15 +245,12 @@ def paper_order(configuration: Configuration) -> tuple[Any, ...]:
     return *ranks, representation != FULL, representation, configuration.source
 
 
-def with_unique_names(configurations: Sequence[Configuration]) -> list[Configuration]:
-    """Returns the configurations; of those with the same name, all but the first have a hash.
+def make_names_unique(configurations: Sequence[Configuration]) -> None:
+    """Adds a hash to the words of all but the first of the configurations with the same name.
 
     Names are made per source, where recorded settings may differ in nothing that has a name.
     """
     known: dict[str, str] = {}
-    unique = []
     for one in configurations:
         if known.setdefault(one.configuration, one.variant) != one.variant:
-            one = replace(one, words=", ".join(filter(None, (one.words, one.variant))))
-        unique.append(one)
-    return unique
+            one.words = ", ".join(filter(None, (one.words, one.variant)))

@@ -97,14 +97,9 @@ def fitting_window(lengths: IntArray, window: int) -> int:
 
 
 def moving_average(values: FloatArray, window: int) -> FloatArray:
-    """Returns the mean over each full window of the last axis, ignoring NaN.
+    """Returns the mean of values (..., episodes) over each full window, ignoring NaN.
 
-    Args:
-        values: (..., episodes).
-        window: at least 1 and at most `episodes`.
-
-    Returns:
-        (..., episodes - window + 1); NaN if a window contains only NaN.
+    There are (..., episodes - window + 1); NaN if a window, of 1 to `episodes`, contains only NaN.
     """
     present = np.isfinite(values)
     # A running sum would be faster, but would leave rounding errors where returns are 0.
@@ -117,15 +112,10 @@ def moving_average(values: FloatArray, window: int) -> FloatArray:
 
 
 def sliding_average(values: FloatArray, window: int) -> FloatArray:
-    """Returns the mean over each centered window of the last axis, cut off at its ends.
+    """Returns the mean of values (..., episodes) over each centered window, cut off at the ends.
 
-    Args:
-        values: (..., episodes).
-        window: at least 1 and at most `episodes`.
-
-    Returns:
-        (..., points), one per episode, and one more if the window is even; NaN if a window
-        contains only NaN.
+    There are (..., points), one per episode, and one more if the window is even; NaN if a window,
+    of 1 to `episodes`, contains only NaN.
     """
     outside = np.full((*values.shape[:-1], window // 2), np.nan)
     return moving_average(np.concatenate([outside, values, outside], axis=-1), window)
@@ -135,11 +125,7 @@ def centers(values: FloatArray, window: int) -> FloatArray:
     """Returns the value at the center of each window of `sliding_average`, (points,).
 
     For a whole window this is the mean. For a cut-off window it is the interpolated value at the
-    center of the whole window, clamped to the first and last episode.
-
-    Args:
-        values: (episodes,) in ascending order.
-        window: at least 1 and at most `episodes`.
+    center of the whole window, clamped to the first and last of the ascending values (episodes,).
     """
     cut = window // 2
     middles = np.arange(cut) - cut + (window - 1) / 2
@@ -150,13 +136,9 @@ def centers(values: FloatArray, window: int) -> FloatArray:
 
 
 def quantiles_across_seeds(values: FloatArray) -> FloatArray:
-    """Returns the `QUANTILES` of each column by numpy's linear method, ignoring NaN.
+    """Returns the `QUANTILES` (5, columns) of values (seeds, columns), ignoring NaN.
 
-    Args:
-        values: (seeds, columns).
-
-    Returns:
-        (5, columns); NaN if a column contains only NaN.
+    They are those of numpy's linear method; NaN if a column contains only NaN.
     """
     ordered = np.sort(values, axis=0)  # puts NaN last
     counts = np.isfinite(values).sum(axis=0)
@@ -174,19 +156,16 @@ def final_returns(
     lengths: IntArray,
     max_points: int = FINAL_EPISODES,
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns each seed's final return, and the control steps at which it is measured.
+    """Returns each seed's final return, and the mean control steps of its points, (seeds,) each.
 
-    It is the mean over the last quarter of the points, but over at most `max_points`.
+    It is the mean over the last quarter of the points, but over at most `max_points`; NaN for a
+    seed without a return there.
 
     Args:
         returns: (seeds, points) returns, as for `learning_curve`.
         control_steps: (seeds, points).
         lengths: (seeds,) number of points of each run.
         max_points: see `returns.FINAL_POINTS`.
-
-    Returns:
-        Final returns (seeds,), NaN for a seed without a return there; and the mean control steps
-        of the averaged points (seeds,).
     """
     last = final_episodes(lengths, max_points)
     ends = [slice(end - count, end) for end, count in zip(lengths, last, strict=True)]

@@ -1,7 +1,6 @@
 """Imported learning curves in the form of runs, from which configurations are built."""
 
 import json
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,7 +85,8 @@ def with_spacing_note(configuration: Configuration) -> Configuration:
         f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of the "
         "first, second, … point of each seed"
     )
-    return replace(configuration, notes=(*configuration.notes, note))
+    configuration.notes = (*configuration.notes, note)
+    return configuration
 
 
 def _runs(chosen: pd.DataFrame) -> pd.DataFrame:

@@ -145,12 +145,9 @@ def count_divergence(
         late = ~present[row] & (grid >= at[row])
         if not (present[row] | late).any():
             late[-1] = True
-        control_steps[row, late] = grid[late]
-        returns[row, late | (present[row] & (control_steps[row] > at[row]))] = 0.0
+        zero = late | (present[row] & (control_steps[row] > at[row]))
+        control_steps[row, late], returns[row, zero] = grid[late], 0.0
+        points["counts"][row, late] = 1.0
         if kind == EVALUATION:
-            zero = returns[row] == 0
             points["deviations"][row, zero] = 0.0
-            points["counts"][row, zero & np.isnan(points["counts"][row])] = 1.0
-        else:
-            points["counts"][row, late] = 1.0
     return dict(points)

@@ -76,12 +76,9 @@ def best_median(
 ) -> tuple[float, str] | None:
     """Returns the best published median at a control step, and the figure's name.
 
-    It is interpolated. A curve's ends have a tolerance of an episode, because the paper's windows
+    It is interpolated at the center of a window, on the curve of the plain robot or of a sequence
+    of augmented ones. A curve's ends have a tolerance of an episode, because the paper's windows
     are counted from the start of an episode and ours from its end.
-
-    Args:
-        control_steps: center of a window.
-        sequence: whether to use the curve of several augmented robots, or of the plain robot.
     """
     named = (published[CURVE[1:]] == [task, algo, representation]).all(axis=1)
     found = []

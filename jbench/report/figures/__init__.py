@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from copy import copy
 from dataclasses import fields
-from functools import partial
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -59,9 +58,5 @@ def charts(frames: Frames) -> list[Chart]:
 
 
 def drawings(frames: Frames) -> dict[str, Callable[[int | None], Figure]]:
-    """Returns a function that draws each figure for a file.
-
-    Returns:
-        By name; the argument is the width in columns of a paper, 1 or 2, or None for a screen.
-    """
-    return {chart.name: partial(Chart.figure, chart) for chart in charts(cleaned(frames))}
+    """Returns functions by name that draw the figures for files; see `Chart.figure`."""
+    return {chart.name: chart.figure for chart in charts(cleaned(frames))}

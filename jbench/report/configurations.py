@@ -11,6 +11,7 @@ from jbench.report.analysis.scores import seed_scores, statistics
 from jbench.report.data.configuration import (
     ID,
     Configuration,
+    concatenated,
     display_name,
     shown_representation,
 )
@@ -97,7 +98,7 @@ def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         numbers |= {"final": scores.final, "over_run": scores.area}
         numbers |= {"episodes": scores.episodes, "episode_sd": scores.deviations}
         parts.append(pd.DataFrame({**one.identity, "returns": one.kind, **numbers}))
-    return _joined(parts, SEEDS)
+    return concatenated(parts, SEEDS)
 
 
 def curve_points(curves: Curves) -> pd.DataFrame:
@@ -108,7 +109,7 @@ def curve_points(curves: Curves) -> pd.DataFrame:
     (center of the window), seeds, and the return's quantiles q10, q25, q50, q75, q90.
     """
     ordered = sorted(curves, key=lambda pair: (pair[0].key, pair[0].kind))
-    return _joined([_points(*pair) for pair in ordered], POINTS)
+    return concatenated([_points(*pair) for pair in ordered], POINTS)
 
 
 def _points(configuration: Configuration, curve: Curve) -> pd.DataFrame:
@@ -135,7 +136,7 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
         robot_steps = one.robot_episodes * one.longest / one.returns.shape[1]
         points = points.assign(**one.identity, robots=one.robots, robot_steps=robot_steps)
         parts.append(points[points["seeds"] > 0])
-    return _joined(parts, CURVES)
+    return concatenated(parts, CURVES)
 
 
 def run_curve_frame(curves: Curves) -> pd.DataFrame:
@@ -152,7 +153,7 @@ def run_curve_frame(curves: Curves) -> pd.DataFrame:
             names = one.configuration, one.source, run, seed, one.kind
             points = {"steps": curve.control_steps[shown], "value": values[shown]}
             parts.append(pd.DataFrame({**dict(zip(RUN_CURVES, names, strict=False)), **points}))
-    return _joined(parts, RUN_CURVES)
+    return concatenated(parts, RUN_CURVES)
 
 
 def processor_frame(curves: Curves) -> pd.DataFrame:
@@ -174,7 +175,7 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
         values = centers(middle, curve.window)[usable], curve.quantile(50)[usable]
         names = {**one.identity, "returns": one.kind}
         parts.append(pd.DataFrame({**names, **dict(zip(PROCESSOR[-2:], values, strict=True))}))
-    return _joined(parts, PROCESSOR)
+    return concatenated(parts, PROCESSOR)
 
 
 def published_frame(
@@ -205,12 +206,4 @@ def sequence_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame:
     name = theirs["algo"] + " " + theirs["representation"] + ", published"
     theirs = theirs.assign(configuration=theirs["task"] + " " + name, label=name, words=PUBLISHED)
     theirs = theirs.assign(returns=TRAINING, robots=SEQUENCE_ROBOTS, robot_steps=1e6)
-    return _joined([ours, theirs], CURVES)
-
-
-def _joined(parts: Sequence[pd.DataFrame], columns: list[str]) -> pd.DataFrame:
-    """Returns frames as one with these columns."""
-    known = [part for part in parts if len(part)]
-    if not known:
-        return pd.DataFrame(columns=columns)
-    return pd.concat(known, ignore_index=True).reindex(columns=columns)
+    return concatenated([ours, theirs], CURVES)

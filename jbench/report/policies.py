@@ -11,7 +11,7 @@ from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import examine_heuristic
-from jbench.report.data.configuration import in_order
+from jbench.report.data.configuration import concatenated, in_order
 from jbench.report.data.points import plain_evaluations
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -113,16 +113,15 @@ def behavior(
                 newest[str(settings["task"]), str(settings["policy"])] = _read(record)
             except WorkError as error:
                 problems.append(str(error))
-    motor, positions = [pd.DataFrame(columns=MOTOR)], [pd.DataFrame(columns=POSITIONS)]
+    motor: list[pd.DataFrame] = []
+    positions: list[pd.DataFrame] = []
     for name in dict.fromkeys(task for task, _ in newest):
         ranked = [one for key, one in newest.items() if key[0] == name]
         ranked.sort(key=lambda one: one["median"].iloc[0])
         shown = ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
         motor += [_motor(one) for one in shown]
         positions += _positions(shown)
-    joined = (pd.concat(parts[1:] or parts, ignore_index=True) for parts in (motor, positions))
-    first, second = joined
-    return first[[*MOTOR]], second[[*POSITIONS]], problems
+    return concatenated(motor, MOTOR), concatenated(positions, POSITIONS), problems
 
 
 def _read(record: Record) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from jbench.report.analysis.verdicts import corrected_level, difference_text, ju
 from jbench.report.data.configuration import (
     ID,
     Configuration,
+    concatenated,
     differing_in,
     in_order,
     verified,
@@ -169,7 +170,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         first, *others = groups.values()
         shared = [line for line in first if all(line in other for other in others)]
         groups[ALL_TASKS] = {line: [other[line][0] for other in groups.values()] for line in shared}
-    parts = [pd.DataFrame(columns=PROFILES)]
+    parts = []
     for task, lines in groups.items():
         for same in lines.values():
             strata = [seed_scores(one).final for one in same]
@@ -180,7 +181,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
             numbers = {"seeds": sum(map(len, strata)), "final_return": THRESHOLDS}
             numbers |= {"share": st.performance_profile(strata, THRESHOLDS)}
             parts.append(pd.DataFrame({**names, **numbers, "low": low, "high": high}))
-    return pd.concat(parts[1:] or parts, ignore_index=True)
+    return concatenated(parts, PROFILES)
 
 
 def return_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:

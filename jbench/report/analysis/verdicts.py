@@ -200,6 +200,7 @@ def decision_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """
     rows = []
     planned = _planned()
+    shares, analyses = [one["share"] for one in planned], [_MAX_SEEDS // BLOCK] * len(planned)
     usual = [
         one for one in with_returns(configurations, EVALUATION) if not (one.words or one.robots)
     ]
@@ -210,25 +211,21 @@ def decision_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
             if one.source == source
             for name in (one.representation, shown_representation(one.representation))
         }
-        pairs = [
-            [
-                _first_seeds(known.get((one["task"], one["algo"], one[side])), one["steps"])
-                for side in ("first", "second")
-            ]
-            for one in planned
-        ]
+        pairs = []
+        for one in planned:
+            sides = (known.get((one["task"], one["algo"], one[s])) for s in ("first", "second"))
+            ours, theirs = (_first_seeds(side, one["steps"]) for side in sides)
+            pairs.append((ours, theirs))
         if not any(min(map(len, pair)) >= BLOCK for pair in pairs):
             continue
-        shares, looks = [one["share"] for one in planned], [_MAX_SEEDS // BLOCK] * len(planned)
-        decisions = decide([(one, other) for one, other in pairs], shares, looks, MARGIN)
+        decisions = decide(pairs, shares, analyses, MARGIN)
         for one, decision in zip(planned, decisions, strict=True):
             if decision.seeds:
-                names = {"source": source, "task": one["task"], "algo": display_name(one["algo"])}
-                names |= {"representation": shown_representation(one["first"])}
+                first, second = (shown_representation(one[side]) for side in ("first", "second"))
+                names = {"source": source, "algo": display_name(one["algo"]), "task": one["task"]}
+                names |= {"representation": first, "against": second}
                 verdict = _DECIDED.get(decision.verdict, decision.verdict)
-                against = shown_representation(one["second"])
-                numbers = {name: getattr(decision, name) for name in DECISIONS[6:]}
-                rows.append({**names, "against": against, "verdict": verdict, **numbers})
+                rows.append(decision._asdict() | names | {"verdict": verdict})
     return pd.DataFrame(rows, columns=DECISIONS)
 
 

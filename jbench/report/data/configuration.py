@@ -254,3 +254,9 @@ def make_names_unique(configurations: Sequence[Configuration]) -> None:
     for one in configurations:
         if known.setdefault(one.configuration, one.variant) != one.variant:
             one.words = ", ".join(filter(None, (one.words, one.variant)))
+
+
+def concatenated(parts: Sequence[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:
+    """Returns frames as one with these columns, which has no rows if they have none."""
+    known = [part for part in parts if len(part)] or [pd.DataFrame(columns=[*columns])]
+    return pd.concat(known, ignore_index=True).reindex(columns=[*columns])

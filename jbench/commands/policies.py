@@ -155,8 +155,6 @@ def view(
 
     database, policy = database_and_policy(results, _chosen(policy, policy_option))
     task = _task(database, policy, task, "move_to_pose")
-    if task not in names.TASKS:
-        raise RequestError(f"view shows the Jitterbug only; type jbench render --task {task}.")
     parsing.augmented(augment)
     runner = find_policy(database, policy, task, parsing.seed(seed))
     _say_other_robot(Output(), database, policy, augment)

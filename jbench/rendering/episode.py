@@ -45,16 +45,19 @@ class Scene:
         """Simulated seconds in a control step."""
         return find_task(self.task).control_timestep or CONTROL_TIMESTEP
 
-    def environment(self) -> JitterbugEnv | SuiteEnv:
-        """Returns an environment that draws pictures.
+    def environment(self, render_mode: str | None = "rgb_array") -> JitterbugEnv | SuiteEnv:
+        """Returns an environment.
+
+        Args:
+            render_mode: "rgb_array" to draw pictures, or None.
 
         Raises:
             RequestError: if the robot has no such camera or, of another package, no physics.
         """
         size = self.width, self.height
         if self.task not in TASKS:
-            return SuiteEnv(self.task, "rgb_array", self.camera, *size)
-        env = JitterbugEnv(self.task, "rgb_array", self.camera or "tracking", *size, self.augment)
+            return SuiteEnv(self.task, render_mode, self.camera, *size, self.augment)
+        env = JitterbugEnv(self.task, render_mode, self.camera or "tracking", *size, self.augment)
         env.model.vis.quality.shadowsize = _SHADOW_TEXELS
         return env
 

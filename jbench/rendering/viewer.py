@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 
 from jbench.errors import RequestError
-from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
+from jbench.names import EPISODE_STEPS
 from jbench.opengl import has_display, open_display
 from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Scene
+from jbench.simulation import find_task
+from jbench.simulation.suite import DmTask
+from jbench.simulation.suite_env import SuiteEnv
 from jbench.tasks.gym import JitterbugEnv
 
 # Initial camera position relative to the robot.
-_DISTANCE = 0.45  # m
+_DISTANCE = 2.25  # extents of the model; of the Jitterbug 0.45 m
 _AZIMUTH, _ELEVATION = 120.0, -25.0  # degrees
 
 _CLOSING_SECONDS = 30
@@ -29,9 +32,16 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
         The number of simulated control steps.
 
     Raises:
-        RequestError: if no window can be opened here.
+        RequestError: if no window can be opened here, or the task has another model in each
+            episode, or none.
     """
-    env = JitterbugEnv(scene.task, augment=scene.augment)
+    task = find_task(scene.task)
+    if isinstance(task, DmTask) and not task.reseeds:
+        raise RequestError(
+            f"{scene.task} is made again for each episode, and a window shows one model; give its "
+            "task a RandomState `random`, or type jbench render."
+        )
+    env = scene.environment(render_mode=None)
     observation, _ = env.reset(seed=scene.seed)
     policy.reset(1)
     others = set(threading.enumerate())
@@ -48,7 +58,7 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
                     observation, _ = env.reset()
                     policy.reset(1)
             window.sync()
-            due += CONTROL_TIMESTEP
+            due += scene.timestep
             late = time.perf_counter() - due
             # A slow machine runs slower than real time and does not catch up.
             due += max(late, 0)
@@ -56,10 +66,11 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
     # Wait for the rendering thread, since the process would crash if it exited before.
     for thread in set(threading.enumerate()) - others:
         thread.join(_CLOSING_SECONDS)
+    env.close()
     return steps
 
 
-def _open_window(env: JitterbugEnv) -> Any:
+def _open_window(env: JitterbugEnv | SuiteEnv) -> Any:
     """Opens MuJoCo's viewer of an environment with a camera that tracks the robot."""
     if not has_display():
         raise RequestError(
@@ -77,7 +88,7 @@ def _open_window(env: JitterbugEnv) -> Any:
         raise RequestError(f"No window can be opened here: {str(error).rstrip('.')}.") from None
     with window.lock():
         window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-        window.cam.trackbodyid = env.model.body("jitterbug").id
-        window.cam.distance = _DISTANCE
+        window.cam.trackbodyid = 1  # the first body of the world
+        window.cam.distance = _DISTANCE * env.model.stat.extent
         window.cam.azimuth, window.cam.elevation = _AZIMUTH, _ELEVATION
     return window

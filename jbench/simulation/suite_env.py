@@ -33,6 +33,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         camera: str | None = None,
         width: int = 640,
         height: int = 480,
+        augment: int | None = None,
     ) -> None:
         """Makes the environment.
 
@@ -42,9 +43,10 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             camera: name of a camera of the model; None for its first, or a free one if it has none.
             width: of a picture, in pixels.
             height: of a picture, in pixels.
+            augment: seed of an augmented robot; only tasks of the Jitterbug have these.
 
         Raises:
-            RequestError: if the task, the camera or the render mode does not exist; a ValueError.
+            RequestError: if the task, camera, render mode or robot does not exist; a ValueError.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise RequestError(f"render_mode is rgb_array or None, not {render_mode!r}.")
@@ -52,7 +54,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             opengl.choose_backend()  # before dm_control is imported
         found = find_task(task)
         self.task, self.render_mode = task, render_mode
-        worlds = found.worlds(1)
+        worlds = found.worlds(1, augment=augment)
         assert isinstance(worlds, DmWorlds)
         self._worlds, self._size = worlds, (height, width)
         self._renderer: mujoco.Renderer | None = None
@@ -62,6 +64,16 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if found.control_timestep:
             self.metadata = {**self.metadata, "render_fps": round(1 / found.control_timestep)}
         self._camera = None if render_mode is None else self._find_camera(camera)
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The robot; a task that is made again for each episode then has another model."""
+        return self._physics().model.ptr
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state of `model`."""
+        return self._physics().data.ptr
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -86,14 +98,13 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Returns an image (height, width, 3), or None without a render mode."""
         if self.render_mode is None:
             return None
-        physics = self._worlds.environments[0].physics
         if self._renderer is None:
-            buffer = physics.model.ptr.vis.global_
+            buffer = self.model.vis.global_
             buffer.offheight, buffer.offwidth = np.maximum(
                 (buffer.offheight, buffer.offwidth), self._size
             ).tolist()
-            self._renderer = mujoco.Renderer(physics.model.ptr, *self._size)
-        self._renderer.update_scene(physics.data.ptr, self._camera)
+            self._renderer = mujoco.Renderer(self.model, *self._size)
+        self._renderer.update_scene(self.data, self._camera)
         picture: NDArray[np.uint8] = self._renderer.render()
         return picture
 
@@ -102,6 +113,17 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._free_renderer()
         self._worlds.close()
 
+    def _physics(self) -> Any:
+        """Returns dm_control's physics.
+
+        Raises:
+            RequestError: if the environment has none.
+        """
+        physics = getattr(self._worlds.environments[0], "physics", None)
+        if physics is None:
+            raise RequestError(f"{self.task} has no MuJoCo physics to draw.")
+        return physics
+
     def _free_renderer(self) -> None:
         if self._renderer is not None:
             self._renderer.close()
@@ -109,11 +131,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _find_camera(self, name: str | None) -> int:
         """Returns the number of a camera; -1 is the free one."""
-        physics = getattr(self._worlds.environments[0], "physics", None)
-        if physics is None:
-            raise RequestError(f"{self.task} has no MuJoCo physics to draw.")
-        model = physics.model.ptr
-        cameras = [model.camera(i).name for i in range(model.ncam)]
+        cameras = [self.model.camera(i).name for i in range(self.model.ncam)]
         if name is None:
             return 0 if cameras else -1
         if name not in cameras:

@@ -6,7 +6,7 @@ PAD = "\N{FIGURE SPACE}"
 
 
 class Constant:
-    """A constant action; records the observations."""
+    """A constant action, of one motor or (actions,); records the observations."""
 
     def __init__(self, command=0.5, fails_at=None):
         self.command, self.fails_at = command, fails_at
@@ -19,4 +19,4 @@ class Constant:
         if self.fails_at == len(self.observations):
             raise KeyboardInterrupt
         self.observations.append(batch[0].copy())
-        return np.full((len(batch), 1), self.command)
+        return np.tile(self.command, (len(batch), 1))

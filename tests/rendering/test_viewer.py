@@ -14,6 +14,8 @@ from jbench.rendering.episode import Scene
 from jbench.rendering.viewer import view
 from tests.rendering.render_policies import Constant
 
+OWN = "tests.third_party_task.own_tasks"
+
 # At its 60th action, in the third episode of 25 steps, the policy takes a screenshot and closes the
 # window.
 WATCH = """
@@ -24,6 +26,7 @@ import numpy as np
 from PIL import ImageGrab
 from jbench.rendering import viewer
 from jbench.rendering.episode import Scene
+from jbench.simulation import find_task
 from tests.rendering.render_policies import Constant
 
 windows, launch = [], mujoco.viewer.launch_passive
@@ -48,18 +51,20 @@ class Closing(Constant):
             windows[0].close()
         return super().act(observations)
 
-policy = Closing()
-print(viewer.view(policy, Scene("face_direction", seed=1)), len(policy.robots))
+task = sys.argv[2]
+policy = Closing(np.full(find_task(task).action_size, 0.5))
+print(viewer.view(policy, Scene(task, seed=1)), len(policy.robots))
 """
 
 
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no virtual display: install xvfb")
-def test_window_shows_robot_until_closed(tmp_path, monkeypatch):
+@pytest.mark.parametrize("task", ["face_direction", "dmc:cheetah-run"])
+def test_window_shows_robot_until_closed(task, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     monkeypatch.setenv("MUJOCO_GL", "disable")  # as in the command line
     screen = ["xvfb-run", "--auto-servernum", "--server-args", "-screen 0 1280x1024x24"]
     done = subprocess.run(
-        [*screen, sys.executable, "-c", WATCH, tmp_path / "screen.png"],
+        [*screen, sys.executable, "-c", WATCH, tmp_path / "screen.png", task],
         capture_output=True,
         text=True,
         timeout=300,
@@ -67,16 +72,17 @@ def test_window_shows_robot_until_closed(tmp_path, monkeypatch):
     assert done.returncode == 0, done.stderr  # and did not crash while closing
     assert done.stdout.split() == ["60", "3"]
     red, green, blue = np.asarray(Image.open(tmp_path / "screen.png").convert("RGB")).astype(int).T
-    assert np.sum((red > 150) & (green > 110) & (blue < 80)) > 200  # the yellow torso
-    assert np.mean((blue > red + 50) & (blue > green + 20)) > 0.2  # the blue floor
+    assert np.sum((red > 150) & (green > 110) & (blue < 80)) > 200  # the yellow robot
+    assert np.mean((blue > red + 30) & (blue > green + 15)) > 0.2  # the blue floor
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a desktop")
-def test_missing_display_is_refused(monkeypatch):
+@pytest.mark.parametrize("task", ["face_direction", "dmc:cartpole-balance"])
+def test_missing_display_is_refused(task, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(RequestError, match="There is no display to open a window on; jbench re"):
-        view(Constant(), Scene("face_direction"))
+        view(Constant(), Scene(task))
 
 
 def test_display_that_cannot_be_opened_is_refused(monkeypatch):
@@ -86,3 +92,15 @@ def test_display_that_cannot_be_opened_is_refused(monkeypatch):
     monkeypatch.setattr(glfw, "init", lambda: False)
     with pytest.raises(RequestError, match="The display can't be opened; jbench render draws"):
         view(Constant(), Scene("face_direction"))
+
+
+@pytest.mark.parametrize(
+    ("scene", "sentence"),
+    [
+        (Scene(f"{OWN}:Integrator"), "is made again for each episode, and a window shows one mod"),
+        (Scene("dmc:cheetah-run", augment=3), "has no augmented robots"),
+    ],
+)
+def test_robot_that_a_window_cannot_show_is_refused(scene, sentence):
+    with pytest.raises(RequestError, match=sentence):
+        view(Constant(), scene)

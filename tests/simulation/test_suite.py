@@ -11,6 +11,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, SUITE_TASKS
 from jbench.simulation import find_task
 from jbench.simulation.find import check_specs, checked_task
+from jbench.simulation.suite_env import SuiteEnv
 from tests.third_party_task import own_tasks
 
 OWN = "tests.third_party_task.own_tasks"
@@ -158,6 +159,11 @@ def test_gymnasium_environment_is_a_world_of_the_task():
     assert (reward, terminated, truncated) == (step.rewards[0], False, False)
     assert env.spec.max_episode_steps == 1000
     assert {f"jbench/{task.replace(':', '-')}-v0" for task in SUITE_TASKS} <= set(registry)
+
+
+def test_environment_without_a_model_is_not_drawn():
+    with pytest.raises(RequestError, match="Integrator has no MuJoCo physics to draw"):
+        _ = SuiteEnv(f"{OWN}:Integrator").model
 
 
 def test_environments_that_are_replaced_are_closed():

@@ -172,14 +172,11 @@ def _train(
     from jbench.devices import find_device
     from jbench.encoders.settings import encoder_settings, options_with_epochs
     from jbench.encoders.states import States
-    from jbench.settings.dataset import JITTERBUG
-    from jbench.simulation.find import dataset_robot, find_task
 
     database = parsing.results_to_write(results)
     tasks = names.TASKS if task == "all" else (task,)
     train_on = find_device(device)
-    robot = dataset_robot(find_task(tasks[0])).get("robot", JITTERBUG)
-    source = find_dataset(database, dataset, robot)
+    source = find_dataset(database, dataset, tasks[0])
     given = {name: value for name, value in options.items() if value is not None}
     planned = [
         encoder_settings(

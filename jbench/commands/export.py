@@ -15,6 +15,7 @@ from jbench.commands.options import (
     ReadResultsOption,
     complete,
     complete_policies,
+    complete_tasks,
     path,
 )
 from jbench.commands.output import Output
@@ -23,6 +24,8 @@ from jbench.errors import RequestError
 
 FORMATS = ("onnx", "minari")
 """Formats of policies (onnx) and of datasets (minari)."""
+
+_TASK = "face_direction"
 
 INPUTS = ("si", "observation")
 """Inputs of an exported policy: features in SI units, or the observation of the environment."""
@@ -42,8 +45,8 @@ def export(
         str | None,
         typer.Option(
             help="Task whose observations and rewards a dataset is exported with (default: "
-            "face_direction).",
-            autocompletion=complete(*names.TASKS),
+            "face_direction, or the task of another robot's --dataset).",
+            autocompletion=complete_tasks,
         ),
     ] = None,
     format: Annotated[
@@ -84,7 +87,7 @@ def export(
             raise RequestError(f"{run}: RUN is for --format onnx; name a dataset with --dataset.")
         if inputs is not None:
             raise RequestError("--inputs is for policies; name a run, or leave it out.")
-        _dataset(dataset, task or "face_direction", out, results, output)
+        _dataset(dataset, task, out, results, output)
     elif run is None:
         raise RequestError("--format onnx exports the policy of a run; type jbench export RUN.")
     elif dataset is not None or task is not None:
@@ -124,13 +127,15 @@ def _policy(run: str, inputs: str | None, out: Path | None, results: Path, outpu
 
 
 def _dataset(
-    dataset: str | None, task: str, out: Path | None, results: Path, output: Output
+    dataset: str | None, task: str | None, out: Path | None, results: Path, output: Output
 ) -> None:
-    names.known("task", task, names.TASKS)
     from jbench.datasets import find_dataset
     from jbench.datasets.export import export_minari
+    from jbench.settings.dataset import JITTERBUG
 
-    source = find_dataset(parsing.results_to_write(results), dataset)
+    source = find_dataset(parsing.results_to_write(results), dataset, task or _TASK)
+    if task is None:
+        task = _TASK if source.robot == JITTERBUG else source.robot
     root = out or results / "minari"
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:
         done = export_minari(source, task, root, progress)

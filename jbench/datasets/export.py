@@ -18,10 +18,10 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.registration import environment_id
 from jbench.settings.base import validated
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.dataset import JITTERBUG, DatasetSettings
+from jbench.simulation import find_task
 from jbench.store import locks
 from jbench.store.files import make_directory
-from jbench.tasks import features
 
 _STORAGE = "hdf5"  # Minari's default
 _OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured
@@ -40,8 +40,14 @@ class Exported(NamedTuple):
 
 
 def minari_id(dataset: Dataset, task: str) -> str:
-    """Returns Minari's id of a dataset, such as jitterbug/face_direction/random-s00-1f9a2c4e-v0."""
-    return f"jitterbug/{task}/{dataset.id.replace('/', '-')}-v0"
+    """Returns Minari's id of a dataset, such as jitterbug/face_direction/random-s00-1f9a2c4e-v0.
+
+    That of another robot is such as jbench/dmc-cheetah-run/random-s00-59ba1e20-v0.
+    """
+    if dataset.robot == JITTERBUG:
+        return f"jitterbug/{task}/{dataset.id.replace('/', '-')}-v0"
+    robot, _, name = dataset.id.partition("/")
+    return f"jbench/{robot.replace('.', '-')}/{name.replace('/', '-')}-v0"
 
 
 def export_minari(
@@ -61,7 +67,8 @@ def export_minari(
         progress: called with the number of completed episodes.
 
     Raises:
-        RequestError: if Minari is not installed, or the target exists.
+        RequestError: if Minari is not installed, the target exists, or the dataset is of another
+            robot.
         WorkError: if the dataset is damaged, another process exports it, or the disk is full.
     """
     missing = [name for name in ("minari", "h5py") if importlib.util.find_spec(name) is None]
@@ -70,6 +77,7 @@ def export_minari(
             f"Exporting needs {missing[0]}, which is not installed: type pip install "
             "'jbench[minari]'."
         )
+    dataset.check_task(task)
     id = minari_id(dataset, task)
     path = root / id
     if path.exists():
@@ -78,8 +86,10 @@ def export_minari(
             f"{path} exists already and is not overwritten; name another directory with --out."
         )
     make_directory(path.parent)
-    size = features.TASK_SPECS[task].observation_size
-    size_bound = dataset.episodes * (EPISODE_STEPS + 1) * (4 * size + 10) * _OVERHEAD
+    about = find_task(task)
+    # Of a control step: observation, action and reward in float32, and two flags.
+    size = 4 * (about.observation_size + about.action_size + 1) + 2
+    size_bound = dataset.episodes * (EPISODE_STEPS + 1) * size * _OVERHEAD
     with _writing(path, round(size_bound)) as directory:
         _write(dataset, task, id, directory / "data", progress)
         written = sum(file.stat().st_size for file in directory.rglob("*") if file.is_file())
@@ -175,7 +185,7 @@ def _episodes(episodes: range, block: Block) -> Iterator[dict[str, Any]]:
         yield {
             "id": number,
             "observations": observations,
-            "actions": actions[:, None],
+            "actions": actions.reshape(EPISODE_STEPS, -1),
             "rewards": rewards,
             "terminations": never,
             "truncations": truncations,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jbench.datasets import layout
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS
+from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.dataset import JITTERBUG
 from jbench.settings.specs import Specs
 from jbench.simulation import Task, find_task
@@ -67,7 +67,7 @@ class Dataset:
             RequestError: if there is no such task, or the dataset is of another robot.
             WorkError: if a file is damaged or has invalid columns or values.
         """
-        self._check_task(task)
+        self.check_task(task)
         files = [self.record.parts(table) for table in self._tables]
         if len(files[0]) != len(files[1]):
             raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it again.")
@@ -80,22 +80,21 @@ class Dataset:
         Raises:
             RequestError, WorkError: see `blocks`.
         """
-        self._check_task(task)
+        self.check_task(task)
         size = find_task(task).observation_size
         observations = np.empty((self.episodes, EPISODE_STEPS, size), np.float32)
         for episodes, block in zip(self.parts, self.blocks(task), strict=True):
             observations[episodes.start : episodes.stop] = block.observations[:, :-1]
         return observations
 
-    def _check_task(self, task: str) -> None:
+    def check_task(self, task: str) -> None:
         """Raises a RequestError if it has no observations of a task."""
-        found = find_task(task)
-        if (JITTERBUG if found.specs is None else task) != self.robot:
+        if recorded_robot(task) != self.robot:
             raise RequestError(
                 f"The dataset {self.id} is of {self.robot}, not of {task}; name another with "
                 f"--dataset, or type jbench collect --task {task}."
             )
-        if found.specs is not None:
+        if self.robot != JITTERBUG:
             check_specs(task, Specs.model_validate(self.record.settings.get("specs")))
 
     def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
@@ -126,6 +125,15 @@ class Dataset:
         )
 
 
+def recorded_robot(task: str) -> str:
+    """Returns the `Dataset.robot` of a task's datasets.
+
+    Raises:
+        RequestError, WorkError: see `find_task`.
+    """
+    return JITTERBUG if find_task(task).specs is None else task
+
+
 def _block_of_task(task: Task, rows: pa.Table) -> Block:
     """Returns the episodes of another robot."""
     values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
@@ -137,17 +145,17 @@ def _block_of_task(task: Task, rows: pa.Table) -> Block:
 
 
 def find_dataset(
-    results: Results | Path | str, id: str | None = None, robot: str = JITTERBUG
+    results: Results | Path | str, id: str | None = None, task: str = TASKS[0]
 ) -> Dataset:
     """Returns a dataset by its id, or the newest finished one of a robot that is not augmented.
 
     Args:
-        robot: "jitterbug", or the task of another robot.
+        task: of the robot.
 
     Raises:
         RequestError: if there is none, or it is not finished.
     """
-    results = results_to_read(results)
+    results, robot = results_to_read(results), recorded_robot(task)
     verb = "jbench collect" if robot == JITTERBUG else f"jbench collect --task {robot}"
     collect = with_results(verb, results.name)
     if id is not None:

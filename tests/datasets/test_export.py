@@ -1,19 +1,22 @@
 """Tests of the export to Minari, whose reader must load the observations of the dataset."""
 
+import json
 import shutil
 import sys
 
 import minari
 import numpy as np
 import pytest
+from dm_control import suite
 
 from jbench.cli import main
-from jbench.datasets import Dataset, collect, find_dataset
+from jbench.datasets import Dataset, collect, find_dataset, layout
 from jbench.datasets.export import export_minari, minari_id
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.registration import environment_id
 from jbench.settings.dataset import DatasetSettings
+from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
 from tests.command_line import Process
 
@@ -81,6 +84,36 @@ def test_recovered_environment_has_augmented_robot(tmp_path, root):
 
     # The registered environment is unchanged.
     assert gymnasium.spec("AugmentedJitterbug/FaceDirection-v0").kwargs["augment"] == 0
+
+
+def test_dataset_of_another_robot_is_exported_with_its_own_task(tmp_path, root, refused, capsys):
+    task, results = "dmc:cheetah-run", Results(tmp_path / "results")
+    record = collect(DatasetSettings(steps=2000, **dataset_robot(find_task(task))), results, 1)
+    typed = ("export", "--dataset", record.id, "--out", root)
+    error = refused(*typed, "--task", "face_direction", results=results.path)
+    assert f"The dataset {record.id} is of {task}, not of face_direction" in error
+    assert not root.exists()
+    assert main([*map(str, typed), "--results", str(results.path), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["task"] == task
+    assert printed["minari_id"] == f"jbench/dmc-cheetah-run/random-{record.id[-12:]}-v0"
+    loaded = minari.load_dataset(printed["minari_id"])
+    assert (loaded.total_episodes, loaded.total_steps) == (2, 2000)
+    seeds = record.read("seeds", layout.SEEDS)["seed"].to_pylist()
+    for episode, seed in zip(loaded, seeds, strict=True):
+        # dm_control's own episode of this seed with these actions.
+        theirs = suite.load("cheetah", "run", task_kwargs={"random": seed})
+        steps = [theirs.reset(), *map(theirs.step, episode.actions)]
+        observations = [np.concatenate([*step.observation.values()]) for step in steps]
+        np.testing.assert_array_equal(episode.observations, np.float32(observations))
+        np.testing.assert_array_equal(
+            episode.rewards, np.float32([step.reward for step in steps[1:]])
+        )
+        np.testing.assert_array_equal(np.flatnonzero(episode.truncations), [999])
+    env = loaded.recover_environment()
+    assert env.spec.id == environment_id(task)
+    assert env.observation_space == loaded.observation_space
+    assert env.action_space == loaded.action_space
 
 
 def test_existing_export_is_not_overwritten(dataset, root):

@@ -77,11 +77,12 @@ def import_(
     """
     from jbench.importing.importer import import_curves
     from jbench.importing.request import ImportRequest
+    from jbench.simulation import find_task
 
     output, database = Output(json), parsing.results_to_write(results)
     request = ImportRequest(
         format=names.known("value of --from", format, names.IMPORT_FORMATS),
-        task=names.known("task", task, names.TASKS),
+        task=find_task(task).name,
         algo=algo,
         seed_from=seed_from,
         representation=representation,

@@ -11,7 +11,7 @@ from jbench.errors import RequestError
 from jbench.importing.request import ImportedFile, ImportRequest
 from jbench.importing.series import Series, check_points, numbers
 from jbench.importing.table import check_columns, read_table
-from jbench.names import TASKS
+from jbench.names import SUITE_TASKS, TASKS
 from jbench.registration import environment_id
 
 _MAX_TIME = 1e12  # s since 1970; excludes NaN and infinity
@@ -24,7 +24,7 @@ def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
         RequestError: if it is not a whole file of a Monitor.
     """
     head = _head(file)
-    for task in TASKS:
+    for task in (*TASKS, *SUITE_TASKS):
         ids = environment_id(task), environment_id(task, augmented=True)
         if task != request.task and head.get("env_id") in ids:
             raise RequestError(

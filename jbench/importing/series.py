@@ -57,7 +57,7 @@ def check_points(points: pd.DataFrame, file: ImportedFile, where: Callable[[int]
         where: returns what messages call a point, by its position.
 
     Raises:
-        RequestError: if there is no point, or a value can't be one of a Jitterbug task.
+        RequestError: if there is no point, or a value can't be one of a task.
     """
     if points.empty:
         raise RequestError(f"{file.path} has no episode; leave the file out.")
@@ -65,9 +65,9 @@ def check_points(points: pd.DataFrame, file: ImportedFile, where: Callable[[int]
     bad = np.flatnonzero(~((returns >= -_ROUNDING) & (returns <= EPISODE_STEPS + _ROUNDING)))
     if len(bad):
         raise RequestError(
-            f"{file.path}, {where(bad[0])}: the return is {returns[bad[0]]:g}, but an episode of "
-            f"these tasks has one from 0 to {EPISODE_STEPS}; import returns of the tasks' own "
-            "rewards, not scaled ones or those of another environment."
+            f"{file.path}, {where(bad[0])}: the return is {returns[bad[0]]:g}, but that of an "
+            f"episode is from 0 to {EPISODE_STEPS}; import returns of the task's own rewards, not "
+            "scaled ones or those of another environment."
         )
     for name in (name for name in _MAX if name in points):
         counts = points[name].to_numpy(np.float64)

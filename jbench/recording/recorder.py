@@ -25,6 +25,7 @@ from jbench.recording.request import external_settings, provenance_of_loop
 from jbench.recording.writer import RunWriter, copied_network
 from jbench.settings.external import ExternalSettings
 from jbench.simulation import find_task
+from jbench.simulation.find import code_of
 from jbench.store import Results
 from jbench.store.shipped import results_to_write
 from jbench.training.environment import load_encoder_of, make_env
@@ -56,7 +57,7 @@ def record(
     """Records a training loop as a run of a results directory.
 
     Args:
-        task: one of `jbench.names.TASKS`.
+        task: see `jbench.simulation.find_task`.
         algo: label of the algorithm, such as cleanrl-td3.
         seed: of the run; its environments and evaluations are seeded by it.
         steps: control steps over all environments that the loop will make.
@@ -92,7 +93,8 @@ def record(
         evaluate_episodes=evaluate_episodes,
     )
     logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
-    return Recording(settings, place, provenance_of_loop(package), logger)
+    made_on = {**provenance_of_loop(package), **code_of(task)}
+    return Recording(settings, place, made_on, logger)
 
 
 class Recording:

@@ -16,6 +16,7 @@ from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, kind_of
 from jbench.settings.base import validated
 from jbench.settings.external import ExternalSettings
+from jbench.simulation.find import checked_task
 from jbench.store import Results, files
 from jbench.training.request import representation_of
 
@@ -34,11 +35,13 @@ def external_settings(
         fields: the other fields of `ExternalSettings`.
 
     Raises:
-        RequestError: if a value is invalid, or there is no such encoder.
+        RequestError: if a value is invalid, there is no such task or encoder, or jbench can't use
+            the task.
     """
     fields = {name: _number(value) for name, value in fields.items()}
     # A task or label that does not exist is reported before an encoder that does not.
     validated(ExternalSettings, "the run", hyperparameters={}, **fields)
+    fields["specs"] = checked_task(fields["task"]).specs
     if fields["steps"] < EPISODE_STEPS:
         raise RequestError(
             f"No episode would end in {fields['steps']} control steps: steps must be "

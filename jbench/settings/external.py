@@ -1,12 +1,13 @@
 """The settings of a run whose training loop is not part of jbench."""
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from jbench.names import MAX_COUNT, TimeLimit
 from jbench.settings.base import Count, Seed, omissible
 from jbench.settings.labeled import LabeledSettings
+from jbench.settings.specs import Specs
 
 EXTERNAL: Literal["external"] = "external"
 """The engine of these runs."""
@@ -26,6 +27,13 @@ class ExternalSettings(LabeledSettings):
     evaluate_episodes: int = Field(ge=0, le=MAX_COUNT, description="episodes in an evaluation")
     hyperparameters: dict[str, Any] = Field(description="JSON values by name")
     augment: Seed | None = omissible(None, description="seed of the augmented robot")
+    specs: Specs | None = omissible(None, description="of a task of another robot")
+
+    @model_validator(mode="after")
+    def _is_of_the_jitterbug(self) -> Self:
+        if self.specs is not None and self.augment is not None:
+            raise ValueError(f"{self.task} has no augmented robots: leave augment out")
+        return self
 
     @property
     def robots(self) -> int:

@@ -5,8 +5,8 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
-from jbench.names import FULL, TASKS
-from jbench.settings.base import Seed, Settings
+from jbench.names import FULL
+from jbench.settings.base import Seed, Settings, in_id
 
 LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """Labels of algorithms and representations: part of an id, so valid as names of directories."""
@@ -24,9 +24,9 @@ class LabeledSettings(Settings):
 
     @field_validator("task")
     @classmethod
-    def _is_a_task(cls, task: str) -> str:
-        if task not in TASKS:
-            raise ValueError(f"choose {', '.join(TASKS)}")
+    def _is_a_name(cls, task: str) -> str:
+        if not LABEL.fullmatch(in_id(task)):
+            raise ValueError("type the name of a task, such as face_direction")
         return task
 
     @field_validator("algo", "representation")
@@ -39,7 +39,7 @@ class LabeledSettings(Settings):
     @property
     def id(self) -> str:
         """The id, such as face_direction/cleanrl-td3/full/s03-1f9a2c4e."""
-        return f"{self.task}/{self.algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+        return f"{in_id(self.task)}/{self.algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
 
     @property
     def values(self) -> dict[str, Any]:

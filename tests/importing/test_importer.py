@@ -198,6 +198,17 @@ def test_list_shows_points_and_kind_of_return(sb3_files, imports, tmp_path, caps
     assert {one["returns"]: one["episodes"] for one in listed} == {"training": 4, "evaluation": 2}
 
 
+def test_curves_of_another_robot_are_imported_and_reported(monitor_file, imports, tmp_path, capsys):
+    env_id = "jbench/dmc-cheetah-run-v0"  # as Monitor writes it
+    files = [monitor_file(seed, returns, env_id=env_id) for seed, returns in EPISODES.items()]
+    code, out, _ = imports("sb3-monitor", *files, more=("--task", "dmc:cheetah-run"))
+    assert (code, out.count("dmc.cheetah-run/td3/full/s0")) == (0, 2)
+    where = ("--results", str(tmp_path / "results"))
+    assert main(["report", "--json", "--format", "png", *where]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["configurations"]
+    assert (row["task"], row["seeds"]) == ("dmc:cheetah-run", 2)
+
+
 # Invalid files and requests; nothing is written.
 
 
@@ -222,6 +233,10 @@ def test_list_shows_points_and_kind_of_return(sb3_files, imports, tmp_path, caps
         (
             lambda text: text.replace('"None"', '"Jitterbug/MoveToPose-v0"'),
             "is of Jitterbug/MoveToPose-v0, which is --task move_to_pose",
+        ),
+        (
+            lambda text: text.replace('"None"', '"jbench/dmc-cheetah-run-v0"'),
+            "is of jbench/dmc-cheetah-run-v0, which is --task dmc:cheetah-run, not face_direction",
         ),
     ],
 )
@@ -355,6 +370,7 @@ def test_invalid_csv_file_is_refused(text, message, import_error, tmp_path):
         ({"more": ("--tag", "a")}, "--tag is for tensorboard"),
         ({"more": ("--representation", "a b")}, "type letters, digits"),
         ({"algo": "../td3"}, "type letters, digits"),
+        ({"more": ("--task", "dmc:cheetah-ran")}, "did you mean dmc:cheetah-run?"),
     ],
 )
 def test_invalid_request_is_refused(arguments, message, monitor_file, import_error):

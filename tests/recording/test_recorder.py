@@ -13,6 +13,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.envs.registration import registry
 from torch import nn
 
 import jbench
@@ -20,11 +21,13 @@ from jbench.cli import main
 from jbench.policies.copied import network_of
 from jbench.policies.saved import has_policy, load_agent
 from jbench.recording.request import plain_hyperparameters
+from jbench.registration import environment_id
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import read_run
 from jbench.simulation import find_task, rollout
 from jbench.store import Results
 from jbench.tasks import resets
+from jbench.training.reevaluate import reevaluate
 from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
 from tests.training.small_runs import EPISODE, paths, shorten_episodes
@@ -306,6 +309,46 @@ def test_callback_records_model_of_stable_baselines3(tmp_path):
     wanted, _ = ppo.predict(env.normalize_obs(observations), deterministic=True)
     acted = load_agent(Results(tmp_path), recording.id).act(observations)
     np.testing.assert_allclose(acted, wanted, atol=1e-5)
+
+
+def test_loop_on_another_robot_is_recorded(tmp_path, monkeypatch):
+    task, returns = "dmc:cheetah-run", []
+    monkeypatch.setattr(registry[environment_id(task)], "max_episode_steps", EPISODE)
+    torch.manual_seed(0)
+    actor = nn.Sequential(nn.Linear(17, 8), nn.Tanh(), nn.Linear(8, 6), nn.Tanh())
+    with jbench.record(task, results=tmp_path, **RUN) as recording:
+        env = recording.env()
+        for _ in range(2):
+            observation, _ = env.reset()
+            returns.append(0.0)
+            for _ in range(EPISODE):
+                action = actor(torch.from_numpy(observation)).detach().numpy()
+                observation, reward, *_ = env.step(action)
+                returns[-1] += reward
+                recording.evaluate(actor)
+        recording.keep_policy(actor)
+    assert recording.id.startswith("dmc.cheetah-run/mine/full/s07-")
+    record = record_of(tmp_path, recording.id)
+    assert record.settings["specs"]["sizes"] == [8, 9]
+    rows = record.read("episodes")["episode_return"].to_pylist()
+    assert rows == pytest.approx(returns, rel=1e-6)
+    assert min(returns) > 0
+    assert reevaluate(Results(tmp_path), record).verdict == "equal"
+
+
+@pytest.mark.parametrize(
+    ("task", "changes", "message"),
+    [
+        ("dmc:cheetah-ran", {}, "did you mean dmc:cheetah-run?"),
+        ("dmc:cheetah-run", {"augment": 3}, "dmc:cheetah-run has no augmented robots"),
+        ("tests.third_party_task.own_tasks:EndsEarly", {}, "at control step 5, its episode ends"),
+        ("../x", {}, "task of the run can't be '../x'"),
+    ],
+)
+def test_wrong_task_is_refused(task, changes, message, tmp_path):
+    with pytest.raises(jbench.RequestError, match=re.escape(message)):
+        jbench.record(task, results=tmp_path / "results", **RUN, **changes)
+    assert not (tmp_path / "results").exists()
 
 
 def test_environment_is_encoded(demo_results, tmp_path):

@@ -172,9 +172,8 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
         # If some times of a window are missing, the mean of the others is not that at its center.
         known = centers(np.isfinite(middle).astype(np.float64), curve.window) == 1
         usable = known & np.isfinite(curve.quantile(50))
-        values = centers(middle, curve.window)[usable], curve.quantile(50)[usable]
-        names = {**one.identity, "returns": one.kind}
-        parts.append(pd.DataFrame({**names, **dict(zip(PROCESSOR[-2:], values, strict=True))}))
+        names = {**one.identity, "returns": one.kind, "median": curve.quantile(50)[usable]}
+        parts.append(pd.DataFrame({**names, "seconds": centers(middle, curve.window)[usable]}))
     return concatenated(parts, PROCESSOR)
 
 

@@ -1,6 +1,6 @@
 """The leaderboard: agents, hand-written policies and published curves, ranked on each task."""
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 
 import numpy as np
 import pandas as pd
@@ -105,17 +105,14 @@ def leaderboard(
 
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
     """Ranks entries in the order of their medians."""
-    ranks: list[int | None] = []
-    low, rank, above = np.inf, 0, 0
-    for _, entry in entries.iterrows():
-        if not (entry["n"] >= st.DECIDING_SEEDS and entry["low"] <= entry["high"]):
-            ranks.append(None)
-            continue
-        above += 1
+    decided = (entries["n"] >= st.DECIDING_SEEDS) & (entries["low"] <= entries["high"])
+    ranks: dict[Hashable, int] = {}
+    low, rank = np.inf, 0
+    for place, (index, entry) in enumerate(entries[decided].iterrows(), 1):
         if entry["high"] < low:
-            low, rank = entry["low"], above
-        ranks.append(rank)
-    return entries.assign(rank=pd.array(ranks, "Int64"))
+            low, rank = entry["low"], place
+        ranks[index] = rank
+    return entries.assign(rank=entries.index.map(ranks))
 
 
 def _published(published: pd.DataFrame) -> pd.DataFrame:

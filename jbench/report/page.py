@@ -112,14 +112,9 @@ def _figure(chart: Chart) -> dict[str, Any]:
         }
         for name, look in chart.legend.items()
     }
-    return {
-        **{"name": chart.name, "title": chart.title, "note": chart.note, "data": chart.data},
-        **{"switches": chart.switches, "minimum": chart.minimum, "panels": panels},
-        "legend": legend if len(legend) > 1 else {},
-        "shown": " ".join(
-            [*(shown for shown, _ in chart.switches), *(["single"] if len(panels) == 1 else [])]
-        ),
-    }
+    classes = [shown for shown, _ in chart.switches] + (["single"] if len(panels) == 1 else [])
+    legend = legend if len(legend) > 1 else {}
+    return {**vars(chart), "panels": panels, "legend": legend, "shown": " ".join(classes)}
 
 
 def _mark(marker: str) -> str:
@@ -141,11 +136,11 @@ def _matrix(frames: Frames) -> dict[str, Any]:
     for _, group in verdicts.groupby("configuration", sort=False):
         first = group.iloc[0]
         known = {(row["against"], row["claim"]): row for row in group.to_dict("records")}
-        about = [first["algo"], first["words"], first["task"]]
-        about += [] if first["source"] == OWN else [first["source"]]
         keys = [(name, claim) for name in baselines for claim in _CLAIMS]
         shown = [_verdict(known[k], scales[k[1]]) if k in known else None for k in keys]
-        names = {"representation": first["representation"], "about": ", ".join(filter(None, about))}
+        source = "" if first["source"] == OWN else first["source"]
+        about = ", ".join(filter(None, (first["algo"], first["words"], first["task"], source)))
+        names = {"representation": first["representation"], "about": about}
         rows.append({**names, "verdicts": shown})
     return {"baselines": baselines, "claims": _CLAIMS, "rows": rows}
 
@@ -167,8 +162,8 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
     value, low, high = (f"{row[name]:+.0f}" for name in ("value", "low", "high"))
     names = ("value", "low", "high", "corrected_low", "corrected_high")
     return {
+        **row,
         **{name: at(row[name]) for name in names},
-        **{name: row[name] for name in ("mark", "verdict", "text", "corrected_by")},
         "numbers": f"alone: {value} [{low}, {high}], n = {row['seeds']}",
         "state": _STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
         "margin": (at(-MARGIN), at(MARGIN)) if row["claim"] == "a" else None,
@@ -189,7 +184,7 @@ def _table(table: Table) -> dict[str, Any]:
         if column.key in _FILTERED and 1 < len(values) <= _MOST_CHOICES:
             filters.append((i, column.title, values))
     return {
-        **{"name": table.name, "title": table.title, "caption": table.caption},
+        **vars(table),
         **{"columns": columns, "rows": cells, "filters": filters},
         "searched": len(rows) > _SEARCHED,
         "long": len(rows) > _LONG,

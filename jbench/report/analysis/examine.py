@@ -211,7 +211,8 @@ def examine_published(published: pd.DataFrame) -> list[Finding]:
         np.trapezoid(curve["median"], curve["steps"]) / np.ptp(curve["steps"])
         for _, curve in curves
     ]
-    return [*_on_figure_9(ends[ends["figure"] == "Figure 9"]), *_on_figures_7_and_8(ends)]
+    newest = ends[ends["figure"] == "Figure 9"]
+    return [*_on_figure_9(newest), *_on_figures_7_and_8(ends, newest)]
 
 
 def _on_figure_9(ends: pd.DataFrame) -> Iterator[Finding]:
@@ -230,37 +231,34 @@ def _on_figure_9(ends: pd.DataFrame) -> Iterator[Finding]:
             yield _published("f", compared, effect, remark, "undecided", one)
 
 
-def _on_figures_7_and_8(ends: pd.DataFrame) -> Iterator[Finding]:
+def _on_figures_7_and_8(ends: pd.DataFrame, newest: pd.DataFrame) -> Iterator[Finding]:
     compared = ends[ends["representation"] == FULL].merge(
         ends[ends["representation"] == REDUCED], on=CURVE[:3], suffixes=("_full", "")
     )
-    baseline = ends[(ends["figure"] == "Figure 9") & (ends["name"] == f"{HARDER} ddpg {FULL}")]
+    baseline = newest["median"][newest["name"] == f"{HARDER} ddpg {FULL}"]
     curves: list[Any] = list(compared.itertuples())
     for one in curves:
         remark = _ONE_SEED if one.seeds == 1 else _QUARTILES
-        other = ""
         if one.figure == "Figure 8" and len(baseline):
-            other = f"; Figure 8's own baseline ends at {one.median_full:.0f}, Figure 9's of the "
-            other += f"same task and algorithm at {baseline['median'].iloc[0]:.0f}"
-        name = f"{one.name} against {FULL}"
-        effect = st.Estimate(one.median - one.median_full)
-        yield _published("a", name, effect, remark + other, "undecided", one)
+            remark += f"; Figure 8's own baseline ends at {one.median_full:.0f}, Figure 9's of the "
+            remark += f"same task and algorithm at {baseline.iloc[0]:.0f}"
+        effects = {
+            "a": (one.median - one.median_full, remark),
+            "c": (one.over_run - one.over_run_full, f"difference of medians; {remark}"),
+        }
         if np.isfinite(one.q25):
             widths = _ratio(one.q75 - one.q25, one.q75_full - one.q25_full)
-            remark_b = f"ratio of the quartile bands' widths; {_NO_WIDTH}"
-            yield _published("b", name, st.Estimate(widths), remark_b, "undecided", one)
-        effect = st.Estimate(one.over_run - one.over_run_full)
-        remark_c = f"difference of medians; {remark}{other}"
-        yield _published("c", name, effect, remark_c, "undecided", one)
+            effects["b"] = widths, f"ratio of the quartile bands' widths; {_NO_WIDTH}"
+        name = f"{one.name} against {FULL}"
+        for claim, (effect, why) in effects.items():
+            yield _published(claim, name, st.Estimate(effect), why, "undecided", one)
     gains = (compared["over_run"] - compared["over_run_full"]).groupby(compared["task"]).last()
     if {EASIER, HARDER} <= {*gains.index}:
-        remark = f"Figure 8's gain less Figure 7's; there, {_ONE_SEED}"
-        effect = st.Estimate(float(gains[HARDER]) - float(gains[EASIER]))
+        gain = st.Estimate(float(gains[HARDER]) - float(gains[EASIER]))
+        more: dict[str, Any] = {"source": "Figures 7 and 8"}
+        more["remark"] = f"Figure 8's gain less Figure 7's; there, {_ONE_SEED}"
         named = f"ddpg: {HARDER} against {EASIER}"
-        source = "Figures 7 and 8"
-        yield Finding(
-            "d", named, effect, 1, "undecided", None, TRAINING, source=source, remark=remark
-        )
+        yield Finding("d", named, gain, 1, "undecided", None, TRAINING, **more)
 
 
 def _published(

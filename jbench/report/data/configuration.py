@@ -18,7 +18,6 @@ from jbench.names import (
     kind_of,
 )
 from jbench.report.data.curves import Curve, learning_curve
-from jbench.report.data.points import FIELDS
 from jbench.report.data.returns import TRAINING
 from jbench.report.request import WINDOW
 from jbench.settings.alike import comparable
@@ -61,6 +60,8 @@ class Configuration:
             training episodes, and if unknown.
         counts: (seeds, points) number of episodes of each evaluation; 1 for training episodes.
         lengths: (seeds,) number of points of each run.
+        last_step: last control step that every seed has reached.
+        longest: last control step that any seed has reached.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
             episode.
         diverged: (seeds,) whether the run diverged.
@@ -89,22 +90,23 @@ class Configuration:
         self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
         self.source, self.words = OWN, ""
         self.notes: tuple[str, ...] = ()
-        self.returns, self.control_steps, self.processor_time = (points[one] for one in FIELDS[:3])
-        self.deviations, self.counts = (points[one] for one in FIELDS[3:])
+        self.returns, self.control_steps = points["returns"], points["control_steps"]
+        self.processor_time = points["processor_time"]
+        self.deviations, self.counts = points["deviations"], points["counts"]
         self.seeds, self.runs = runs["seed"].to_numpy(np.int64), tuple(runs["run"])
         self.diverged = runs["diverged"].notna().to_numpy()
         self.finished = (runs["status"] == "finished").to_numpy()
         self.draws, self.settings = runs["encoder"].nunique(), first["typed"]
-        present = np.isfinite(self.control_steps)
-        self.lengths = self.lengths_up_to(None)
+        self.lengths = self.lengths_up_to(np.inf)
         planned = runs["steps"].fillna(0).to_numpy(np.int64)
         ends = self.control_steps[np.arange(len(runs)), self.lengths - 1]
+        self.last_step, self.longest = float(ends.min()), float(np.nanmax(self.control_steps))
         self.steps = np.where(self.finished & (planned > 0), planned, ends).astype(np.int64)
         if self.diverged.any() and not self.diverged.all():
             longest = self.steps[~self.diverged].max()
             self.steps[self.diverged] = np.maximum(self.steps[self.diverged], longest)
         self.robots = 0 if self.settings.augment is None else self.settings.robots
-        episodes = max(int(planned.max()) // EPISODE_STEPS, present.shape[1])
+        episodes = max(int(planned.max()) // EPISODE_STEPS, self.returns.shape[1])
         self.robot_episodes = -(-episodes // self.robots) if self.robots else 0
 
     @property
@@ -144,21 +146,10 @@ class Configuration:
         values = self.configuration, self.label, self.source, self.task, *words
         return dict(zip(ID, values, strict=True))
 
-    @property
-    def last_step(self) -> float:
-        """The last control step that every seed has reached."""
-        ends = self.control_steps[np.arange(len(self.lengths)), self.lengths - 1]
-        return float(ends.min())
-
-    @property
-    def longest(self) -> float:
-        """The last control step that any seed has reached."""
-        return float(np.nanmax(self.control_steps))
-
-    def lengths_up_to(self, control_steps: float | None) -> IntArray:
-        """Returns the number of points (seeds,) up to a control step; None: of all points."""
+    def lengths_up_to(self, control_steps: float) -> IntArray:
+        """Returns the number of points (seeds,) up to a control step."""
         points = np.arange(1, self.returns.shape[1] + 1)
-        within = self.control_steps <= (np.inf if control_steps is None else control_steps)
+        within = self.control_steps <= control_steps
         return np.asarray(np.max(np.where(within, points, 0), axis=1), np.int64)
 
     def comparable(self, *names: str) -> tuple[str, str]:

@@ -105,10 +105,8 @@ def examine_heuristic(task: str, returns: FloatArray) -> Finding:
 
 
 def _solves(claim: str, compared: str, values: FloatArray, **more: Any) -> Finding:
-    effect = st.estimate(st.median, [values])
-    return Finding(
-        claim, compared, effect, len(values), *decide_solved(effect, len(values)), **more
-    )
+    effect, count = st.estimate(st.median, [values]), len(values)
+    return Finding(claim, compared, effect, count, *decide_solved(effect, count), **more)
 
 
 def _common(*compared: Configuration) -> dict[str, Any]:

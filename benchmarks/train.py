@@ -5,9 +5,11 @@ control step (`--task dmc:cheetah-run` and the like: with the settings for the s
 two single-threaded processes with five of ten seeds each, against two processes of each library
 with one seed each. All processes stay in memory and run alternately for a few seconds, so that
 other work on the machine affects them equally; a ratio is the median over the rounds. Rates are per
-second of wall time and per second of processor time, which other processes do not take. Then it
-measures DDPG's update relative to its own matrix products, and what takes the time of whole
-training with the published settings.
+second of wall time and per second of processor time, which other processes do not take. A return is
+the mean of the training episodes in the last 10,000 control steps before the step that all
+contenders have reached; with `--steps 200000`, it is at least that one. Then it measures DDPG's
+update relative to its own matrix products, and what takes the time of whole training with the
+published settings.
 
 SBX is built on JAX and needs a separate environment: `--make-sbx DIR` creates it and compares with
 it, `--sbx-python DIR/bin/python` reuses it.
@@ -24,7 +26,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from statistics import median
+from statistics import fmean, median
 from typing import Any, NamedTuple
 
 from jbench.names import ONE_THREAD
@@ -43,14 +45,21 @@ class Contender(NamedTuple):
     name: str
     processes: list[subprocess.Popen[str]]
 
-    def run(self, seconds: float) -> dict[str, float]:
-        """Returns the control steps per second over all its seeds, by clock."""
+    def run(self, seconds: float) -> dict[str, Any]:
+        """Returns the control steps per second over all its seeds, by clock.
+
+        Also the `steps` of each seed since the start, and its `episodes`; see `train_worker.py`.
+        """
         for process in self.processes:
             assert process.stdin is not None
             process.stdin.write(json.dumps({"seconds": seconds}) + "\n")
             process.stdin.flush()
         answers = [_read_answer(process) for process in self.processes]
-        return {clock: sum(answer[clock] for answer in answers) for clock in CLOCKS}
+        return {
+            **{clock: sum(answer[clock] for answer in answers) for clock in CLOCKS},
+            "steps": min(answer["steps"] for answer in answers),
+            "episodes": [episode for answer in answers for episode in answer["episodes"]],
+        }
 
 
 def _read_answer(process: subprocess.Popen[str]) -> dict[str, Any]:
@@ -125,10 +134,11 @@ def compare(algo: str, arguments: argparse.Namespace) -> None:
     with ExitStack() as stack:
         wanted = contenders_of(algo, arguments.task, arguments.sbx_python)
         contenders = [stack.enter_context(contender(*each)) for each in wanted]
-        rounds = [
-            {each.name: each.run(arguments.seconds) for each in contenders}
-            for _ in range(arguments.rounds)
-        ]
+        rounds: list[dict[str, dict[str, Any]]] = []
+        reached = 0
+        while len(rounds) < arguments.rounds or reached < arguments.steps:
+            rounds.append({each.name: each.run(arguments.seconds) for each in contenders})
+            reached = min(each["steps"] for each in rounds[-1].values())
     for name in rounds[0]:
         line = f"{algo:5} {name:18}"
         for clock in CLOCKS:
@@ -137,7 +147,9 @@ def compare(algo: str, arguments: argparse.Namespace) -> None:
                 if peer in rounds[0]:
                     ratio = median(each[name][clock] / each[peer][clock] for each in rounds)
                     line += f", {ratio:4.2f} x {peer}"
-        print(line, flush=True)
+        last = [r for at, r in rounds[-1][name]["episodes"] if reached - 10_000 < at <= reached]
+        line += f" | return {fmean(last):.1f}" if last else " | no episode"
+        print(f"{line} at {reached:,} control steps", flush=True)
 
 
 def make_sbx(directory: Path) -> str:
@@ -156,6 +168,7 @@ def main() -> None:
     parser.add_argument("--sbx-python", help="interpreter of an environment with SBX")
     parser.add_argument("--make-sbx", type=Path, metavar="DIR", help="create such an environment")
     parser.add_argument("--rounds", type=int, default=7, help="rounds of all contenders")
+    parser.add_argument("--steps", type=int, default=0, help="of each seed, at least")
     parser.add_argument("--seconds", type=float, default=3.0, help="per contender and round")
     arguments = parser.parse_args()
     import shares

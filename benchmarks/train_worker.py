@@ -4,8 +4,9 @@
         '{"kind": "sb3", "task": "face_direction", "algo": "td3", "seeds": [0], "core": 0}'
 
 It prints {"ready": true} after its warm-up. Then it reads lines like {"seconds": 2} and answers
-each with its control steps per second of wall time and per second of processor time. Each kind
-imports only what it needs, since SBX has a separate environment.
+each with its control steps per second of wall time and per second of processor time, the control
+steps of each seed since the start, and all episodes: the control step at which each ended, and its
+return. Each kind imports only what it needs, since SBX has a separate environment.
 """
 
 import json
@@ -18,8 +19,11 @@ from typing import Any
 WARM_UP = 300  # control steps of each seed; updates begin after 256
 
 Request = dict[str, Any]
-Run = Callable[[float], int]
-"""Trains for some seconds and returns the number of control steps."""
+Episodes = list[tuple[int, float]]
+"""Control step at the end of each episode, and its return."""
+Run = Callable[[float], tuple[int, int, Episodes]]
+"""Trains for some seconds; returns the control steps made, those of each seed since the start, and
+all episodes so far."""
 
 
 def settings_of(request: Request) -> Any:
@@ -38,38 +42,53 @@ def batched(request: Request) -> Run:
     settings, computation = settings_of(request), Computation(**request.get("options", {}))
     about = request["algo"], settings, request["task"], request["seeds"]
     engine = make_engine(*about, computation=computation)
-    steps = engine.learn(10**12)
-    while engine.control_steps < WARM_UP:
-        next(steps)
+    steps, episodes = engine.learn(10**12), Episodes()
 
-    def run(seconds: float) -> int:
+    def step() -> None:
+        returns = next(steps)
+        if returns is not None:
+            episodes.extend((engine.control_steps, float(each)) for each in returns.ravel())
+
+    while engine.control_steps < WARM_UP:
+        step()
+
+    def run(seconds: float) -> tuple[int, int, Episodes]:
         first, end = engine.control_steps, time.perf_counter() + seconds
         while time.perf_counter() < end:
-            next(steps)
-        return len(request["seeds"]) * (engine.control_steps - first)
+            step()
+        made = len(request["seeds"]) * (engine.control_steps - first)
+        return made, engine.control_steps, episodes
 
     return run
 
 
 def library(agent: Any) -> Run:
     """Returns training of an agent of stable-baselines3 or SBX, which have the same interface."""
+    import numpy as np
     from stable_baselines3.common.callbacks import BaseCallback
 
     class Until(BaseCallback):
-        def __init__(self, seconds: float, steps: int) -> None:
+        """Stops after some seconds and control steps; keeps the episodes."""
+
+        def __init__(self) -> None:
             super().__init__()
-            self.end, self.steps, self.done = time.perf_counter() + seconds, steps, 0
+            self.episodes, self.returns = Episodes(), np.zeros(agent.n_envs)
+            self.end, self.steps = 0.0, WARM_UP
 
         def _on_step(self) -> bool:
-            self.done += self.training_env.num_envs
-            return self.done < self.steps or time.perf_counter() < self.end
+            self.returns += self.locals["rewards"]
+            ended = np.flatnonzero(self.locals["dones"])
+            self.episodes.extend((self.num_timesteps, float(self.returns[i])) for i in ended)
+            self.returns[ended] = 0
+            return self.num_timesteps < self.steps or time.perf_counter() < self.end
 
-    agent.learn(10**12, Until(0, WARM_UP), log_interval=None)
+    until = Until()
+    agent.learn(10**12, until, log_interval=None)
 
-    def run(seconds: float) -> int:
-        until = Until(seconds, 0)
+    def run(seconds: float) -> tuple[int, int, Episodes]:
+        first, until.end = agent.num_timesteps, time.perf_counter() + seconds
         agent.learn(10**12, until, log_interval=None, reset_num_timesteps=False)
-        return until.done
+        return agent.num_timesteps - first, agent.num_timesteps, until.episodes
 
     return run
 
@@ -129,9 +148,10 @@ def main() -> None:
     print(json.dumps({"ready": True}), flush=True)
     for line in sys.stdin:
         wall, processor = time.perf_counter(), time.process_time()
-        steps = run(json.loads(line)["seconds"])
+        made, steps, episodes = run(json.loads(line)["seconds"])
         wall, processor = time.perf_counter() - wall, time.process_time() - processor
-        print(json.dumps({"wall": steps / wall, "processor": steps / processor}), flush=True)
+        answer = {"wall": made / wall, "processor": made / processor}
+        print(json.dumps({**answer, "steps": steps, "episodes": episodes}), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The export command: policies and datasets in formats that other tools read."""
+"""The export command: policies, datasets and curves in formats that other tools read."""
 
 import importlib.util
 from pathlib import Path
@@ -21,6 +21,7 @@ from jbench.commands.options import (
 from jbench.commands.output import Output
 from jbench.commands.policies import database_and_policy
 from jbench.errors import RequestError
+from jbench.wording import counted, repair_hint
 
 FORMATS = ("onnx", "minari")
 """Formats of policies (onnx) and of datasets (minari)."""
@@ -36,7 +37,7 @@ def export(
         str | None,
         typer.Argument(
             metavar="RUN",
-            help="Id of a run, to export its policy (default: export a dataset).",
+            help="Id of a run, to export its policy (default: export a dataset, or --curves).",
             autocompletion=complete_policies,
         ),
     ] = None,
@@ -45,7 +46,8 @@ def export(
         str | None,
         typer.Option(
             help="Task whose observations and rewards a dataset is exported with (default: "
-            "face_direction, or the task of another robot's --dataset).",
+            "face_direction, or the task of another robot's --dataset), or whose curves are "
+            "exported (default: all).",
             autocompletion=complete_tasks,
         ),
     ] = None,
@@ -65,6 +67,22 @@ def export(
             autocompletion=complete(*INPUTS),
         ),
     ] = None,
+    curves: Annotated[
+        Path | None,
+        typer.Option(
+            parser=path,
+            metavar="FILE",
+            help="Write the learning curves of all runs to this file, as the JSON of "
+            "HumanoidBench: task, method, seed_0, million_steps and return.",
+        ),
+    ] = None,
+    returns: Annotated[
+        str | None,
+        typer.Option(
+            help="Returns of --curves: evaluation (the default) or training.",
+            autocompletion=complete(*names.RETURNS),
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -76,7 +94,16 @@ def export(
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Export a policy as ONNX, or a dataset for Minari."""
+    """Export a policy as ONNX, a dataset for Minari, or learning curves as JSON."""
+    if curves is not None:
+        typed = {"RUN": run, "--dataset": dataset, "--format": format, "--inputs": inputs}
+        for option, value in {**typed, "--out": out}.items():
+            if value is not None:
+                raise RequestError(f"{option} and --curves exclude each other; leave one out.")
+        kind = names.known("value of --returns", returns or "evaluation", names.RETURNS)
+        return _curves(curves, kind, task, results, Output(json))
+    if returns is not None:
+        raise RequestError("--returns is for --curves FILE; type both, or leave it out.")
     chosen = format or ("minari" if run is None else "onnx")
     names.known("value of --format", chosen, FORMATS)
     if inputs is not None:
@@ -94,6 +121,44 @@ def export(
         raise RequestError("--dataset and --task are for datasets; leave them out with RUN.")
     else:
         _policy(run, inputs, out, results, output)
+
+
+def _curves(
+    file: Path, returns: names.ReturnsName, task: str | None, results: Path, output: Output
+) -> None:
+    import pandas as pd
+
+    from jbench.importing.curve_file import to_json
+    from jbench.report.data import sources
+    from jbench.report.data.configuration import with_returns
+    from jbench.report.request import Request
+    from jbench.store.files import check_output, write_atomic
+
+    database = parsing.existing_results(results)
+    task = task and parsing.known_or_held("task", task, [database])
+    check_output(file)
+    read = sources.joined(sources.own_and_imported(database, Request(task=task)))
+    chosen = with_returns(read.configurations, returns)
+    if not chosen:
+        (other,) = {*names.RETURNS} - {returns}
+        raise RequestError(f"No run has {returns} returns; type --returns {other}.")
+    points = pd.concat(
+        pd.DataFrame(
+            {"task": one.task, "method": one.label, "seed": seed, "steps": steps, "return": values}
+        )
+        for one in chosen
+        for seed, steps, values in zip(one.seeds, one.control_steps, one.returns, strict=True)
+    )
+    # A seed has no return after its end, or where it was not finite.
+    points = points.dropna()
+    write_atomic(file, to_json(points).encode())
+    runs = sum(len(one.runs) for one in chosen)
+    output.say(
+        f"Exported the {returns} returns of {counted(runs, 'run')} to {file}: task, method, seed, "
+        "million_steps and return."
+    )
+    output.document({"path": str(file), "returns": returns, "runs": runs, "points": len(points)})
+    output.warn_of_damage(read.problems, repair_hint(database.name))
 
 
 def _policy(run: str, inputs: str | None, out: Path | None, results: Path, output: Output) -> None:

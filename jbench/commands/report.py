@@ -62,6 +62,15 @@ def report(
             help="Compare two results directories, or two settings: engine=sb3 engine=batched.",
         ),
     ] = None,
+    curves: Annotated[
+        Path | None,
+        typer.Option(
+            parser=path,
+            metavar="FILE",
+            help="Report the learning curves of this file instead of results: CSV with the columns "
+            "method, task, seed, steps, return, or JSON of HumanoidBench, of any environment.",
+        ),
+    ] = None,
     reference: Annotated[
         bool, typer.Option("--reference", help="Add the runs shipped with jbench.")
     ] = False,
@@ -116,7 +125,8 @@ def report(
         Path | None,
         typer.Option(
             parser=path,
-            help="Output directory (default: RESULTS/report; with --compare, RESULTS/comparison).",
+            help="Output directory (default: RESULTS/report; with --compare, RESULTS/comparison; "
+            "with --curves, FILE-report).",
         ),
     ] = None,
     results: ReadResultsOption = RESULTS,
@@ -129,19 +139,20 @@ def report(
     from jbench.report.request import Request
     from jbench.store import Results
 
-    # If two directories are compared, --results is not read.
+    # If two directories are compared, or a file is reported, --results is not read.
     sides = [Path(side) for side in compare or () if Path(side).is_dir()]
-    directories = len(sides) == 2
-    database = parsing.results_at(results) if directories else parsing.existing_results(results)
-    read = [Results(side) for side in sides] if directories else [database]
+    unread = len(sides) == 2 or curves is not None
+    database = parsing.results_at(results) if unread else parsing.existing_results(results)
+    read = [Results(side) for side in sides] if unread else [database]
     output = Output(json)
-    if watch and json:
-        raise RequestError("--watch and --json exclude each other; type one of them.")
+    if watch and (json or curves):
+        other = "--json" if json else "--curves"
+        raise RequestError(f"--watch and {other} exclude each other; type one of them.")
     request = Request(
         order=names.known("value of --order", order, names.ORDERS),
         window=window,
-        task=task and parsing.known_or_held("task", task, read),
-        algo=algo and parsing.known_or_held("algo", algo, read),
+        task=task and (task if curves else parsing.known_or_held("task", task, read)),
+        algo=algo and (algo if curves else parsing.known_or_held("algo", algo, read)),
         since=since,
         returns=names.known("value of --returns", returns, names.RETURNS),
         claims=claims,
@@ -151,13 +162,18 @@ def report(
         reference=reference,
         baseline=baseline,
         compare=compare,
+        curves=curves,
         watched=watch,
         command=_command(),
     )
     name = "comparison" if compare else "report"
     # The shipped results are read-only.
     where = out or (
-        Path(f"reference-{name}") if names.is_reference(results) else database.inside(name)
+        Path(f"{curves.stem}-report")
+        if curves is not None
+        else Path(f"reference-{name}")
+        if names.is_reference(results)
+        else database.inside(name)
     )
     if watch:
         _watch(database, where, request, output)
@@ -169,7 +185,7 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
     """Writes a report and prints its main tables and notes."""
     from jbench.report.report import write_report
 
-    written = write_report(database, out, request)
+    written = write_report(None if request.curves else database, out, request)
     _show(written, output)
     if output.as_json:
         output.document(_document(written))
@@ -216,6 +232,7 @@ def _show(written: "Report", output: Output) -> None:
 
     request = written.frames.request
     asked = {"comparisons"} if request.compare else {"final_returns", "verdicts"}
+    asked |= {"comparisons"} if request.curves else set()
     asked |= {"claims"} if request.claims else set()
     for table in tables(written.frames):
         if table.name in asked:

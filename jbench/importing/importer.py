@@ -1,6 +1,5 @@
 """Reads all files of an import, then writes a record for each seed."""
 
-from codecs import BOM_UTF8
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,12 +9,12 @@ import pyarrow as pa
 
 from jbench.errors import RequestError
 from jbench.importing import columns, evaluations, monitor, tensorboard
-from jbench.importing.request import ImportedFile, ImportRequest
+from jbench.importing.request import ImportedFile, ImportRequest, open_file
 from jbench.importing.series import Series
 from jbench.names import ImportFormat
 from jbench.settings.base import validated
 from jbench.settings.imported import ImportSettings
-from jbench.store import Results, files, schema
+from jbench.store import Results, schema
 from jbench.store.manifest import FORMULA, plain_settings
 from jbench.store.parquet import table_of
 
@@ -89,7 +88,7 @@ def import_curves(
         raise RequestError("No file is named; type the files to import.")
     by_hash: dict[str, ImportedFile] = {}
     for path in paths:
-        file = _open(path)
+        file = open_file(path)
         if file.sha256 in by_hash:
             same = by_hash[file.sha256].path
             raise RequestError(f"{same} and {path} have the same content; name one of them.")
@@ -101,18 +100,6 @@ def import_curves(
             by_seed.setdefault(series.seed, []).append(series)
     curves = [_curve(parts, request) for _, parts in sorted(by_seed.items())]
     return [_write(results, curve) for curve in curves]
-
-
-def _open(path: Path) -> ImportedFile:
-    try:
-        content = path.read_bytes()
-    except IsADirectoryError:
-        raise RequestError(f"{path} is a directory; name the files in it.") from None
-    except OSError as error:
-        raise RequestError(f"{path} can't be read ({error.strerror}).") from None
-    if not content.removeprefix(BOM_UTF8).strip():
-        raise RequestError(f"{path} is empty; leave the file out.")
-    return ImportedFile(path, content, files.sha256(content))
 
 
 def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:

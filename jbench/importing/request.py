@@ -1,11 +1,13 @@
-"""What to import: the format of the files, their columns, and where a seed's number is."""
+"""What to import: the files, their format and columns, and where a seed's number is."""
 
 import re
+from codecs import BOM_UTF8
 from dataclasses import dataclass
 from pathlib import Path
 
 from jbench.errors import RequestError
 from jbench.names import FULL, MAX_SEED, ImportFormat, ReturnsName, one_of
+from jbench.store.files import sha256
 
 _USED_BY = {
     "tag": ("tensorboard",),
@@ -117,3 +119,20 @@ class ImportedFile:
     path: Path
     content: bytes
     sha256: str
+
+
+def open_file(path: Path) -> ImportedFile:
+    """Returns a file with its content.
+
+    Raises:
+        RequestError: if it can't be read, or is empty.
+    """
+    try:
+        content = path.read_bytes()
+    except IsADirectoryError:
+        raise RequestError(f"{path} is a directory; name the files in it.") from None
+    except OSError as error:
+        raise RequestError(f"{path} can't be read ({error.strerror}).") from None
+    if not content.removeprefix(BOM_UTF8).strip():
+        raise RequestError(f"{path} is empty; leave the file out.")
+    return ImportedFile(path, content, sha256(content))

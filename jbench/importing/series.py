@@ -12,8 +12,10 @@ from jbench.importing.request import ImportedFile
 from jbench.names import EPISODE_STEPS, ReturnsName
 
 _ROUNDING = 0.01  # of rewards that were summed in single precision
-# float64 counts no further, and the column of lengths is int32.
-_MAX = {"control_steps": 1 << 53, "length": (1 << 31) - 1}
+MAX_STEPS = 1 << 53
+"""Largest number of control steps; float64 counts no further."""
+
+_MAX = {"control_steps": MAX_STEPS, "length": (1 << 31) - 1}  # the column of lengths is int32
 
 
 class Series(NamedTuple):

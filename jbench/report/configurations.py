@@ -17,7 +17,7 @@ from jbench.report.data.configuration import (
 )
 from jbench.report.data.curves import BAND_SEEDS, QUANTILES, Curve, centers
 from jbench.report.data.published import NAMES, PUBLISHED, SEQUENCE_ROBOTS, best_beside
-from jbench.report.data.returns import TRAINING, has_solved_return
+from jbench.report.data.returns import TRAINING
 from jbench.statistics.bootstrap import Estimate
 
 Curves = Sequence[tuple[Configuration, Curve]]
@@ -75,7 +75,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
                 **{"steps_min": int(one.steps.min()), "steps": int(one.steps.max())},
                 **row,
                 "solved": _SOLVED[decide_solved(median, seeds)[0]]
-                if seeds and has_solved_return(one.task)
+                if seeds and one.has_solved_return
                 else None,
                 **{"published": value, "published_figure": figure, "note": "; ".join(one.notes)},
             }

@@ -11,7 +11,7 @@ import pandas as pd
 from jbench.errors import RequestError
 from jbench.names import ReturnsName
 from jbench.report import policies
-from jbench.report.analysis import compare
+from jbench.report.analysis import compare, tasks
 from jbench.report.analysis.claims import claim_frame
 from jbench.report.analysis.examine import examine, examine_published
 from jbench.report.analysis.verdicts import decision_frame, verdict_frame
@@ -27,7 +27,7 @@ from jbench.report.configurations import (
 from jbench.report.data import sources
 from jbench.report.data.configuration import IMPORTED, Configuration, verified, with_returns
 from jbench.report.data.published import SEQUENCE, imported_curve, read_published
-from jbench.report.data.returns import KINDS, TRAINING
+from jbench.report.data.returns import FILE, KINDS, TRAINING
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame, prediction_frame
 from jbench.report.headline import headline
@@ -84,14 +84,14 @@ class Frames:
         self.provenance = provenance_frame(self.runs)
 
 
-def frames(results: Results, request: Request = _DEFAULT) -> Frames:
-    """Returns the frames of the report on some results.
+def frames(results: Results | None, request: Request = _DEFAULT) -> Frames:
+    """Returns the frames of the report on some results, or on the file of the request.
 
     Raises:
         NothingYetError: if there are no runs, or none passes the filters.
         WorkError: if there are runs but none can be read.
     """
-    parts, pairs, notes = _read(results, request)
+    parts, groups, notes = _read(results, request)
     source = sources.joined(parts)
     every = source.configurations
     published = read_published(query.published())
@@ -106,11 +106,11 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
     leading = configurations[configurations["returns"] == returns]
     decisions = decision_frame(verified(every))
     verdicts = verdict_frame(verified(every), decisions)
-    comparisons = compare.comparison_frame(pairs)
+    comparisons = compare.comparison_frame(groups)
     encoders = encoder_frame(source.tables, request.task)
     motor, positions, unread = policies.behavior(results, request.task)
     claims, untested = _claims(source, published, request)
-    tasks = {one.task for one in every}
+    known = {one.task for one in every if one.source != FILE}
     figures = published[published["figure"] != SEQUENCE]
     return Frames(
         request=request,
@@ -122,18 +122,18 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
         ),
         notes=[*source.notes, *notes, *_notes(every), *untested],
         problems=[*source.problems, *unread],
-        configurations=configurations,
+        configurations=tasks.with_file_means(configurations, lead),
         curves=curve_frame(plain),
-        published=published_frame(pd.concat([figures, *baselines]), tasks, request.algo),
+        published=published_frame(pd.concat([figures, *baselines]), known, request.algo),
         seeds=seed_frame(every),
         run_curves=run_curve_frame(plain),
         metrics=metric_frame(source),
         paths=source.paths,
-        baselines=policies.baseline_frame(tasks),
+        baselines=policies.baseline_frame(known),
         verdicts=verdicts,
         decisions=decisions,
         pairs=compare.pair_frame(lead, verdicts[verdicts["returns"] == returns]),
-        profiles=compare.profile_frame(lead),
+        profiles=tasks.profile_frame(lead),
         encoders=encoders,
         predictions=prediction_frame(verified(lead), encoders),
         processor=processor_frame([pair for pair in plain if pair[0].kind == returns]),
@@ -147,7 +147,10 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
         claims=claims,
         runs=run_frame(source, returns),
         leaderboard=leaderboard(
-            leading, policies.hand_written_returns(source.tables), figures, request.algo
+            leading[leading["source"] != FILE],
+            policies.hand_written_returns(source.tables),
+            figures,
+            request.algo,
         ),
     )
 
@@ -157,9 +160,13 @@ def _named(configuration: Configuration) -> tuple[str, str]:
 
 
 def _read(
-    results: Results, request: Request
-) -> tuple[list[Source], list[tuple[Configuration, Configuration]], list[str]]:
-    """Returns each source, the pairs of the two sides of a comparison, and notes."""
+    results: Results | None, request: Request
+) -> tuple[list[Source], list[list[compare.Pair]], list[str]]:
+    """Returns each source, the pairs of compared configurations, and notes."""
+    if request.curves is not None:
+        part = sources.from_file(request, request.curves)
+        return [part], compare.method_pairs(part.configurations), []
+    assert results is not None
     if request.compare is not None:
         sides = [sources.side(text, results, request) for text in request.compare]
         return sides, *_compared(sides[0].configurations, sides[1].configurations, request)
@@ -191,7 +198,7 @@ def _has_states(results: Results, task: str | None) -> bool:
 
 def _compared(
     ours: Sequence[Configuration], theirs: Sequence[Configuration], request: Request
-) -> tuple[list[tuple[Configuration, Configuration]], list[str]]:
+) -> tuple[list[list[compare.Pair]], list[str]]:
     """Returns the pairs of two sides, and notes on configurations without a counterpart.
 
     Raises:
@@ -208,7 +215,7 @@ def _compared(
             f"No runs of {sides} can be compared: there must be runs of both that differ only in "
             f"{free}. {''.join(why)}".strip()
         )
-    return pairs, notes
+    return [[pair] for pair in pairs], notes
 
 
 def _leading(configurations: Sequence[Configuration], request: Request) -> ReturnsName:

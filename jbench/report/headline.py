@@ -5,8 +5,9 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from jbench.names import FULL, one_of
+from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.verdicts import judged
-from jbench.report.data.returns import steps, whole
+from jbench.report.data.returns import FILE, steps, whole
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _OUTCOMES = {
@@ -30,12 +31,17 @@ def headline(
     known = configurations[configurations["seeds"] > 0]
     if known.empty:
         return "There are no returns yet."
-    if known["seeds"].max() < DECIDING_SEEDS:
+    from_file = FILE in {*known["source"]}
+    single = from_file and known["label"].nunique() == 1
+    if known["seeds"].max() < DECIDING_SEEDS and not single:
         seeds, longest = int(known["seeds"].max()), steps(known["steps"].max())
         count = "one seed" if seeds == 1 else f"{seeds} seeds"
+        if from_file:
+            return f"{count.capitalize()} of a method can't decide a comparison."
         return f"Too early to say: {count} of {longest} control steps decide nothing."
-    if len(comparisons):
-        return _on_sides(comparisons)
+    if len(comparisons) and len(comparisons[["a", "b"]].drop_duplicates()) == 1:
+        on_tasks = comparisons[comparisons["task"].isin(known["task"])]
+        return _on_sides(on_tasks, 0 if from_file else MARGIN)
     against_full = verdicts[verdicts["against"] == FULL]
     if against_full.empty:
         return _best(known)
@@ -47,12 +53,12 @@ def headline(
     return _sentence(clauses)
 
 
-def _on_sides(comparisons: pd.DataFrame) -> str:
+def _on_sides(comparisons: pd.DataFrame, margin: float) -> str:
     """Returns how often the first of two sides reaches the higher return."""
     first, other = comparisons[["a", "b"]].iloc[0]
     enough = comparisons[["seeds_a", "seeds_b"]].min(axis=1) >= DECIDING_SEEDS
     ends = comparisons[enough][["corrected_low", "corrected_high"]]
-    words = [judged(*pair) for pair in ends.itertuples(index=False)]
+    words = [judged(low, high, margin=margin) for low, high in ends.to_numpy(float).tolist()]
     counts = {word: words.count(word) for word in ("higher", "lower", "similar") if word in words}
     if not counts:
         answer = "not shown to differ from it"
@@ -60,7 +66,8 @@ def _on_sides(comparisons: pd.DataFrame) -> str:
         (answer,) = counts
     else:
         answer = one_of([f"{word} in {count}" for word, count in counts.items()], "and")
-        answer += f" of {len(comparisons)} configurations"
+        tasks = comparisons["task"].nunique() == len(comparisons)
+        answer += f" of {len(comparisons)} {'tasks' if tasks else 'configurations'}"
     return f"The final return with {first}, compared with {other}, is {answer}."
 
 

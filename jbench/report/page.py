@@ -18,6 +18,7 @@ from jbench.paper.citation import CITATION
 from jbench.report import style
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.data.configuration import OWN
+from jbench.report.data.returns import FILE
 from jbench.report.figures import charts, cleaned
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
@@ -86,7 +87,7 @@ def render(frames: Frames) -> str:
         provenance=list(frames.provenance.itertuples(index=False, name=None)),
         runs=_json(runs) if runs["runs"] else "",
         command=clean(frames.request.command),
-        citation=CITATION,
+        citation=CITATION if len(frames.published) else "",
     )
 
 
@@ -95,7 +96,10 @@ def _title(frames: Frames) -> str:
         return "Jitterbug: " + " against ".join(clean(side) for side in frames.request.compare)
     parts = [counted(len(frames.runs), "run")]
     count = frames.configurations["configuration"].nunique()
-    return f"Jitterbug: {', '.join([*parts, counted(count, 'configuration')])}"
+    about = "Jitterbug"
+    if frames.request.curves is not None:
+        about, count = clean(frames.request.curves.name), frames.runs["configuration"].nunique()
+    return f"{about}: {', '.join([*parts, counted(count, 'configuration')])}"
 
 
 def _figure(chart: Chart) -> dict[str, Any]:
@@ -228,7 +232,9 @@ def _runs(frames: Frames) -> dict[str, Any]:
         facts = [row["label"], f"seed {row['seed']}", row["status"], row["diverged"], row["day"]]
         found.append(
             {
-                "name": row["run"] if row["source"] == OWN else f"{row['source']}: {row['run']}",
+                "name": row["run"]
+                if row["source"] in (OWN, FILE)
+                else f"{row['source']}: {row['run']}",
                 "facts": ", ".join(filter(None, facts)),
                 "settings": [settings.setdefault(pair, len(settings)) for pair in texts],
                 "curves": [_thin_curve(*pair, most) for pair in curves.get(key, [])],

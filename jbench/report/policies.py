@@ -95,7 +95,7 @@ def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray
 
 
 def behavior(
-    results: Results, task: str | None = None
+    results: Results | None, task: str | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
     """Returns the distributions of motor velocities and positions, and sentences on read errors.
 
@@ -105,7 +105,7 @@ def behavior(
     """
     newest: dict[tuple[str, str], pd.DataFrame] = {}
     problems = []
-    for record in results.scan("evaluation")[0]:
+    for record in results.scan("evaluation")[0] if results is not None else ():
         settings = record.settings
         saved = record.status == "finished" and settings.get("states")
         if saved and task in (None, settings.get("task")):

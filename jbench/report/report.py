@@ -36,10 +36,11 @@ class Report(NamedTuple):
     files: list[Path]
 
 
-def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Report:
+def write_report(results: Results | None, out: Path, request: Request = _DEFAULT) -> Report:
     """Aggregates all runs over their seeds and writes a page, figures and tables.
 
     Args:
+        results: None if the request is on a file of curves.
         out: directory for the files; created if it does not exist.
 
     Raises:

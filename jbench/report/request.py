@@ -10,6 +10,11 @@ from jbench.names import FIGURE_FORMATS, ORDERS, RETURNS, Order, ReturnsName, kn
 WINDOW = 100
 """Episodes in a moving average (paper, Figures 8 and 9)."""
 
+_EXCLUSIVE = (
+    ("compare", "baseline"),
+    ("curves", "compare", "baseline", "since", "claims", "reference"),
+)
+
 
 @dataclass(frozen=True)
 class Request:
@@ -29,6 +34,7 @@ class Request:
         reference: whether to add the runs shipped with jbench.
         baseline: algorithm whose imported curves are drawn as published ones, or None.
         compare: two results directories, or two selections of settings; see `sources.side`.
+        curves: file with the curves of any environment, which is reported instead of results.
         watched: whether the report is rewritten regularly: its page reloads itself, and figures
             have no files of their own.
         command: the command line, which is written into the page.
@@ -50,6 +56,7 @@ class Request:
     reference: bool = False
     baseline: str | None = None
     compare: tuple[str, str] | None = None
+    curves: Path | None = None
     watched: bool = False
     command: str = "jbench report"
 
@@ -65,8 +72,12 @@ class Request:
             known("format", name, FIGURE_FORMATS)
         if not self.formats:
             raise RequestError(f"Figures need a format; choose {', '.join(FIGURE_FORMATS)}.")
-        if self.compare is not None and self.baseline is not None:
-            raise RequestError("--baseline and --compare exclude each other; type one of them.")
+        for first, *others in _EXCLUSIVE:
+            typed = [name for name in others if getattr(self, name) not in (None, False)]
+            if typed and getattr(self, first) is not None:
+                raise RequestError(
+                    f"--{typed[0]} and --{first} exclude each other; type one of them."
+                )
         if self.compare is not None and self.compare[0] == self.compare[1]:
             raise RequestError(f"--compare {' '.join(self.compare)}: type two different ones.")
         self.begun_since()

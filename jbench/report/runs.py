@@ -42,12 +42,13 @@ def run_frame(source: Source, returns: str) -> pd.DataFrame:
         diverged = divergence(row["diverged"])
         found.append(
             {
-                **(one.identity if one else {"configuration": "", "label": "", "words": ""}),
-                **{"source": key[0], "run": key[1], "task": row["task"]},
+                **{"configuration": "", "label": "", "words": "", "task": row["task"]},
                 **{"algo": display_name(str(row["algo"])), "kind": kind_of(representation)},
                 "representation": shown_representation(representation),
+                **(one.identity if one else {}),
+                **{"source": key[0], "run": key[1]},
                 **{"seed": row["seed"], "steps": row["steps"], "status": row["status"]},
-                **{"final": finals.get(key, np.nan), "day": str(row["created"] or "")[:10]},
+                **{"final": finals.get(key, np.nan), "day": _day(row["created"])},
                 "diverged": diverged[1] if diverged else "",
                 "settings": dict(_texts(row["settings"])),
                 "provenance": provenance(row["provenance"]),
@@ -69,6 +70,10 @@ def metric_frame(source: Source) -> pd.DataFrame:
     rows = rows[np.isfinite(rows["value"]) & rows["run"].isin(source.runs["run"])]
     named: pd.DataFrame = rows.rename(columns={"control_steps": "steps"})[METRICS]
     return named
+
+
+def _day(created: object) -> str:
+    return created[:10] if isinstance(created, str) else ""
 
 
 def provenance(recorded: str) -> dict[str, str]:

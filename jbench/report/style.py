@@ -123,6 +123,17 @@ class Look(NamedTuple):
         return f"series-{self.number}"
 
 
+def looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
+    """Returns the look of each series: by representation if there are several, else by algorithm.
+
+    Args:
+        rows: with the names of series and columns `kind` and `algo`.
+        name: column of the names.
+    """
+    by = representation_looks if rows["kind"].nunique() > 1 else algorithm_looks
+    return by(rows, name)
+
+
 def representation_looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
     """Returns the look of each series of rows, by its name, in the color of its `kind`."""
     kinds = dict(zip(rows[name], map(_family, rows["kind"]), strict=True))

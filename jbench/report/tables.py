@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import pandas as pd
 
 from jbench.report.analysis.claims import CLAIMS, MARGIN
+from jbench.report.analysis.tasks import NORMALIZED
 from jbench.report.data.configuration import OWN
-from jbench.report.data.returns import SOLVED, ratio, signed, steps
+from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, signed, steps
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
 from jbench.report.table import (
@@ -52,6 +53,15 @@ def tables(frames: Frames) -> list[Table]:
     return [table for table in every if len(table.frame)]
 
 
+def _final(frames: Frames) -> str:
+    """Returns what a final return is."""
+    if frames.request.curves is None:
+        return _FINAL[frames.returns]
+    if frames.returns == TRAINING:
+        return "Mean of the last 100 returns of a run, or of its last quarter if that is shorter."
+    return "Last return of a run."
+
+
 def _positive(value: float) -> str:
     return str(value) if value else ""
 
@@ -66,7 +76,7 @@ _TASK, _ALGO = plain("task"), plain("algorithm", "algo")
 _SOURCED = Column(
     "algorithm",
     "algo",
-    lambda row: row["algo"] if row["source"] == OWN else f"{row['source']}: {row['algo']}",
+    lambda row: row["algo"] if row["source"] in (OWN, FILE) else f"{row['source']}: {row['algo']}",
 )
 _OBSERVED = Column(
     "observation",
@@ -102,11 +112,19 @@ def _final_returns(frames: Frames) -> Table:
         number("published median", "published"),
     ]
     caption = (
-        f"{_FINAL[frames.returns]} IQM: mean without the lowest and highest quarter of seeds. s: "
+        f"{_final(frames)} IQM: mean without the lowest and highest quarter of seeds. s: "
         "standard deviation between agents, without that of the episodes. Detectable: smallest "
         f"difference that these seeds would show. {_INTERVAL} Policies have 100 episodes."
     )
-    return Table("final_returns", f"Final {frames.returns} returns", caption, rows, columns)
+    title = f"Final {frames.returns} returns"
+    if frames.request.curves:
+        title = "Final returns by method"
+        caption = f"{_final(frames)} IQM: mean without the lowest and highest quarter. {_INTERVAL}"
+        if NORMALIZED in {*agents["task"]}:
+            caption += (
+                " Normalized: 0 is the lowest and 1 the highest return of a task in the file."
+            )
+    return Table("final_returns", title, caption, rows, columns)
 
 
 def _verdicts(frames: Frames) -> Table:
@@ -144,7 +162,8 @@ def _decisions(frames: Frames) -> Table:
 
 def _comparisons(frames: Frames) -> Table:
     columns = [
-        *(_TASK, _ALGO, _OBSERVED, plain("returns"), plain("this", "a"), plain("against", "b")),
+        *(_TASK, _ALGO, _OBSERVED, *([] if frames.request.curves else [plain("returns")])),
+        *(plain("this", "a"), plain("against", "b")),
         Column("seeds", "seeds_a", lambda row: f"{row['seeds_a']}, {row['seeds_b']}", True),
         number("steps", "steps", steps),
         estimate("probability", "p", ratio),
@@ -155,7 +174,8 @@ def _comparisons(frames: Frames) -> Table:
         "probability that a run of the first ends above one of the second, and difference of the "
         f"interquartile means. {_INTERVAL} The verdict is corrected for the number of rows."
     )
-    return Table("comparisons", "Comparison of two sides", caption, frames.comparisons, columns)
+    title = "Comparison of methods" if frames.request.curves else "Comparison of two sides"
+    return Table("comparisons", title, caption, frames.comparisons, columns)
 
 
 def _claims(frames: Frames) -> Table:
@@ -213,14 +233,15 @@ def _encoders(frames: Frames) -> Table:
 
 def _runs(frames: Frames) -> Table:
     def status(row: Row) -> str:
-        return "diverged" if row["diverged"] else str(row["status"])
+        known = "" if row["source"] == FILE else str(row["status"])
+        return "diverged" if row["diverged"] else known
 
     columns = [
         *(_TASK, _SOURCED, _OBSERVED, number("seed", "seed", str), number("steps", "steps", steps)),
         *(number("final return", "final"), Column("status", "status", status)),
         *(plain("day"), plain("run")),
     ]
-    return Table("runs", "Runs", _FINAL[frames.returns], frames.runs, columns)
+    return Table("runs", "Runs", _final(frames), frames.runs, columns)
 
 
 def files(frames: Frames) -> Iterator[tuple[str, str]]:

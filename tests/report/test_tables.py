@@ -154,8 +154,13 @@ class TestWords:
         assert estimate("x", "x", words.steps).text(values) == "123k [9k, not reached]"
 
     def test_differences_have_sign_and_no_minus_zero(self):
-        assert [words.signed(x) for x in (12.4, -12.4, 0.2, -0.2)] == ["+12", "-12", "0", "0"]
-        assert words.whole(-0.3) == "0"
+        assert [words.signed(x) for x in (12.4, -12.4, 1e-9, -1e-9)] == ["+12", "-12", "0", "0"]
+        assert words.whole(-1e-9) == "0"
+
+    def test_small_numbers_have_two_digits(self):
+        # Returns of other environments may be from 0 to 1.
+        assert [words.signed(x) for x in (0.234, -9.94, 9.96)] == ["+0.23", "-9.9", "+10"]
+        assert [words.whole(x) for x in (0.234, -9.94, 9.96)] == ["0.23", "-9.9", "10"]
 
     @pytest.mark.parametrize(
         ("steps", "printed"),

@@ -1,6 +1,6 @@
-"""Comparisons of configurations: two sides, pairs, profiles."""
+"""Comparisons of configurations: two sides, methods, pairs."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from statistics import multimode
 from typing import Any
@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, ends, seed_scores
+from jbench.report.analysis.claims import MARGIN
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Ends, ends, seed_scores
+from jbench.report.analysis.tasks import Range, ranges, strata, together
 from jbench.report.analysis.verdicts import corrected_level, difference_text, judged
 from jbench.report.data.configuration import (
     ID,
     Configuration,
-    concatenated,
     differing_in,
-    in_order,
     verified,
 )
-from jbench.report.data.returns import KINDS, signed
+from jbench.report.data.returns import FILE, KINDS, signed
 from jbench.settings.alike import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
@@ -26,7 +26,6 @@ from jbench.statistics import bootstrap as st
 PAIRS = [
     *("task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"),
 ]
-PROFILES = [*ID, "returns", "seeds", "final_return", "share", "low", "high"]
 COMPARISONS = [
     *("task", "algo", "representation", "words", "returns", "a", "b", "seeds_a", "seeds_b"),
     *("steps", "p", "p_low", "p_high", "difference", "low", "high"),
@@ -37,46 +36,85 @@ _NUMBERS = {
     IQM_DIFFERENCE: ("difference", "low", "high"),
     st.difference(st.median): ("median_difference", "median_low", "median_high"),
 }
-ALL_TASKS = "all tasks"
-THRESHOLDS = np.linspace(0, 1000, 201)
-"""Episode returns at which a profile is computed."""
+
+Pair = tuple[Configuration, Configuration]
 
 _MAX_NAMED = 8
 
 
-def comparison_frame(pairs: Sequence[tuple[Configuration, Configuration]]) -> pd.DataFrame:
+def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     """Returns a row per comparison of two sides, the first minus the second, with 95% intervals.
 
     The verdict rests on an interval that is corrected for the number of comparisons by the same
     kind of return. Differences are of interquartile means and of medians; p is the probability that
-    a run of the first ends above one of the second.
+    a run of the first ends above one of the second. Returns of a file have no margin within which
+    they are similar.
+
+    Args:
+        groups: two configurations each, on one task or on each of several; see `method_pairs`.
     """
     rows = []
     for kind in KINDS:
-        same = [pair for pair in pairs if pair[0].kind == kind]
-        found = [Comparison(*pair) for pair in same]
-        decidable = [ends(one.sample(IQM_DIFFERENCE)) for one in found if one.decidable]
-        level = corrected_level(decidable)
-        for (ours, theirs), one in zip(same, found, strict=True):
-            row: dict[str, Any] = {**ours.identity, "returns": kind}
-            row |= {"a": ours.source, "b": theirs.source, "steps": one.control_steps}
-            row |= {"seeds_a": len(one.ours.final), "seeds_b": len(one.theirs.final)}
-            for statistic, names in _NUMBERS.items():
-                row |= zip(names, one.sample(statistic).estimate(), strict=False)
-            low, high = ends(one.sample(IQM_DIFFERENCE))(1 - level)
-            verdict = judged(low, high) if one.decidable else "undecided"
-            text = f"{verdict}: {difference_text(low, high)}"
+        of_kind = [same for same in groups if same[0][0].kind == kind]
+        known = ranges([one for same in of_kind for pair in same for one in pair])
+        from_file = any(same[0][0].source == FILE for same in of_kind)
+        found = [_compared(same, known) for same in of_kind]
+        decidable = [interval for _, interval, decidable in found if decidable]
+        level = corrected_level(decidable, _excludes_zero if from_file else None)
+        for row, interval, enough in found:
+            low, high = interval(1 - level)
+            verdict = judged(low, high, margin=0 if from_file else MARGIN) if enough else ""
+            text = f"{verdict or 'undecided'}: {difference_text(low, high)}"
             if np.isnan(low):
                 text = f"{signed(row['difference'])}, too few seeds"
             elif verdict in ("higher", "lower"):
-                text = f"{ours.source} {difference_text(low, high)}"
+                text = f"{row['a']} {difference_text(low, high)}"
             rows.append({**row, "corrected_low": low, "corrected_high": high, "text": text})
     return pd.DataFrame(rows, columns=COMPARISONS)
 
 
+def _compared(
+    same: Sequence[Pair], known: Mapping[str, Range]
+) -> tuple[dict[str, Any], Ends, bool]:
+    """Returns numbers of `comparison_frame`, the difference's interval, and whether it decides."""
+    ours, theirs = same[0]
+    row: dict[str, Any] = {**ours.identity, "returns": ours.kind}
+    row |= {"a": ours.source, "b": theirs.source}
+    if ours.source == FILE:
+        row |= {"algo": "", "a": ours.label, "b": theirs.label}
+    if len(same) > 1:
+        row["task"] = together(known)
+    each = [Comparison(*pair) for pair in same]
+    places = [known[one.task] for one, _ in same]
+    groups = [
+        strata([(one.ours, one.theirs)[side].final for one in each], places)[0] for side in (0, 1)
+    ]
+    row["steps"] = max(one.control_steps for one in each)
+    row |= {"seeds_a": sum(map(len, groups[0])), "seeds_b": sum(map(len, groups[1]))}
+    found = st.samples([*_NUMBERS], *groups)
+    for names, sample in zip(_NUMBERS.values(), found, strict=True):
+        row |= zip(names, sample.estimate(), strict=False)
+    return row, ends(found[[*_NUMBERS].index(IQM_DIFFERENCE)]), all(one.decidable for one in each)
+
+
+def _excludes_zero(low: float, high: float) -> bool:
+    return low > 0 or high < 0
+
+
+def method_pairs(configurations: Sequence[Configuration]) -> list[list[Pair]]:
+    """Returns the pairs of methods of a file on each task, and on all together."""
+    groups: dict[tuple[str, str], list[Pair]] = {}
+    for one, other in combinations(configurations, 2):
+        if one.task == other.task:
+            groups.setdefault((one.label, other.label), []).append((one, other))
+    tasks = {one.task for one in configurations}
+    alone = [[pair] for same in groups.values() for pair in same]
+    return alone + [same for same in groups.values() if len(same) == len(tasks) > 1]
+
+
 def across(
     ours: Sequence[Configuration], theirs: Sequence[Configuration], names: Collection[str]
-) -> list[tuple[Configuration, Configuration]]:
+) -> list[Pair]:
     """Returns the pairs of two sides that differ only in the settings of these names."""
     by_settings: dict[str, list[Configuration]] = {}
     for other in theirs:
@@ -92,7 +130,7 @@ def across(
 def left_out(
     ours: Sequence[Configuration],
     theirs: Sequence[Configuration],
-    pairs: Sequence[tuple[Configuration, Configuration]],
+    pairs: Sequence[Pair],
 ) -> list[str]:
     """Returns sentences on the configurations of two sides without a comparison, and why."""
     paired = {id(one) for pair in pairs for one in pair}
@@ -152,36 +190,6 @@ def pair_frame(
 
 def _excludes_half(low: float, high: float) -> bool:
     return not low <= 0.5 <= high
-
-
-def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
-    """Returns the share of runs above each return (Agarwal et al., 2021, section 4.2).
-
-    The rows of `ALL_TASKS` are of the configurations that were trained on each task; every task has
-    the same weight. Columns: `ID`, returns, seeds, final_return, share, low, high (pointwise 95%
-    interval, for at least three seeds).
-    """
-    groups: dict[str, dict[tuple[str, int], list[Configuration]]] = {}
-    for one in (one for one in configurations if len(seed_scores(one).final)):
-        line = one.label, int(one.steps.max())
-        groups.setdefault(one.task, {}).setdefault(line, []).append(one)
-    groups = {task: groups[task] for task in in_order(groups)}
-    if len(groups) > 1:
-        first, *others = groups.values()
-        shared = [line for line in first if all(line in other for other in others)]
-        groups[ALL_TASKS] = {line: [other[line][0] for other in groups.values()] for line in shared}
-    parts = []
-    for task, lines in groups.items():
-        for same in lines.values():
-            strata = [seed_scores(one).final for one in same]
-            low = high = np.full(len(THRESHOLDS), np.nan)
-            if min(map(len, strata)) >= st.MIN_SEEDS:
-                low, high = st.profile_interval(strata, THRESHOLDS)
-            names = {**same[0].identity, "task": task, "returns": same[0].kind}
-            numbers = {"seeds": sum(map(len, strata)), "final_return": THRESHOLDS}
-            numbers |= {"share": st.performance_profile(strata, THRESHOLDS)}
-            parts.append(pd.DataFrame({**names, **numbers, "low": low, "high": high}))
-    return concatenated(parts, PROFILES)
 
 
 def return_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:

@@ -34,7 +34,7 @@ from jbench.report.analysis.claims import (
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Scores, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.published import CURVE
-from jbench.report.data.returns import EVALUATION, TRAINING, has_solved_return, steps
+from jbench.report.data.returns import EVALUATION, TRAINING, steps
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 
@@ -80,7 +80,7 @@ def examine(configurations: Sequence[Configuration]) -> list[Finding]:
         if named and full.comparable("task") == other.comparable("task"):
             found.append(_on_gain(harder, easier))
     found += [one for pair in _off_policy(plain) for one in _on_pair("ef", pair, ON_POLICY)]
-    for one in (one for one in plain if has_solved_return(one.task)):
+    for one in (one for one in plain if one.has_solved_return):
         final = seed_scores(one, int(one.last_step)).final
         found.append(_solves("g", one.name, final, **_common(one)))
     return found

@@ -8,7 +8,7 @@ import numpy as np
 
 from jbench.report.data.configuration import IMPORTED, Configuration
 from jbench.report.data.curves import Curve, final_returns, moving_average, steps_to_threshold
-from jbench.report.data.returns import EVALUATION, FINAL_POINTS, SOLVED, has_solved_return
+from jbench.report.data.returns import EVALUATION, FILE, FINAL_POINTS, SOLVED
 from jbench.returns import final_episodes
 from jbench.statistics import BoolArray, FloatArray, IntArray
 from jbench.statistics import bootstrap as st
@@ -90,9 +90,9 @@ def _episodes(
     ends = [row[end - n : end] for row, end, n in zip(returns, lengths, counts, strict=True)]
     ends = [values[np.isfinite(values)] for values in ends]
     # Points of imported curves need not be episodes.
+    are_episodes = configuration.source not in (IMPORTED, FILE)
     deviations = [
-        np.std(values, ddof=1) if len(values) > 1 and configuration.source != IMPORTED else np.nan
-        for values in ends
+        np.std(values, ddof=1) if len(values) > 1 and are_episodes else np.nan for values in ends
     ]
     return np.array(deviations, float), np.array([len(values) for values in ends], float)
 
@@ -148,7 +148,7 @@ def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
         s, low, high, w = components(scores.agents)
         detectable = smallest_difference(len(scores.final), s, w, scores.episodes.mean())
         row |= {"s": s, "s_low": low, "s_high": high, "detectable": detectable}
-    if configuration.robots <= 1 and has_solved_return(configuration.task):
+    if configuration.robots <= 1 and configuration.has_solved_return:
         steps = _steps_to_solved(configuration, curve)
         row |= _intervals({"solved_steps": st.median}, steps)
         row["reached"] = int(np.isfinite(steps).sum())

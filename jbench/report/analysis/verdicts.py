@@ -153,9 +153,9 @@ def _pairs(
             yield from ((ours, baselines[name]) for name in others if name in baselines)
 
 
-def judged(low: float, high: float, claim: str = "a") -> str:
+def judged(low: float, high: float, claim: str = "a", margin: float = MARGIN) -> str:
     """Returns the verdict that an interval of a difference gives, in a word."""
-    if claim == "a" and low > -MARGIN and high < MARGIN:
+    if claim == "a" and low > -margin and high < margin:
         return "similar"
     above, below = _WORDS[claim]
     return above if low > 0 else below if high < 0 else "undecided"

@@ -13,10 +13,17 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import ReturnsName
-from jbench.report.data.configuration import KEY, OWN, Configuration, make_names_unique, paper_order
+from jbench.report.data.configuration import (
+    IMPORTED,
+    KEY,
+    OWN,
+    Configuration,
+    make_names_unique,
+    paper_order,
+)
 from jbench.report.data.curves import BAND_SEEDS
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
-from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.report.data.returns import EVALUATION, FILE, TRAINING
 from jbench.settings.alike import comparable
 from jbench.settings.run import parse_run
 from jbench.settings.variants import variant_words
@@ -95,6 +102,7 @@ def build(
         for _, same in group.groupby(["task", "variant"]):
             for one in _build(same.sort_values(_ORDER, ascending=_ASCENDING), points):
                 one.words, one.source = words[one.variant], source
+                one.notes = (*one.notes, *_note_on_spacing(one))
                 built.append(one)
     built.sort(key=lambda one: one.words)
     built.sort(key=paper_order)
@@ -174,3 +182,15 @@ def _notes_on_points(one: Configuration, absent: IntArray) -> list[str]:
     if one.kind == EVALUATION and not (present | ended).all():
         notes.append("seeds were evaluated after different numbers of control steps")
     return notes
+
+
+def _note_on_spacing(one: Configuration) -> list[str]:
+    """Returns a note if the points of imported seeds are at different control steps."""
+    if one.kind != TRAINING or one.source not in (IMPORTED, FILE):
+        return []
+    apart = np.max(np.nanmax(one.control_steps, axis=0) - np.nanmin(one.control_steps, axis=0))
+    note = (
+        f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of the "
+        "first, second, … point of each seed"
+    )
+    return [note] if apart else []

@@ -18,7 +18,7 @@ from jbench.names import (
     kind_of,
 )
 from jbench.report.data.curves import Curve, learning_curve
-from jbench.report.data.returns import TRAINING
+from jbench.report.data.returns import FILE, TRAINING, has_solved_return
 from jbench.report.request import WINDOW
 from jbench.settings.alike import comparable
 from jbench.statistics import FloatArray, IntArray
@@ -131,18 +131,27 @@ class Configuration:
 
     @property
     def _label_in_source(self) -> str:
-        name = f"{display_name(self.algo)} {shown_representation(self.representation)}"
-        return ", ".join(filter(None, (name, self.words)))
+        name = f"{self._shown_algo} {shown_representation(self.representation)}"
+        return ", ".join(filter(None, (name.rstrip(), self.words)))
 
     @property
     def _prefix(self) -> str:
-        return "" if self.source == OWN else f"{self.source}: "
+        return "" if self.source in (OWN, FILE) else f"{self.source}: "
+
+    @property
+    def _shown_algo(self) -> str:
+        return self.algo if self.source == FILE else display_name(self.algo)
+
+    @property
+    def has_solved_return(self) -> bool:
+        """Whether `SOLVED` counts; what solves tasks of other robots is unknown."""
+        return has_solved_return([self.task], [self.source])
 
     @property
     def identity(self) -> dict[str, str]:
         """The columns `ID`."""
         shown = shown_representation(self.representation)
-        words = display_name(self.algo), shown, kind_of(self.representation), self.words
+        words = self._shown_algo, shown, kind_of(self.representation), self.words
         values = self.configuration, self.label, self.source, self.task, *words
         return dict(zip(ID, values, strict=True))
 

@@ -1,6 +1,7 @@
 """The two kinds of return that a run records, of evaluations and of training; how numbers read."""
 
 import math
+from collections.abc import Iterable
 
 from jbench.names import TASKS, ReturnsName
 from jbench.returns import FINAL_EPISODES
@@ -20,13 +21,21 @@ FINAL_POINTS = {EVALUATION: 1, TRAINING: FINAL_EPISODES}
 """Maximum number of points that are averaged in a final return."""
 
 
-def has_solved_return(*tasks: str) -> bool:
-    """Returns whether `SOLVED` counts for each task; what solves other robots' is unknown."""
-    return {*tasks} <= {*TASKS}
+_ZERO, _SMALL = 1e-6, 9.95  # numbers between them have two significant digits
+
+FILE = "file"
+"""Source of the curves of a file, which may be of any environment."""
+
+
+def has_solved_return(tasks: Iterable[str], sources: Iterable[str]) -> bool:
+    """Returns whether `SOLVED` counts for all tasks of some configurations and their sources."""
+    return {*tasks} <= {*TASKS} and FILE not in {*sources}
 
 
 def whole(value: float) -> str:
     """Formats a return; one just below `SOLVED` has a decimal: 899.6 must not read 900."""
+    if _ZERO < abs(value) < _SMALL:
+        return f"{value:.2g}"
     if SOLVED - 0.5 <= value < SOLVED:
         return f"{math.floor(10 * value) / 10:,}"
     return f"{round(value):,d}" if math.isfinite(value) else "infinite"
@@ -34,7 +43,9 @@ def whole(value: float) -> str:
 
 def signed(value: float) -> str:
     """Formats a difference of returns."""
-    return f"{round(value):+,d}" if round(value) else "0"
+    if _ZERO < abs(value) < _SMALL:
+        return f"{value:+.2g}"
+    return f"{round(value):+,d}" if abs(value) > _ZERO else "0"
 
 
 def ratio(value: float) -> str:

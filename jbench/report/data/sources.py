@@ -12,11 +12,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbench.errors import RequestError, WorkError
+from jbench.importing.curve_file import as_imports, read_curves
+from jbench.importing.runs import as_runs
 from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
-from jbench.report.data.imported import as_runs, with_spacing_note
 from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
+from jbench.report.data.returns import FILE
 from jbench.report.request import Request
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
@@ -88,16 +90,30 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
 
     They have no date of a beginning.
     """
-    tables, problems = query.load(results, ("imports", "import_points"))
-    imports = tables["imports"]
+    read = query.load(results, ("imports", "import_points"))
+    return _imported(read, request, name, strict=False)
+
+
+def from_file(request: Request, path: Path) -> Source:
+    """Returns the curves of a file of the requested task and algorithm.
+
+    Raises:
+        RequestError: if the file is no file of curves, or none passes the filters.
+    """
+    tables = as_imports(read_curves(path), request.returns)
+    return _imported(query.Tables(tables, []), request, FILE, strict=True)
+
+
+def _imported(read: query.Tables, request: Request, name: str, *, strict: bool) -> Source:
+    imports = read.tables["imports"]
     for label, value in (("task", request.task), ("algo", request.algo)):
-        if value is not None:
+        if value is not None and not strict:
             imports = imports.filter(pc.equal(imports[label], value))
-    runs = as_runs(imports, tables["import_points"])
-    read = query.Tables(runs.tables, problems + runs.problems)
-    found = _source(read, replace(request, since=None), name, strict=False)
-    noted = [with_spacing_note(one) for one in found.configurations]
-    return replace(found, configurations=noted, notes=found.notes + (runs.notes if noted else []))
+    runs = as_runs(imports, read.tables["import_points"])
+    tables = query.Tables(runs.tables, read.problems + runs.problems)
+    found = _source(tables, replace(request, since=None), name, strict=strict)
+    notes = runs.notes if found.configurations and name != FILE else []
+    return replace(found, notes=found.notes + notes)
 
 
 def own_and_imported(results: Results, request: Request) -> list[Source]:

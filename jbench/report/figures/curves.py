@@ -13,9 +13,15 @@ from matplotlib.axes import Axes
 from jbench.report import style
 from jbench.report.data.configuration import OWN
 from jbench.report.data.published import PUBLISHED
-from jbench.report.data.returns import EVALUATION, SOLVED, TRAINING, has_solved_return
+from jbench.report.data.returns import (
+    EVALUATION,
+    FILE,
+    SOLVED,
+    TRAINING,
+    has_solved_return,
+)
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
-from jbench.report.figures.marks import add_line, add_points, narrow, thinned
+from jbench.report.figures.marks import add_line, add_points, interval_text, narrow, thinned
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
@@ -39,7 +45,8 @@ def by_algorithm(frames: Frames) -> Chart | None:
     """Returns the curves of each task on the full observation, and those that no figure has."""
     compared = _is_compared(frames)
     curves = frames.curves[(frames.curves["kind"] == "full") | ~compared]
-    curves = curves.assign(series=curves["label"].str.replace(" full", "", regex=False))
+    short = curves["label"].str.replace(" full", "", regex=False)
+    curves = curves.assign(series=short.where(curves["kind"] == "full", curves["label"]))
     # A single curve that the first figure has as well is not drawn again.
     single = curves.groupby("task")["configuration"].transform("nunique") < 2
     curves = curves[~(single & compared.loc[curves.index])]
@@ -159,9 +166,11 @@ def _versions(
 ) -> dict[str, Draw]:
     """Returns the drawings of a panel by kind of return and scale of the axis."""
     present = [kind for kind in kinds if (rows["returns"] == kind).any()]
+    # Of which kind the returns of a file are is not known.
+    what = "return" if FILE in {*rows["source"]} else "{} return"
     return {
         f"{kind} {scale}" if len(present) > 1 else scale: partial(
-            draw_curves, rows[rows["returns"] == kind], scale=scale, y=f"{kind} return", **common
+            draw_curves, rows[rows["returns"] == kind], scale=scale, y=what.format(kind), **common
         )
         for kind in present
         for scale in scales
@@ -207,7 +216,7 @@ def draw_curves(
         _draw_published(axes, published[published["task"].isin(rows["task"])], looks)
     _set_axes(axes, rows, scale)
     axes.set(xlabel=x, ylabel=y)
-    _draw_levels(axes, rows["task"], baselines)
+    _draw_levels(axes, rows, baselines)
 
 
 def _tips(name: str, curve: pd.DataFrame) -> list[str]:
@@ -215,8 +224,8 @@ def _tips(name: str, curve: pd.DataFrame) -> list[str]:
     seeds = curve["seeds"] if "seeds" in curve else curve["q10"] * np.nan
     columns = (curve["steps"], curve["median"], curve["q10"], curve["q90"], seeds)
     return [
-        f"{name} at {f'{at:,.0f}' if at >= 100 else f'{at:.3g}'}: {median:.0f}"
-        + ("" if np.isnan(low) else f" [{low:.0f}, {high:.0f}]")
+        f"{name} at {f'{at:,.0f}' if at >= 100 else f'{at:.3g}'}: "
+        + interval_text(median, low, high)
         + ("" if np.isnan(count) else f", n = {count:.0f}")
         for at, median, low, high, count in zip(*(c.tolist() for c in columns), strict=True)
     ]
@@ -238,10 +247,12 @@ def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Loo
 
 def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
     low, high = float(rows["median"].min()), float(rows["median"].max())
-    axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
+    if FILE not in {*rows["source"]}:
+        axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
+    positive = rows["steps"][rows["steps"] > 0]
+    scale = scale if len(positive) else "linear"
     axes.set_xscale(scale)
     if scale == "log":
-        positive = rows["steps"][rows["steps"] > 0]
         axes.set_xlim(left=float(positive.min()) * 0.95)
         subs = (1, 2, 5) if not narrow(axes) or rows["steps"].max() < 10 * positive.min() else (1,)
         axes.xaxis.set_major_locator(ticker.LogLocator(subs=subs, numticks=8))
@@ -252,9 +263,10 @@ def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
     axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
 
 
-def _draw_levels(axes: Axes, tasks: pd.Series, baselines: pd.DataFrame | None) -> None:
+def _draw_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -> None:
     """Draws the returns of policies without training and that of a solved task."""
-    levels = {"solved": float(SOLVED)} if has_solved_return(*tasks) else {}
+    solved = has_solved_return(rows["task"], rows["source"])
+    levels = {"solved": float(SOLVED)} if solved else {}
     if baselines is not None:
         levels |= dict(zip(baselines["policy"], baselines["median"], strict=True))
     low, high = axes.get_ylim()

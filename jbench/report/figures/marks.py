@@ -1,6 +1,6 @@
 """What figures are drawn of: lines, points with tips, and rows with names."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -10,7 +10,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import SOLVED, has_solved_return
+from jbench.report.data.returns import SOLVED, has_solved_return, whole
 from jbench.report.style import Look
 
 MOST_POINTS = 200
@@ -127,7 +127,7 @@ def add_rows(
 
 def interval_text(value: float, low: float, high: float) -> str:
     """Formats a number with its interval."""
-    return f"{value:.0f}" + (f" [{low:.0f}, {high:.0f}]" if np.isfinite(low) else "")
+    return whole(value) + (f" [{whole(low)}, {whole(high)}]" if np.isfinite(low) else "")
 
 
 def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
@@ -138,9 +138,9 @@ def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
     axes.grid(axis="y", visible=False)
 
 
-def add_solved(axes: Axes, tasks: Iterable[str]) -> None:
-    """Draws the return of a solved task as a vertical line, beside tasks that have one."""
-    if has_solved_return(*tasks):
+def add_solved(axes: Axes, rows: pd.DataFrame) -> None:
+    """Draws the return of a solved task as a vertical line, if the tasks of rows have one."""
+    if has_solved_return(rows["task"], rows["source"]):
         axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
 
 

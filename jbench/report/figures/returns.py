@@ -10,6 +10,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
+from jbench.report.data.returns import FILE, whole
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.figures.marks import (
     PLAIN,
@@ -26,6 +27,7 @@ from jbench.report.style import Look
 
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
+_MOST = 21  # comparisons of methods in a figure: of seven on a task
 _NARROW = 3  # representations with R² from which a figure is drawn
 
 
@@ -39,9 +41,10 @@ def forest(frames: Frames) -> Chart | None:
     published = frames.configurations.groupby("configuration")["published"].max()
     rows = rows.assign(published=rows["configuration"].map(published), name=rows["label"])
     seeds = frames.seeds[frames.seeds["returns"] == frames.returns]
-    looks = style.representation_looks(rows, "kind")
+    by = "kind" if rows["kind"].nunique() > 1 else "algo"
+    looks = style.looks(rows, by)
     panels = []
-    for task, group in rows.groupby("task", sort=False):
+    for task, group in rows.assign(look=rows[by]).groupby("task", sort=False):
         policies = frames.baselines[frames.baselines["task"] == task]
         height = 0.55 + ROW * (len(group) + len(policies))
         draw = partial(_draw_forest, group, looks=looks, seeds=seeds, policies=policies)
@@ -50,10 +53,9 @@ def forest(frames: Frames) -> Chart | None:
         if len(known) > 1:
             draw, height = partial(_draw_variability, known, looks=looks), 0.55 + ROW * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
-    note = (
-        "large mark: interquartile mean with 95% interval; dots: seeds with twice their standard "
-        "error; |: the paper's training return"
-    )
+    note = "large mark: interquartile mean with 95% interval; dots: seeds"
+    if frames.request.curves is None:
+        note += " with twice their standard error; |: the paper's training return"
     return Chart("returns", "Final returns", note, panels, "configurations", looks, **ROWS)
 
 
@@ -68,20 +70,20 @@ def _draw_forest(
     """Draws the final returns of a task: the interquartile mean, its interval, and all seeds."""
     seeds = seeds[seeds["configuration"].isin(rows["configuration"]) & seeds["final"].notna()]
     for place, row in enumerate(rows.to_dict("records")):
-        look, mine = looks[row["kind"]], seeds[seeds["configuration"] == row["configuration"]]
+        look, mine = looks[row["look"]], seeds[seeds["configuration"] == row["configuration"]]
         final, below = mine["final"], np.full(len(mine), place + 0.27)
         error = 2 * mine["episode_sd"] / np.sqrt(mine["episodes"])
         thin: Any = {"color": look.color, "alpha": 0.35, "linewidth": 0.8, "gid": look.series}
         axes.hlines(below, final - error, final + error, **thin)
         tips = [
-            f"seed {seed}: {value:.0f}" + (f" ± {twice:.0f}" if np.isfinite(twice) else "")
+            f"seed {seed}: {whole(value)}" + (f" ± {whole(twice)}" if np.isfinite(twice) else "")
             for seed, value, twice in zip(mine["seed"], final, error, strict=True)
         ]
         add_points(axes, final, below, tips, look._replace(marker="o"), size=3.2, alpha=0.6)
         if np.isfinite(row["published"]):
             tip = f"{row['name']}, the paper's training return: {row['published']:.0f}"
             add_points(axes, [row["published"]], [place], [tip], look._replace(marker="|"), size=11)
-    add_rows(axes, rows, looks, value="iqm")
+    add_rows(axes, rows, looks, value="iqm", look="look")
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
     apart = Look(style.SOFT, (), "D", len(looks))
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
@@ -89,15 +91,16 @@ def _draw_forest(
         numbers = interval_text(row["median"], row["q10"], row["q90"])
         tip = f"{names[place - len(rows)]}: median {numbers}"
         add_points(axes, [row["median"]], [place], [tip], apart, size=5.5, hollow=True)
-    add_solved(axes, rows["task"])
+    add_solved(axes, rows)
     name_rows(axes, [*rows["name"], *names])
-    ends = np.array([0.0, 1000.0, *seeds["final"]])
-    axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))
+    if FILE not in {*rows["source"]}:
+        ends = np.array([0.0, 1000.0, *seeds["final"]])
+        axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))
 
 
 def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
     """Draws the standard deviation s between agents' expected returns; hollow if it may be 0."""
-    add_rows(axes, rows, looks, value="s", hollow=~(rows["s_low"].to_numpy() > 0))
+    add_rows(axes, rows, looks, value="s", look="look", hollow=~(rows["s_low"].to_numpy() > 0))
     # A few configurations with few seeds have intervals that would hide all others.
     ends = rows["s_high"][np.isfinite(rows["s_high"])]
     widest = min(float(ends.max()), 3 * float(ends.median()))
@@ -108,10 +111,15 @@ def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Loo
 def comparisons(frames: Frames) -> Chart | None:
     """Returns the differences between the two sides of `--compare`."""
     rows = frames.comparisons[frames.comparisons["returns"] == frames.returns]
-    if len(rows) < 2:
+    if len(rows) < 2 or (frames.request.curves and rows["task"].value_counts().max() > _MOST):
         return None
     words = [f", {one}" if one else "" for one in rows["words"]]
     rows = rows.assign(name=rows["algo"] + " " + rows["representation"] + words)
+    first, other = rows[["a", "b"]].iloc[0]
+    note = f"final return with {first} minus that with {other}; 95% interval"
+    if frames.request.curves is not None:
+        rows = rows.assign(name=rows["a"] + " minus " + rows["b"], algo=rows["a"])
+        note = "difference of the interquartile means of final returns; 95% interval"
     looks = style.algorithm_looks(rows, "algo")
 
     def draw(group: pd.DataFrame, axes: Axes) -> None:
@@ -119,8 +127,6 @@ def comparisons(frames: Frames) -> Chart | None:
         axes.axvline(0, color=style.SOFT, linewidth=0.7)
 
     panels = by_task(rows, draw, 5.2, 0.6 + ROW * rows.groupby("task").size().max())
-    first, other = rows[["a", "b"]].iloc[0]
-    note = f"final return with {first} minus that with {other}; 95% interval"
     name = "comparisons"
     return Chart(name, "Differences", note, panels, name, looks, columns=2, minimum=440)
 

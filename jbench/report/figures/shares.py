@@ -9,7 +9,7 @@ from matplotlib import colors
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.analysis.compare import ALL_TASKS
+from jbench.report.analysis.tasks import ALL_TASKS
 from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.figures.marks import PLAIN, add_line, add_solved, shortened
 from jbench.report.frames import Frames
@@ -60,8 +60,8 @@ def profiles(frames: Frames) -> Chart:
     """Returns the share of runs above each return, of tasks with few enough configurations."""
     lines = frames.profiles.groupby("task")["label"].transform("nunique")
     rows = frames.profiles[(lines > 1) & (lines <= _PROFILES)]
-    looks = style.representation_looks(rows, "label")
-    tasks = {*frames.profiles["task"]} - {ALL_TASKS}
+    looks = style.looks(rows, "label")
+    every = frames.profiles[frames.profiles["task"] != ALL_TASKS]
 
     def draw(rows: pd.DataFrame, axes: Axes) -> None:
         for name, line in rows.groupby("label", sort=False):
@@ -69,14 +69,12 @@ def profiles(frames: Frames) -> Chart:
             changes = [(values != values.shift(by)).any(axis=1) for by in (1, -1)]
             line = line[changes[0] | changes[1]]
             x, share = line["final_return"].to_numpy(), line["share"].to_numpy()
-            tips = [
-                f"{name}: {100 * y:.0f}% above {at:.0f}" for at, y in zip(x, share, strict=True)
-            ]
+            tips = [f"{name}: {100 * y:.0f}% above {at:g}" for at, y in zip(x, share, strict=True)]
             band, look = (line["low"], line["high"]), looks[str(name)]
             add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
-        add_solved(axes, tasks if ALL_TASKS in {*rows["task"]} else rows["task"])
+        add_solved(axes, every if ALL_TASKS in {*rows["task"]} else rows)
         axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
-        axes.set_xlim(left=0)
+        axes.set_xlim(left=float(rows["final_return"].min()))
 
     note = "share of runs that end above a return; bands: 95% intervals"
     panels = by_task(rows, draw, 5.2, 2.8)

@@ -8,8 +8,6 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import one_of
-from jbench.report.data.configuration import Configuration
-from jbench.report.data.returns import TRAINING
 from jbench.settings.alike import variant
 from jbench.store import schema
 from jbench.store.parquet import table_of
@@ -68,25 +66,11 @@ def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
     named: pd.DataFrame = points.to_pandas(use_threads=False)
     named = named.merge(chosen[["import", "run", "returns"]])
     named = named.assign(evaluation=named["point"], processor_time=np.nan)
-    named.loc[named["returns"] == TRAINING, "episode"] = named["point"]
+    named.loc[named["returns"] == "training", "episode"] = named["point"]
     tables = {"runs": table_of(_runs(chosen), schema.RUNS)}
     for name, kind in _RETURNS.items():
         tables[name] = table_of(named[named["returns"] == kind], schema.TABLES[name])
     return ImportedRuns(tables, _notes(frame, chosen), problems)
-
-
-def with_spacing_note(configuration: Configuration) -> Configuration:
-    """Adds a note if the points of its seeds are at different control steps."""
-    steps = configuration.control_steps
-    apart = float(np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0)))
-    if configuration.kind != TRAINING or not apart:
-        return configuration
-    note = (
-        f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of the "
-        "first, second, … point of each seed"
-    )
-    configuration.notes = (*configuration.notes, note)
-    return configuration
 
 
 def _runs(chosen: pd.DataFrame) -> pd.DataFrame:

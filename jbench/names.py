@@ -77,6 +77,34 @@ ENCODER_KINDS = {
 }
 """Built-in kinds of encoders and their classes; other packages may add kinds."""
 
+MEANINGS = {
+    "full": "the observation of the task",
+    "dae": "latents of a denoising autoencoder",
+    "dae-yaw": "the same with the yaw rate as a latent",
+    "ae": "latents of an autoencoder",
+    "ddae": "latents of an autoencoder that predicts the next states",
+    "vae": "latents of a variational autoencoder",
+    "lld-vae": "the same with locally linear dynamics",
+    "pca": "principal components",
+    "random": "random projection",
+    "scaled": "all features, scaled as encoders scale them",
+    "planar": "scaled, without position and heading in the plane",
+    "planar-no-yaw": "planar without the yaw rate",
+    "heading": "planar with position and heading",
+    "raw": "the observation in SI units",
+    "planar-mirror": "planar, folded by the mirror symmetry",
+    "forward": "latents that predict the next states and the reward",
+    "inverse": "latents that predict the action",
+    "dmd": "directions of a linear model of the dynamics",
+    "contrastive": "latents that tell the future of a state from others",
+    "random-features": "tanh of random directions",
+    "-observation": "inputs on the observation's scale",
+    "-sd": "inputs scaled to unit variance",
+    "-whitened": "latents whitened",
+    "-extremes": "latents scaled to their extremes",
+}
+"""What representations and the endings of their names mean, in a few words."""
+
 DEVICES = ("auto", "cpu", "cuda")
 """Devices; auto is cuda if there is a GPU. `jbench.devices` also knows cuda:0, cuda:1 and so on."""
 

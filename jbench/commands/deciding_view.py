@@ -50,7 +50,7 @@ def show_look(look: Look, output: Output) -> None:
                 f"{decision.spent:.2%}",
             ]
         )
-    header = ["comparison", "final return is", "seeds", "difference", "interval", "error spent"]
+    header = ["comparison", "verdict", "seeds", "difference", "interval", "error spent"]
     output.table(f"Comparisons decided: {decided} of {len(outcomes)}", header, rows)
 
 

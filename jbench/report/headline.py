@@ -48,9 +48,12 @@ def headline(
     clauses = list(_clauses(against_full))
     if not clauses:
         return "Whether agents learn as well on a reduced observation is undecided."
-    while len(_sentence(clauses).split()) > _MAX_WORDS and len(clauses) > 1:
+    decided = [word for word, verb in _OUTCOMES.items() if any(verb in one for one in clauses)]
+    algos = against_full["algo"][against_full["verdict"].isin(decided)].unique()
+    who = f"{algos[0]} agents" if len(algos) == 1 else "agents"
+    while len(_sentence(clauses, who).split()) > _MAX_WORDS and len(clauses) > 1:
         clauses.pop()
-    return _sentence(clauses)
+    return _sentence(clauses, who)
 
 
 def _on_sides(comparisons: pd.DataFrame, margin: float) -> str:
@@ -71,11 +74,11 @@ def _on_sides(comparisons: pd.DataFrame, margin: float) -> str:
     return f"The final return with {first}, compared with {other}, is {answer}."
 
 
-def _sentence(clauses: Sequence[str]) -> str:
+def _sentence(clauses: Sequence[str], who: str) -> str:
     text = "; ".join(clauses)
     if text.startswith(_OUTCOMES["higher"]):
         text = text.replace(_OUTCOMES["lower"], "lower ones")
-    return f"Compared with the full observation, agents {text}."
+    return f"Compared with the full observation, {who} {text}."
 
 
 def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:

@@ -14,6 +14,7 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.markers import MarkerStyle
 
+from jbench.names import MEANINGS, kind_of
 from jbench.paper.citation import CITATION
 from jbench.report import style
 from jbench.report.analysis.claims import MARGIN
@@ -25,11 +26,12 @@ from jbench.report.frames import Frames
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table, clean
 from jbench.report.tables import tables
+from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.wording import counted
 
 _FIRST = ("comparisons", "representations")
 _NEXT = ("algorithms", "returns")
-_OPEN_TABLES = ("final_returns", "comparisons", "sequential_test", "runs")
+_OPEN_TABLES = ("final_returns", "comparisons", "runs")
 _FILTERED = ("task", "algo", "representation", "against", "returns", "status", "claim")
 _MOST_CHOICES = 40
 _LONG = 30  # rows from which a table has a height of its own
@@ -82,6 +84,7 @@ def render(frames: Frames) -> str:
         next=[drawn[name] for name in _NEXT if name in drawn],
         folded=[drawn[name] for name in rest],
         words=_WORDS,
+        meanings=_meanings(frames),
         matrix=_matrix(frames),
         tables=[_table(table) for table in tables(frames) if table.name != "verdicts"],
         provenance=list(frames.provenance.itertuples(index=False, name=None)),
@@ -94,12 +97,11 @@ def render(frames: Frames) -> str:
 def _title(frames: Frames) -> str:
     if frames.request.compare:
         return "Jitterbug: " + " against ".join(clean(side) for side in frames.request.compare)
-    parts = [counted(len(frames.runs), "run")]
-    count = frames.configurations["configuration"].nunique()
-    about = "Jitterbug"
+    about, names = "Jitterbug", frames.configurations["configuration"]
     if frames.request.curves is not None:
-        about, count = clean(frames.request.curves.name), frames.runs["configuration"].nunique()
-    return f"{about}: {', '.join([*parts, counted(count, 'configuration')])}"
+        about, names = clean(frames.request.curves.name), frames.runs["configuration"]
+    count = counted(names.nunique(), "configuration")
+    return f"{about}: {counted(len(frames.runs), 'run')}, {count}"
 
 
 def _figure(chart: Chart) -> dict[str, Any]:
@@ -129,6 +131,16 @@ def _mark(marker: str) -> str:
         " ".join(f"{18 + 7 * x:.1f},{5 - 7 * y:.1f}" for x, y in outline) for outline in outlines
     )
     return "".join(f"M{points}z" for points in corners)
+
+
+def _meanings(frames: Frames) -> list[tuple[str, str]]:
+    """Returns what the representations of the curves mean, if there are several."""
+    names = [str(name) for name in frames.curves["representation"].unique()]
+    kinds = dict.fromkeys(map(kind_of, names))
+    endings = [name for name in MEANINGS if name[0] == "-" and any(name in one for one in names)]
+    if len(names) < 2:
+        return []
+    return [(name, MEANINGS[name]) for name in (*kinds, *endings) if name in MEANINGS]
 
 
 def _matrix(frames: Frames) -> dict[str, Any]:
@@ -164,11 +176,15 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
         return round(60 + 56 * (0 if math.isnan(share) else share), 1)
 
     value, low, high = (f"{row[name]:+.0f}" for name in ("value", "low", "high"))
+    enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
+    undecided = "undecided" if enough else counted(row["seeds"], "seed")
     names = ("value", "low", "high", "corrected_low", "corrected_high")
     return {
         **row,
         **{name: at(row[name]) for name in names},
-        "numbers": f"alone: {value} [{low}, {high}], n = {row['seeds']}",
+        "verdict": undecided if row["verdict"] == "undecided" else row["verdict"],
+        "size": "" if np.isnan(row["value"]) else value,
+        "numbers": f"uncorrected: {value} [{low}, {high}], {row['seeds']} seeds",
         "state": _STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
         "margin": (at(-MARGIN), at(MARGIN)) if row["claim"] == "a" else None,
     }

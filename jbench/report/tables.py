@@ -114,7 +114,8 @@ def _final_returns(frames: Frames) -> Table:
     caption = (
         f"{_final(frames)} IQM: mean without the lowest and highest quarter of seeds. s: "
         "standard deviation between agents, without that of the episodes. Detectable: smallest "
-        f"difference that these seeds would show. {_INTERVAL} Policies have 100 episodes."
+        f"difference that these seeds would show. {_INTERVAL} Random and hand-written policies: "
+        "100 episodes."
     )
     title = f"Final {frames.returns} returns"
     if frames.request.curves:
@@ -148,14 +149,14 @@ def _verdicts(frames: Frames) -> Table:
 def _decisions(frames: Frames) -> Table:
     columns = [
         *(_TASK, _ALGO, plain("observation", "representation"), plain("against")),
-        *(plain("final return is", "verdict"), _SEEDS),
+        *(plain("verdict"), _SEEDS),
         number("difference", "difference", signed, ("low", "high")),
         number("error spent", "spent", "{:.2%}".format),
     ]
     caption = (
         "Difference of mean final evaluation returns of the first 5, 10, 15, … seeds, with its "
-        "repeated confidence interval. Of all planned comparisons together, one or more verdicts "
-        "are wrong with a probability of at most 5%."
+        "repeated confidence interval. The family-wise error rate of all planned comparisons is at "
+        "most 5%."
     )
     return Table("sequential_test", "Sequential test", caption, frames.decisions, columns)
 
@@ -201,10 +202,10 @@ def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
         *(number("median", "median", ends=("low", "high")), number("n", "n", str), _RANGE),
     ]
     caption = (
-        f"{_FINAL[returns]} Medians. {_INTERVAL} Entries whose intervals cross share a rank; those "
-        f"with fewer than {DECIDING_SEEDS} seeds have none. Published medians are training returns "
-        "at the end of the paper's curves. Entries may have been trained for different numbers of "
-        "control steps."
+        f"{_FINAL[returns]} Medians. {_INTERVAL} Entries whose intervals overlap share a rank; "
+        f"those with fewer than {DECIDING_SEEDS} seeds have none. Published medians are training "
+        "returns at the end of the paper's curves. Entries may have been trained for different "
+        "numbers of control steps."
     )
     return Table("leaderboard", f"Leaderboard by final {returns} return", caption, frame, columns)
 
@@ -214,8 +215,8 @@ def _encoders(frames: Frames) -> Table:
         "test": "not explained",
         "pca": "by PCA",
         "random": "by random projection",
-        "heuristic": "heuristic's: not explained",
-        "pca_heuristic": "heuristic's: by PCA",
+        "heuristic": "hand-written policy's: not explained",
+        "pca_heuristic": "hand-written policy's: by PCA",
         **{name: f"R² of {text}" for name, text in PREDICTED.items()},
     }
     columns = [
@@ -239,7 +240,7 @@ def _runs(frames: Frames) -> Table:
     columns = [
         *(_TASK, _SOURCED, _OBSERVED, number("seed", "seed", str), number("steps", "steps", steps)),
         *(number("final return", "final"), Column("status", "status", status)),
-        *(plain("day"), plain("run")),
+        *(number("day", "day", str), plain("run")),
     ]
     return Table("runs", "Runs", _final(frames), frames.runs, columns)
 

@@ -266,7 +266,7 @@ def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path)
     assert first.get_attribute("id") == "representations"
     assert "training" in first.get_attribute("class")
     names = first.locator(".legend button").all_inner_texts()
-    assert names == ["full", "dae12", "published"]
+    assert names == ["full", "dae12", "published, training"]
 
 
 def test_watched_page_reloads_itself_and_links_no_files(fabric, opened, tmp_path):

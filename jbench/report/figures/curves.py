@@ -25,6 +25,7 @@ from jbench.report.figures.marks import add_line, add_points, interval_text, nar
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
+_PUBLISHED = "published, training"  # in legends
 _ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
 _ROOM = 0.09  # of the height of a panel, between words beside it
@@ -67,7 +68,7 @@ def augmented_sequences(frames: Frames) -> Chart | None:
         return None
     looks = style.algorithm_looks(rows[~theirs], "series")
     panels = by_task(rows[~theirs], partial(draw_curves, looks=looks, published=rows[theirs]))
-    note = "median and 10 to 90% band of training returns; dotted: the paper's"
+    note = "training returns: median and 10 to 90% of seeds; dotted: the paper's"
     return Chart("sequences", "Augmented robots in sequence", note, panels, "sequences", looks)
 
 
@@ -82,7 +83,7 @@ def by_processor_time(frames: Frames) -> Chart | None:
     looks = style.representation_looks(rows, "series")
     x, scale = f"{unit} of processor time of a seed", "linear" if longest / size < 100 else "log"
     panels = by_task(rows, partial(draw_curves, looks=looks, x=x, scale=scale), 5.2, 2.8)
-    note = "median over seeds; evaluations included"
+    note = "median over seeds, where all runs recorded their processor time"
     return Chart("processor", "Return against processor time", note, panels, "processor", looks)
 
 
@@ -110,7 +111,7 @@ def _chart(
     nearest = published["steps"].min() / curves["steps"].max() if len(published) else 0
     if (ends.max() / ends.min()).max() > _UNEQUAL or nearest > 1:
         scales.reverse()
-    legend = looks | {PUBLISHED: Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))}
+    legend = looks | {_PUBLISHED: Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))}
     panels = []
     groups = curves.groupby(by, sort=False)
     seen = pd.DataFrame()
@@ -128,8 +129,8 @@ def _chart(
         size = (5.6, 2.9) if groups.ngroups < 3 else (4.2, 2.5)
         panels.append(Panel(", ".join(words), _versions(rows, kinds, scales, common), size))
     legend = looks if seen.empty else legend
-    band = "10 to 90% band" if curves["q10"].notna().any() else "each seed"
-    note = f"median and {band}" + ("" if seen.empty else "; dotted: the paper's")
+    band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
+    note = f"median and {band}"
     switches = [(kinds[0], kinds[1])] if len(kinds) > 1 else []
     switches.append((scales[0], scales[1]))
     return Chart(name, title, note, panels, "curves", legend, switches)
@@ -232,7 +233,7 @@ def _tips(name: str, curve: pd.DataFrame) -> list[str]:
 
 
 def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Look]) -> None:
-    entry = looks.get(PUBLISHED, Look(style.SOFT, (), "", len(looks)))
+    entry = looks.get(_PUBLISHED, Look(style.SOFT, (), "", len(looks)))
     for (name, _), curve in published.groupby(["series", "source"], sort=False):
         look = looks.get(str(name), entry)._replace(number=entry.number)
         called = " ".join(curve[["algo", "representation"]].iloc[0])

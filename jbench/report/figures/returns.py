@@ -53,9 +53,12 @@ def forest(frames: Frames) -> Chart | None:
         if len(known) > 1:
             draw, height = partial(_draw_variability, known, looks=looks), 0.55 + ROW * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
-    note = "large mark: interquartile mean with 95% interval; dots: seeds"
+    note = "large mark: interquartile mean, 95% interval; dots: seeds"
     if frames.request.curves is None:
-        note += " with twice their standard error; |: the paper's training return"
+        note += (
+            " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes; "
+            "hollow s: may be 0"
+        )
     return Chart("returns", "Final returns", note, panels, "configurations", looks, **ROWS)
 
 
@@ -150,7 +153,10 @@ def errors(frames: Frames) -> Chart | None:
         group = group.sort_values("latents") if by_size else group
         draw = partial(_draw_errors, group, looks=looks, by_size=by_size)
         panels.append(Panel(str(task), {"": draw}, size))
-    note = "filled: held-out episodes of the dataset; hollow: episodes of the hand-written policy"
+    note = (
+        "filled: held-out episodes; hollow: those of the hand-written policy; planar and ddae "
+        "encode other features"
+    )
     title = "Reconstruction error by encoder"
     return Chart("encoders", title, note, panels, "encoders", looks, **ROWS)
 

@@ -29,11 +29,11 @@ def pairs(frames: Frames) -> Chart:
     rows = rows[rows["b"].isin(rows["a"])]
     rows = rows[rows.groupby("task")["a"].transform("nunique") > 2]
     note = (
-        "percentage of pairs of runs in which the row's ends above the column's; bold: decided, "
-        "corrected for the number of pairs"
+        "percentage of pairs of runs in which the row's reaches the higher final return; bold: "
+        "decided, as in the verdicts or corrected for the number of pairs"
     )
     panels = by_task(rows, _draw_pairs, 5.2, lambda rows: 1.4 + 0.33 * rows["a"].nunique())
-    return Chart("pairs", "Which reaches the higher return", note, panels, "pairs", **ROWS)
+    return Chart("pairs", "Probability of improvement", note, panels, "pairs", **ROWS)
 
 
 def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
@@ -76,7 +76,7 @@ def profiles(frames: Frames) -> Chart:
         axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
         axes.set_xlim(left=float(rows["final_return"].min()))
 
-    note = "share of runs that end above a return; bands: 95% intervals"
+    note = "share of runs with a higher final return, up to six configurations; 95% bands"
     panels = by_task(rows, draw, 5.2, 2.8)
     return Chart("profiles", "Performance profiles", note, panels, "profiles", looks)
 

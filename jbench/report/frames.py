@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkError
 from jbench.names import ReturnsName
 from jbench.report import policies
 from jbench.report.analysis import compare, tasks
@@ -36,6 +36,7 @@ from jbench.report.request import Request
 from jbench.report.runs import metric_frame, provenance_frame, run_frame
 from jbench.store import Results, query
 from jbench.store.shipped import shipped_results
+from jbench.wording import repair_hint, with_results
 
 _DEFAULT = Request()
 
@@ -182,12 +183,24 @@ def _read(
         or _has_states(results, request.task)
     )
     if parts[0].runs.empty and not drawable:
-        raise sources.nothing_to_report(results, [p for part in parts for p in part.problems])
+        raise _nothing_to_report(results, [p for part in parts for p in part.problems])
     if not drawable:
         raise sources.NothingYetError(
             f"No run has an episode yet; wait for them. {' '.join(parts[0].notes)}"
         )
     return parts, [], []
+
+
+def _nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
+    """Returns the error for results without usable runs."""
+    records, unreadable = results.scan("run")
+    if records or unreadable or problems:
+        reason = " ".join([*problems, repair_hint(results.name)])
+        return WorkError(f"Nothing in {results.name} can be reported. {reason}")
+    train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
+    return sources.NothingYetError(
+        f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
+    )
 
 
 def _has_states(results: Results, task: str | None) -> bool:

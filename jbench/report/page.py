@@ -96,8 +96,8 @@ def render(frames: Frames) -> str:
 
 def _title(frames: Frames) -> str:
     if frames.request.compare:
-        return "Jitterbug: " + " against ".join(clean(side) for side in frames.request.compare)
-    about, names = "Jitterbug", frames.configurations["configuration"]
+        return " against ".join(clean(side) for side in frames.request.compare)
+    about, names = "jbench", frames.configurations["configuration"]
     if frames.request.curves is not None:
         about, names = clean(frames.request.curves.name), frames.runs["configuration"]
     count = counted(names.nunique(), "configuration")

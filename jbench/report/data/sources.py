@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError
 from jbench.importing.curve_file import as_imports, read_curves
 from jbench.importing.runs import as_runs
 from jbench.names import REFERENCE
@@ -24,7 +24,7 @@ from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import value_text
 from jbench.store import Results, query
-from jbench.wording import are, counted, repair_hint, with_results
+from jbench.wording import are, counted
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
 _MORE = (
@@ -176,18 +176,6 @@ def side(text: str, results: Results, request: Request) -> Source:
         reasons = " ".join(found.problems)
         raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())
     return found
-
-
-def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
-    """Returns the error for results without usable runs."""
-    records, unreadable = results.scan("run")
-    if records or unreadable or problems:
-        reason = " ".join([*problems, repair_hint(results.name)])
-        return WorkError(f"Nothing in {results.name} can be reported. {reason}")
-    train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
-    return NothingYetError(
-        f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
-    )
 
 
 def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:

@@ -131,7 +131,7 @@ class _Question:
         text = f"{_NUMBERS[self.claim]}{difference_text(low, high)}"
         if np.isnan(self.row["value"]):
             text = "unknown"
-        elif not np.isfinite([low, high]).any():
+        elif not self.decidable or not np.isfinite([low, high]).any():
             reason = "the sequential test needs more" if by == SEQUENTIAL else "too few"
             text = f"{signed(self.row['value'])}, {reason} seeds"
         elif self.claim == "a" and verdict in ("higher", "lower"):

@@ -28,10 +28,12 @@ def main() -> None:
     """Prints a line for each representation."""
     torch.set_num_threads(1)
     settings = TD3Settings()
-    learners: dict[str, OffPolicyLearner] = {"full": TD3(settings, _SIZE, SeedView(Tensors(1), 0))}
+    learners: dict[str, OffPolicyLearner] = {
+        "full": TD3(settings, _SIZE, 1, SeedView(Tensors(1), 0))
+    }
     for units in _UNITS:
         ofe, part = OFESettings(units=units), SeedView(Tensors(1), 0)
-        learners[f"ofe{units}"] = ON_FEATURES["td3"](settings, _SIZE, part, ofe=ofe)
+        learners[f"ofe{units}"] = ON_FEATURES["td3"](settings, _SIZE, 1, part, ofe=ofe)
     rows = settings.batch_size, _SIZE + 2
     batches = {
         name: Batch(

@@ -24,7 +24,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output, duration, short
 from jbench.errors import RequestError, WorkError
-from jbench.wording import are, counted, done_of, with_results
+from jbench.wording import are, counted, done_of, repair_hint, with_results
 
 FilesOption = Annotated[
     int, typer.Option(min=0, help="Number of files read at a time (0: one per core).")
@@ -87,7 +87,7 @@ def runs(
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
     output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})
-    output.warn_of_damage(problems)
+    output.warn_of_damage(problems, repair_hint(results))
 
 
 _SHOWN, _LONGEST = 100, 80  # rows of a query, and characters of a cell, in a table for people
@@ -121,7 +121,7 @@ def query(
         rows = [[_cut(short(cell)) for cell in row] for row in cells]
         less = f", the first {_SHOWN} shown; --csv prints all" if len(answer) > _SHOWN else ""
         output.table(counted(len(answer), "row") + less, list(answer.columns), rows)
-    output.warn_of_damage(problems)
+    output.warn_of_damage(problems, repair_hint(results))
 
 
 def _cut(text: str) -> str:
@@ -159,7 +159,7 @@ def verify(
         warning = "Warning: " if finding.severity == "warning" else ""
         output.say(f"  {warning}{finding}")
     output.say(
-        f"Checked {checked.records:,} records, {checked.files:,} files, "
+        f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
         f"{checked.bytes / 1e6:,.1f} MB: "
         + (_counted(f.severity for f in checked.findings) or "all of them intact")
         + "."
@@ -208,7 +208,7 @@ def repair(
 
     parsing.results_to_write(results)
     output, database = Output(json), parsing.existing_results(results)
-    progress = partial(output.progress, "verify", unit="bytes")
+    progress = partial(output.progress, "repair", unit="bytes")
     checked = check(database, parsing.all_cores(threads), progress)
     done = set_aside(database, checked.findings, dry_run)
     for moved, to in done.moved:
@@ -217,11 +217,14 @@ def repair(
         output.warn(sentence)
     verb, count = "Would set" if dry_run else "Set", counted(len(done.moved), "file")
     output.say(f"{verb} {count} aside." if done.moved else "Nothing to set aside.")
+    if done.commands and not dry_run:
+        output.say("\n    ".join(["To make damaged records again, repeat:", *done.commands]))
     output.document(
         {
             "dry_run": dry_run,
             "moved": [{"from": str(moved), "to": str(to)} for moved, to in done.moved],
             "left": done.left,
+            "commands": done.commands,
         }
     )
     if done.left:

@@ -12,6 +12,7 @@ from jbench.errors import WorkError
 from jbench.store import files, parquet, schema
 from jbench.store.manifest import MANIFEST, SCHEMA_VERSION, FileEntry, Kind, Manifest, Status
 from jbench.store.older import upgraded
+from jbench.wording import with_results
 
 _MAX_MANIFEST = 1 << 26  # bytes; a manifest of 100,000 files has half as many
 
@@ -167,8 +168,14 @@ class RecordReader:
             raise self._damaged(entry, "its checksum differs")
         return content
 
+    @property
+    def set_aside_hint(self) -> str:
+        """The end of a message on damage: the command that sets the record aside."""
+        results = self.path.parents[len(Path(self.id).parts)]
+        return f"set it aside with `{with_results('jbench repair', results)}`"
+
     def _damaged(self, entry: FileEntry, reason: str) -> WorkError:
         return WorkError(
             f"{self.path / entry.name} of the {self.kind} {self.id} is damaged ({reason}); "
-            f"restore it, or delete {self.path} to make it again."
+            f"restore it, or {self.set_aside_hint}."
         )

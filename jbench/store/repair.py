@@ -9,6 +9,7 @@ the command that made it makes it again. Its lock stays, since another process m
 import contextlib
 import itertools
 import os
+import shlex
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,10 +31,12 @@ class Repaired(NamedTuple):
     Attributes:
         moved: (source, destination) pairs in order.
         left: a sentence for each problem that was not repaired.
+        commands: make the moved records again, as far as their manifests are readable.
     """
 
     moved: list[tuple[Path, Path]]
     left: list[str]
+    commands: list[str]
 
 
 class Quarantine:
@@ -78,33 +81,51 @@ def repair(results: Results, findings: Sequence[Finding], dry_run: bool = False)
     Records that are being written, that can't be read at present or that a newer jbench wrote are
     not changed. Each record is checked again before it is moved. A dry run moves nothing.
     """
-    quarantine, left = Quarantine(results, dry_run), []
+    quarantine, left, commands = Quarantine(results, dry_run), [], []
     faults = [finding for finding in findings if finding.severity != "warning"]
     for kind, id in dict.fromkeys((fault.kind, fault.id) for fault in faults):
         foreign = [f for f in faults if (f.kind, f.id, f.severity) == (kind, id, "foreign")]
         left += [f"{finding} It is left alone." for finding in foreign]
         if not foreign:
             try:
-                _repair_folder(results, kind, id, quarantine)
+                command = _command(results, kind, id)
+                if _repair_folder(results, kind, id, quarantine) and command not in commands:
+                    commands.append(command)
             except (WorkError, RequestError) as error:
                 left.append(str(error))
-    return Repaired(list(quarantine.moved.items()), left)
+    return Repaired(list(quarantine.moved.items()), left, list(filter(None, commands)))
 
 
-def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> None:
-    """Repairs one directory, unless another process is writing there."""
+def _command(results: Results, kind: Kind, id: str) -> str:
+    """Returns the command that made a record, or "" if its manifest does not tell."""
+    with contextlib.suppress(WorkError, RequestError):
+        record = results.find(kind, id)
+        command = record and record.manifest.provenance.get("command")
+        if isinstance(command, list):
+            return shlex.join(map(str, command))
+    return ""
+
+
+def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> bool:
+    """Repairs one directory, unless another process is writing there.
+
+    Returns:
+        Whether there was a damaged record, which no longer exists.
+    """
     path = results.path / f"{kind}s" / id
     with _locked(path, f"the {kind} {id}", quarantine.dry_run):
         findings = examine(results, kind, id)
         foreign = [finding for finding in findings if finding.severity == "foreign"]
         if foreign:
             raise WorkError(f"{foreign[0]} It is left alone.")
-        if any(finding.severity == "damaged" for finding in findings):
+        damaged = any(finding.severity == "damaged" for finding in findings)
+        if damaged:
             quarantine.take_record(path)
         # Problems that `take_record` has not moved, such as a directory with the name of a file.
         for finding in findings:
             if os.path.lexists(finding.path):
                 quarantine.take(finding.path)
+        return damaged
 
 
 def _locked(path: Path, whose: str, dry_run: bool) -> contextlib.AbstractContextManager[None]:

@@ -56,8 +56,8 @@ def row_of(record: Record) -> Row:
     except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise WorkError(
-            f"The {record.kind} {record.id} has invalid settings ({reason}); delete "
-            f"{record.path} to make it again."
+            f"The {record.kind} {record.id} has invalid settings ({reason}); "
+            f"{record.set_aside_hint}."
         ) from None
     return row
 

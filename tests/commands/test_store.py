@@ -121,7 +121,8 @@ def test_unreadable_run_is_reported_and_others_listed(results, run_command):
     assert code == 1
     assert "2 runs" in out
     assert err.startswith(f"Warning: {run.path}/manifest.json is not a manifest")
-    assert err.endswith("Error: 1 record is damaged and left out; see above.\n")
+    assert "Error: 1 record is damaged and left out; see above. `jbench verify" in err
+    assert err.endswith(f"`jbench repair --results {results.path}` sets it aside.\n")
 
 
 @pytest.mark.parametrize(
@@ -173,9 +174,15 @@ def test_damage_is_reported_by_run_and_repaired(results, run_command):
     assert out.endswith("Would set 4 files aside.\n")
     assert path.exists()
 
-    code, out, _ = run_command("repair", "--json", results=results)
+    # As a sweep records it for each of its runs.
+    alter_manifest(broken, provenance={"command": ["jbench", "sweep", "my matrix.toml"]})
+    code, out, err = run_command("repair", "--json", results=results)
+    command = "jbench sweep 'my matrix.toml'"
+    assert err.endswith(f"To make damaged records again, repeat:\n    {command}\n")
+    assert "repair: " in err
     document = json.loads(out)
     assert (code, document["dry_run"], document["left"]) == (0, False, [])
+    assert document["commands"] == [command]
     assert len(document["moved"]) == 4
     assert all(Path(one["to"]).exists() for one in document["moved"])
 

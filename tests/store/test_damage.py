@@ -65,8 +65,10 @@ def test_damaged_part_is_reported_with_its_record(results, record, part, damage,
     damage(record.path / name)
     again = results.find("run", "a/b")
     for use in (lambda: read(again), lambda: again.finish({})):
-        with pytest.raises(WorkError, match=f"{name} of the run a/b is damaged.*{reason}"):
+        with pytest.raises(WorkError, match=f"{name} of the run a/b is damaged.*{reason}") as error:
             use()
+        repair = f"set it aside with `jbench repair --results {results.path}`."
+        assert str(error.value).endswith(repair)
 
 
 @pytest.mark.parametrize(("damage", "reason"), DAMAGES)

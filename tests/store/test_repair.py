@@ -51,7 +51,7 @@ def test_repair_leaves_valid_results_and_loses_no_byte(broken):
     assert (found.findings, found.records) == ([], 5)
     assert {r.id for kind in ("dataset", "encoder") for r in broken.scan(kind)[0]} == whole
     assert query.load(broken).problems == []
-    assert repaired(broken) == ([], [])
+    assert repaired(broken) == ([], [], [])
 
 
 def test_set_aside_files_keep_path_below_dated_directory(broken):
@@ -161,7 +161,7 @@ def test_record_repaired_meanwhile_is_unchanged(results):
     truncate(path)
     findings = verify(results, 2).findings
     path.write_bytes(good)
-    assert repair(results, findings) == ([], [])
+    assert repair(results, findings) == ([], [], [])
     assert results.find("run", run.id) is not None
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 
 import pandas as pd
 
@@ -44,7 +45,10 @@ def _split(text: str, file: ImportedFile, skip: int) -> tuple[list[str], dict[in
     lines = io.StringIO(text, newline="")
     for _ in range(skip):
         next(lines)
-    reader = csv.reader(lines, strict=True)
+    first = next(lines, "")
+    # The separator that the header has most; spreadsheets of some languages write semicolons.
+    separator = max(",;\t", key=first.count)
+    reader = csv.reader(itertools.chain([first], lines), delimiter=separator, strict=True)
     rows: dict[int, list[str]] = {}
     try:
         header = next(reader, [])

@@ -97,9 +97,11 @@ def test_options_name_columns_of_csv_file(tmp_path, imports, rows):
 # Records.
 
 
-def test_columns_and_seeds_with_usual_names_need_no_options(tmp_path, imports, rows):
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_columns_and_seeds_with_usual_names_need_no_options(separator, tmp_path, imports, rows):
     path = tmp_path / "progress.csv"
-    path.write_text("seed,global_step,return\n4,1000,5\n4,2000,6\n9,1000,7\n")
+    text = "seed,global_step,return\n4,1000,5\n4,2000,6\n9,1000,7\n"
+    path.write_text(text.replace(",", separator))
     assert imports("csv", path, seed_from=None)[0] == 0
     assert rows()[4]["episode_return"].tolist() == [5, 6]
     assert rows()[9]["control_steps"].tolist() == [1000]

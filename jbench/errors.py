@@ -7,6 +7,10 @@ class RequestError(ValueError):
     exit_code = 2
 
 
+class NothingYetError(RequestError):
+    """There is nothing to report yet; more results may change that."""
+
+
 class WorkError(RuntimeError):
     """Work that failed although the request was right: one sentence that says what failed."""
 

@@ -22,7 +22,7 @@ from jbench.commands.options import (
     path,
 )
 from jbench.commands.output import Output
-from jbench.errors import RequestError, WorkError
+from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.opengl import has_display
 from jbench.wording import repair_hint
 
@@ -195,7 +195,6 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
 def _watch(database: "Results", out: Path, request: "Request", output: Output) -> None:
     """Writes a page whenever the results change, and the whole report after Ctrl-C."""
     from jbench.commands.watching import remembered_interrupt, watch
-    from jbench.report.data.sources import NothingYetError
 
     def write(request: "Request") -> None:
         try:

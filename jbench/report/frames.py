@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
-from jbench.errors import RequestError, WorkError
+from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.names import ReturnsName
 from jbench.report import policies
 from jbench.report.analysis import compare, tasks
@@ -185,7 +185,7 @@ def _read(
     if parts[0].runs.empty and not drawable:
         raise _nothing_to_report(results, [p for part in parts for p in part.problems])
     if not drawable:
-        raise sources.NothingYetError(
+        raise NothingYetError(
             f"No run has an episode yet; wait for them. {' '.join(parts[0].notes)}"
         )
     return parts, [], []
@@ -198,7 +198,7 @@ def _nothing_to_report(results: Results, problems: Sequence[str]) -> RequestErro
         reason = " ".join([*problems, repair_hint(results.name)])
         return WorkError(f"Nothing in {results.name} can be reported. {reason}")
     train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
-    return sources.NothingYetError(
+    return NothingYetError(
         f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
     )
 

@@ -15,6 +15,14 @@ _EXCLUSIVE = (
     ("curves", "compare", "baseline", "since", "claims", "reference"),
 )
 
+_HEADINGS = {"algorithm": "algo", "observation": "representation"}
+"""Settings by what tables call them."""
+
+
+def setting_name(typed: str) -> str:
+    """Returns the name of a setting that was typed by it or as tables call it."""
+    return _HEADINGS.get(typed.strip(), typed.strip())
+
 
 @dataclass(frozen=True)
 class Request:
@@ -86,7 +94,7 @@ class Request:
     def names_compared(self) -> set[str]:
         """Names of the settings on both sides of a comparison; directories have none."""
         return {
-            part.partition("=")[0].strip()
+            setting_name(part.partition("=")[0])
             for side in self.compare or ()
             if not Path(side).is_dir()
             for part in side.split(",")

@@ -96,6 +96,13 @@ class TestCompare:
         (one,) = frames(both, Request(compare=(typed, other))).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (typed, other, -1)
 
+    def test_settings_are_found_by_the_headings_of_tables(self, fabric):
+        fabric.run(FLAT)
+        fabric.run(FLAT + 10, representation="dae12")
+        sides = "algorithm=td3, observation=dae12", "observation=full"
+        (one,) = frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
+        assert (one["a"], one["b"], one["difference"]) == (*sides, 10)
+
     @pytest.mark.parametrize(
         ("compare", "printed"),
         [

@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbench.errors import RequestError
+from jbench.errors import NothingYetError, RequestError
 from jbench.importing.curve_file import as_imports, read_curves
 from jbench.importing.runs import as_runs
 from jbench.names import REFERENCE
@@ -19,7 +19,7 @@ from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
 from jbench.report.data.returns import FILE
-from jbench.report.request import Request
+from jbench.report.request import Request, setting_name
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import value_text
@@ -36,10 +36,6 @@ _COLUMNS = {
     "evaluations": ("run", "evaluation", "episode", *POINT),
     "paths": PATHS,
 }
-
-
-class NothingYetError(RequestError):
-    """There is nothing to report yet; more results may change that."""
 
 
 @dataclass(frozen=True)
@@ -258,6 +254,7 @@ def _choice(text: str, runs: Collection[Run]) -> Callable[[Run], bool]:
     typed = []
     for part in map(str.strip, text.split(",")):
         name, equals, value = (piece.strip() for piece in part.partition("="))
+        name = setting_name(name)
         if not (name and equals):
             named = {
                 path[-1] for run in runs for path, one in flatten(run).items()

@@ -26,6 +26,8 @@ from jbench.wording import counted
 if TYPE_CHECKING:
     from jbench.store import Results
 
+_TAILS = 10  # episodes from which on the 10th and the 90th percentile say something
+
 PoseSeedOption = Annotated[int, typer.Option(help="Random seed of the pose and the target.")]
 
 
@@ -88,9 +90,10 @@ def evaluate(
         record = run_episodes(settings, database, parsing.all_cores(threads), progress, policy)
     returns = record.read("policy_episodes")["episode_return"].to_numpy()
     summary = record.manifest.summary
+    tails = f" [10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}]"
     output.say(
-        f"{task}, {policy}: median return {summary['median']:.0f} "
-        f"[10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}], mean {returns.mean():.0f}, "
+        f"{task}, {policy}: median return {summary['median']:.0f}"
+        f"{tails if len(returns) >= _TAILS else ''}, mean {returns.mean():.0f}, "
         f"worst {returns.min():.0f}, over {counted(len(returns), 'episode')}; "
         f"saved in {record.path}"
     )

@@ -39,6 +39,13 @@ def test_evaluation_on_other_robot_prints_notice(augmented):
     )
 
 
+@pytest.mark.parametrize(("episodes", "tails"), [("9", False), ("10", True)])
+def test_percentiles_are_of_ten_episodes_or_more(episodes, tails, tmp_path):
+    printed = succeed("evaluate", "random", "--episodes", episodes, results=tmp_path).stdout
+    assert "median return" in printed
+    assert ("[10th" in printed) == tails
+
+
 def test_recorded_episodes_equal_printed_summary(tmp_path):
     done = succeed("evaluate", "random", "--episodes", "3", "--json", results=tmp_path)
     output = json.loads(done.stdout)

@@ -31,6 +31,7 @@ from jbench.commands import (
 )
 from jbench.commands.grouped_help import Command, GroupedCommands
 from jbench.errors import RequestError, WorkError
+from jbench.revision import git_revision
 
 app = typer.Typer(
     name="jbench",
@@ -48,7 +49,8 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        print(f"jbench {__version__}")
+        revision = git_revision()
+        print(f"jbench {__version__}" + (f" ({revision})" if revision else ""))
         raise typer.Exit
 
 

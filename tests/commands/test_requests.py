@@ -10,7 +10,7 @@ import sys
 import pytest
 from typer.main import get_command
 
-from jbench import names
+from jbench import __version__, names
 from jbench.cli import app, main
 from jbench.commands import parsing
 from jbench.errors import RequestError
@@ -18,6 +18,7 @@ from jbench.recording.recorder import record
 from jbench.store import Results
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from tests.command_line import jbench, succeed, wait_until
+from tests.documentation import ROOT
 
 
 @pytest.mark.parametrize(
@@ -303,6 +304,17 @@ def test_json_of_failed_verify_is_printed_once(tmp_path, capsys):
     (tmp_path / "runs" / "leftover" / "x.parquet").write_bytes(b"x")
     assert main(["verify", "--json", "--results", str(tmp_path)]) == 1
     assert json.loads(capsys.readouterr().out)["findings"]
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="unpacked from an archive")
+def test_version_of_a_checkout_has_its_revision(capsys):
+    assert main(["--version"]) == 0
+    version, revision = re.fullmatch(
+        r"jbench (\S+) \((\S+?)(?:-dirty)?\)\n", capsys.readouterr().out
+    ).groups()
+    commits = [f"{name}^{{commit}}" for name in (revision, "HEAD")]
+    parsed = subprocess.check_output(["git", "-C", ROOT, "rev-parse", *commits], text=True)
+    assert (version, len({*parsed.split()})) == (__version__, 1)
 
 
 def test_help_and_completion_import_no_heavy_library():

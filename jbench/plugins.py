@@ -89,7 +89,7 @@ def imported(what: str, name: str) -> Any:
     if not found:
         raise RequestError(
             f"The {what} {name} can't be imported: there is no module {module_name}; install its "
-            "package, or type jbench in the directory of the module."
+            "package, or run jbench in the directory that contains the module, or set PYTHONPATH."
         )
     module = _attempt(lambda: importlib.import_module(module_name), f"The {what} {name}", name)
     if not hasattr(module, attribute):

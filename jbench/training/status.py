@@ -54,7 +54,7 @@ class Plan(NamedTuple):
         if finished:
             rest = "" if self.to_do(retry_failed) or failed else "; nothing to do"
             count = f"{len(finished)} of {counted(len(self.runs), 'run')}"
-            yield f"{count} {are(len(finished))} already finished and skipped{rest}."
+            yield f"{count} {are(len(finished))} already finished{rest}."
         if partial:
             count = f"{counted(len(partial), 'run')} {are(len(partial))}"
             yield f"{count} unfinished: interrupted, or another process is training."

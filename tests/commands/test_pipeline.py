@@ -108,13 +108,13 @@ def test_repeated_commands_change_nothing_and_report_it(pipeline):
     trained = succeed(*train("td3", "5"), results=pipeline)
     assert "already finished; nothing to do" in collected.stdout
     assert "already finished; nothing to do" in trained_dae.stdout
-    assert "2 of 2 runs are already finished and skipped; nothing to do" in trained.stdout
+    assert "2 of 2 runs are already finished; nothing to do" in trained.stdout
     assert files(pipeline) == before
 
 
 def test_only_missing_seeds_are_trained(pipeline):
     done = succeed(*train("ppo", "none"), "--seeds", "0-2", results=pipeline)
-    assert "2 of 3 runs are already finished and skipped." in done.stdout
+    assert "2 of 3 runs are already finished." in done.stdout
     assert "1 run with 200 control steps left at about" in done.stdout
     runs = load(Results(pipeline)).tables["runs"].to_pandas()
     chosen = runs[(runs["algo"] == "ppo") & (runs["representation"] == "full")]

@@ -202,9 +202,10 @@ def test_query_of_encoders_page_prints_errors(output):
 
 def test_readme_and_report_cite_paper(demo_results):
     readme = " ".join((ROOT / "README.md").read_text().split())
-    first, second, third = citation.AUTHORS
-    assert f"{first}, {second} and {third}, *{citation.TITLE}*" in readme
-    assert f"{citation.VENUE}, {citation.YEAR}" in readme
+    authors = (name.rpartition(" ") for name in citation.AUTHORS)
+    assert f"{{{' and '.join(f'{family}, {given}' for given, _, family in authors)}}}" in readme
+    for text in (citation.TITLE, citation.VENUE, citation.YEAR):
+        assert f"= {{{text}}}," in readme
     assert citation.CITATION in html.unescape(page.render(frames(demo_results)))
 
 

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 _FAR_LESS = 0.1  # of the variance
 
+_TRIAL = 1000  # episodes; who collects fewer first tries what comes next
+
 TasksOption = Annotated[
     str,
     typer.Option(
@@ -176,8 +178,11 @@ def _train(
     database = parsing.results_to_write(results)
     tasks = names.TASKS if task == "all" else (task,)
     train_on = find_device(device)
-    source = find_dataset(database, dataset, tasks[0])
     given = {name: value for name, value in options.items() if value is not None}
+    for name in tasks:  # wrong requests are refused before a dataset is missed
+        for kind, size in _sizes(kinds, name, latent):
+            encoder_settings(kind, given, task=name, latents=size, dataset="any")
+    source = find_dataset(database, dataset, tasks[0])
     planned = [
         encoder_settings(
             kind,
@@ -202,7 +207,8 @@ def _train(
     display.show_encoders(records, output, verbose=verbose)
     first = planned[0]
     draws = " --encoder-seeds each" if planned[-1].seed != first.seed else ""
-    command = f"jbench train --task {first.task} --encoder {first.representation}{draws}"
+    trial = " --algo td3 --steps 20k --seeds 0-1" if source.episodes < _TRIAL else ""
+    command = f"jbench train --task {first.task} --encoder {first.representation}{draws}{trial}"
     output.say(f"Next: {with_results(command, results)}")
     output.document({"encoders": [display.described(record) for record in records]})
 
@@ -223,7 +229,8 @@ def _train_one(
         how = "resumes" if CHECKPOINT in before.roles() else "starts over"
         output.say(f"The encoder {settings.id} was interrupted; it {how}.")
     label = f"{settings.representation} {settings.task}"
-    with output.progress(label, epochs or 1, "epochs") as progress:
+    then = "measuring what the latents explain and predict"
+    with output.progress(label, epochs or 1, "epochs", then) as progress:
         record = train_encoder(settings, states, database, progress, device=device)
     if before is not None and before.status == "finished":
         output.say(f"The encoder {settings.id} is already finished; nothing to do.")

@@ -92,8 +92,13 @@ class Output:
             print(text, end="", flush=True)
 
     @contextmanager
-    def progress(self, what: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
+    def progress(
+        self, what: str, total: int, unit: str, then: str = ""
+    ) -> Iterator[Callable[[int], None]]:
         """Shows progress on standard error inside the `with` block; nothing if the total is 0.
+
+        Args:
+            then: what is done when the total is reached, before the block ends.
 
         Yields:
             A function that shows how much of the total is done.
@@ -101,17 +106,17 @@ class Output:
         if not total:
             yield lambda done: None
         elif sys.stderr.isatty():
-            with _bar(what, total) as update:
+            with _bar(what, total, then) as update:
                 yield update
         else:
-            yield _Lines(what, total, unit).update
+            yield _Lines(what, total, unit, then).update
 
 
 class _Lines:
     """A plain line every few seconds."""
 
-    def __init__(self, what: str, total: int, unit: str) -> None:
-        self._what, self._total, self._unit = what, total, unit
+    def __init__(self, what: str, total: int, unit: str, then: str) -> None:
+        self._what, self._total, self._unit, self._then = what, total, unit, then
         self._first: tuple[float, int] | None = None
         self._printed, self._ended = time.monotonic(), False
 
@@ -129,11 +134,13 @@ class _Lines:
         if rate > 0 and done < self._total:
             speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"
             parts += [f"{speed}/s", f"{duration((self._total - done) / rate)} left"]
-        print(f"{self._what}: {', '.join(parts)}", file=sys.stderr)
+        elif self._then and done >= self._total:
+            parts.append(f"now {self._then}")
+        print(f"{self._what}: {', '.join(parts)}", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def _bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
+def _bar(what: str, total: int, then: str) -> Iterator[Callable[[int], None]]:
     """A progress bar on a terminal."""
     from rich import progress as rich
 
@@ -153,7 +160,9 @@ def _bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
         redirect_stdout=sys.stdout.isatty(),
     ) as bars:
         task = bars.add_task(what, total=total)
-        yield lambda done: bars.update(task, completed=done)
+        yield lambda done: bars.update(
+            task, completed=done, description=then if then and done >= total else what
+        )
 
 
 def duration(seconds: float) -> str:

@@ -23,7 +23,8 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
             encoder, or the beginning of a single one.
 
     Raises:
-        RequestError: if there is none, or it encodes the observations of another task.
+        RequestError: if there is none that is finished, or it encodes the observations of another
+            task.
     """
     results = results_to_read(results)
     find_task(task)
@@ -31,13 +32,13 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     matches = [
         record
         for record in results.scan("encoder")[0]
-        if record.status == "finished"
-        and record.settings.get("task") == task
+        if record.settings.get("task") == task
         and _is_called(name, record, wanted)
         and _of_plain_robot(results, record)
     ]
     if matches:
-        return max(matches, key=lambda record: record.manifest.updated).id
+        newest = max(matches, key=lambda one: (one.status == "finished", one.manifest.updated))
+        return newest.id if newest.status == "finished" else _find_id(results, newest.id, task)
     if wanted is None:
         return _find_id(results, name, task)
     size = representation(wanted.kind, wanted.latents, wanted.options)

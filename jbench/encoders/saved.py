@@ -17,6 +17,7 @@ from jbench.encoders.registry import make_kind
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results
+from jbench.store.provenance import command_of
 from jbench.store.shipped import results_to_read
 from jbench.tasks.features import Array
 from jbench.wording import with_results
@@ -162,16 +163,18 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
     results = results_to_read(results)
     record = results.find("encoder", id)
     if record is None:
-        ids = [record.id for record in results.scan("encoder")[0]]
+        ids = [each.id for each in results.scan("encoder")[0] if each.status == "finished"]
         command = with_results("jbench train-dae", results.name)
-        there = f"there are {', '.join(ids)}" if ids else f"there is none yet: run {command}"
+        none = f"there is none yet: run {command}, or jbench train-encoder for another kind"
+        there = f"there are {', '.join(ids)}" if ids else none
         raise RequestError(
             f"No encoder {id} in {results.name}; {there}. A kind with a number of latents, such as "
             "dae12, selects the newest one."
         )
     if record.status != "finished":
         raise RequestError(
-            f"The encoder {id} is unfinished; type the command that started it to resume it."
+            f"The encoder {id} is unfinished; repeat `{command_of(record.manifest.provenance)}` to "
+            "finish it."
         )
     try:
         description = json.loads(record.read_file(DESCRIPTION))

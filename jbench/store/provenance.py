@@ -4,6 +4,7 @@ import contextlib
 import importlib.metadata
 import os
 import platform
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -101,10 +102,17 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, 
 
 def sentence_of(changed: Mapping[str, Sequence[object]]) -> str:
     """Returns `differences` as a clause, such as `mujoco 3.17.0 is now 3.18.0`."""
+    names = {"git_revision": "jbench's git revision"}
     return ", ".join(
-        f"{name} {'unknown' if before is None else before} is now {now}"
+        f"{names.get(name, name)} {'unknown' if before is None else before} is now {now}"
         for name, (before, now) in changed.items()
     )
+
+
+def command_of(recorded: Mapping[str, Any]) -> str:
+    """Returns the recorded command as it is typed in a shell."""
+    program, *arguments = map(str, recorded.get("command") or ["jbench"])
+    return shlex.join(["jbench" if program == "__main__.py" else program, *arguments])
 
 
 def _packages(recorded: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -10,6 +10,7 @@ import pytest
 import safetensors.numpy
 
 from jbench.cli import main
+from jbench.commands import encoders
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.training import CHECKPOINT
 from jbench.store import Results, parquet
@@ -95,7 +96,7 @@ def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
     assert "face_direction/td3/planar12/s00-" in run.stdout
 
 
-def test_people_read_three_lines_and_tables_on_request(filled, capsys):
+def test_people_read_three_lines_and_tables_on_request(filled, capsys, monkeypatch):
     one = ["train-encoder", "--kind", "pca", "--latent", "2", "--results", str(filled)]
     assert main(one) == 0
     what, explained, following = capsys.readouterr().out.splitlines()
@@ -104,7 +105,12 @@ def test_people_read_three_lines_and_tables_on_request(filled, capsys):
     share = row.loc[what.split()[2], "test_explained"]
     assert f"it explains {share:.3f} of the variance (PCA with 2 latents: {share:.3f})" in explained
     assert re.search(r"R² yaw rate -?0\.\d{3}, tilt rate", explained)
-    assert following.startswith("Next: jbench train --task face_direction --encoder pca2")
+    command = "Next: jbench train --task face_direction --encoder pca2"
+    # The dataset is small: a trial, not ten seeds of five million control steps.
+    assert following == f"{command} --algo td3 --steps 20k --seeds 0-1 --results {filled}"
+    monkeypatch.setattr(encoders, "_TRIAL", 0)
+    assert main(one) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"{command} --results {filled}"
     assert main([*one, "--verbose"]) == 0
     printed = capsys.readouterr().out
     assert "Mean squared error of each scaled feature" in printed
@@ -114,7 +120,9 @@ def test_people_read_three_lines_and_tables_on_request(filled, capsys):
 def test_warning_of_encoder_that_explains_far_less_than_pca(results, capsys):
     short = ["train-encoder", "--latent", "12", "--epochs", "1", "--results", str(results)]
     assert main([*short, "--kind", "dae"]) == 0
-    warned = [one for one in capsys.readouterr().err.splitlines() if one.startswith("Warning")]
+    printed = capsys.readouterr().err.splitlines()
+    assert "1 of 1 epochs (100%), now measuring what the latents explain and predict" in printed[0]
+    warned = [one for one in printed if one.startswith("Warning")]
     assert len(warned) == 1
     assert re.search(r"dae12/s00-\S+ explains -?\d\.\d+ of the variance and PCA of", warned[0])
     assert "--epochs of more than 1," in warned[0]

@@ -4,6 +4,7 @@ import json
 import pathlib
 import pickle
 import shutil
+import sys
 
 import gymnasium
 import numpy as np
@@ -182,12 +183,16 @@ def test_superscript_number_is_refused(results):
     assert refusal(results, "¹²")
 
 
-def test_unfinished_encoder_is_refused(results):
+def test_unfinished_encoder_is_refused_with_its_command(results, monkeypatch):
+    command = "jbench train-encoder --kind dae --set noise=0.2"
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/jbench", *command.split()[1:]])
     add(results, "face_direction/dae12/a", "2020", finished=False)
-    assert refusal(results, "face_direction/dae12/a") == (
-        "The encoder face_direction/dae12/a is unfinished; type the command that started it "
-        "to resume it."
-    )
+    for name in ("face_direction/dae12/a", "dae12"):
+        assert refusal(results, name) == (
+            f"The encoder face_direction/dae12/a is unfinished; repeat `{command}` to finish it."
+        )
+    # Only encoders that can be used are listed.
+    assert "there is none yet" in refusal(results, "face_direction/x")
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, DESCRIPTION])

@@ -6,7 +6,12 @@ import pytest
 import torch
 
 from jbench.store import provenance
-from jbench.store.provenance import device_provenance, differences, sentence_of
+from jbench.store.provenance import (
+    command_of,
+    device_provenance,
+    differences,
+    sentence_of,
+)
 
 H100 = {
     "device": "cuda",
@@ -53,4 +58,13 @@ def test_unrecorded_device_is_not_compared():
 
 def test_entries_without_value_before_are_unknown():
     changed = {"mujoco": ["3.17.0", "3.18.0"], "git_revision": [None, "abc"]}
-    assert sentence_of(changed) == "mujoco 3.17.0 is now 3.18.0, git_revision unknown is now abc"
+    assert sentence_of(changed) == (
+        "mujoco 3.17.0 is now 3.18.0, jbench's git revision unknown is now abc"
+    )
+
+
+def test_command_is_shown_as_typed():
+    recorded = ["jbench", "train", "--set", "hidden_layers=[8, 8]"]
+    typed = "jbench train --set 'hidden_layers=[8, 8]'"
+    assert command_of({"command": recorded}) == typed
+    assert command_of({"command": ["__main__.py", *recorded[1:]]}) == typed

@@ -15,6 +15,7 @@ from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Network
+from jbench.settings.external import EXTERNAL
 from jbench.settings.specs import Specs
 from jbench.simulation.find import check_specs, find_task
 from jbench.store import Record, Results
@@ -151,7 +152,9 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
     if record.status != "finished":
         raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
     if not has_policy(record):
-        raise RequestError(f"The run {run} in {results.name} was saved without its policy.")
+        recorded = record.settings.get("engine") == EXTERNAL
+        keep = " Its loop must call recording.keep_policy(actor)." if recorded else ""
+        raise RequestError(f"The run {run} in {results.name} was saved without its policy.{keep}")
     description = record.read_file(DESCRIPTION)
     # Policies of recorded training loops and of other packages are networks.
     kind = Network if b'"network"' in description else Policy

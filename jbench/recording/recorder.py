@@ -92,8 +92,7 @@ def record(
         evaluate_episodes=evaluate_episodes,
     )
     logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
-    made_on = {**provenance_of_loop(package), **code_of(task)}
-    return Recording(settings, place, made_on, logger)
+    return Recording(settings, place, {**provenance_of_loop(package), **code_of(task)}, logger)
 
 
 class Recording:
@@ -117,11 +116,14 @@ class Recording:
         """Prepares the recording; nothing is written before the `with` block begins."""
         self.id, self.finished = settings.id, False
         self._settings, self._results, self._made_on = settings, results, made_on
-        self._logger = logger
         self._encoder = load_encoder_of(settings, results)
         self._lock = contextlib.ExitStack()
-        self._process = os.getpid()
+        self._logger, self._process = logger, os.getpid()
         self._writer: RunWriter | None = None
+
+    def __repr__(self) -> str:
+        """Returns the run's id."""
+        return f"<jbench.Recording of {self.id}>"
 
     @property
     def control_steps(self) -> int:
@@ -164,8 +166,7 @@ class Recording:
         """
         writer, self._writer = self._writer, None
         if writer is None:
-            skipped = isinstance(error, AlreadyFinishedError)
-            if skipped:
+            if skipped := isinstance(error, AlreadyFinishedError):
                 _note(str(error))
             return skipped
         with self._lock:
@@ -174,6 +175,7 @@ class Recording:
                 try:
                     writer.finish(self._kept)
                     self.finished = True
+                    _note(f"Recorded the run {self.id} in {self._results.name}.")
                 except Exception as failure:
                     writer.stop(failure)
                     raise
@@ -290,9 +292,7 @@ class Recording:
         return self._writer
 
 
-_ONE_PROCESS = (
-    "The environments of a recording run in its own process: use SyncVectorEnv or DummyVecEnv."
-)
+_ONE_PROCESS = "Environments of a recording run in its process: use SyncVectorEnv or DummyVecEnv."
 
 
 def _note(sentence: str) -> None:

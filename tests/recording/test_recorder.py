@@ -18,6 +18,7 @@ from torch import nn
 
 import jbench
 from jbench.cli import main
+from jbench.errors import RequestError
 from jbench.policies.copied import network_of
 from jbench.policies.saved import has_policy, load_agent
 from jbench.recording.request import plain_hyperparameters
@@ -258,7 +259,12 @@ def test_block_that_raises_fails_run_which_can_restart(tmp_path, capfd):
         loop(recording, None)
     record = record_of(tmp_path, recording.id)
     assert (record.status, record.rows("episodes")) == ("finished", 2)
-    assert f"The run {record.id} is failed; it starts over." in capfd.readouterr().err
+    printed = capfd.readouterr().err
+    assert f"The run {record.id} is failed; it starts over." in printed
+    assert f"Recorded the run {record.id} in {tmp_path}." in printed
+    assert record.id in repr(recording)
+    with pytest.raises(RequestError, match=r"Its loop must call recording\.keep_policy"):
+        load_agent(tmp_path, record.id)
 
 
 def test_nonfinite_action_is_divergence(tmp_path):
@@ -281,7 +287,10 @@ def test_killed_run_is_unfinished_and_restarts(tmp_path):
     assert (record.status, record.rows("episodes")) == ("unfinished", 1)
     again = program("end")
     assert again.returncode == 0, again.stderr
-    assert again.stderr == f"The run {record.id} is unfinished; it starts over.\n"
+    assert again.stderr == (
+        f"The run {record.id} is unfinished; it starts over.\n"
+        f"Recorded the run {record.id} in {tmp_path}.\n"
+    )
     (record,) = Results(tmp_path).scan("run")[0]
     rows = record.read("episodes").to_pylist()
     assert (record.status, [row["episode"] for row in rows]) == ("finished", [0, 1])
@@ -383,7 +392,7 @@ class Gaussian(Residual):
         (Residual(), "add takes 2 results, not one"),
         (Gaussian(), "it returns something else than one tensor, the action"),
         (nn.Sequential(nn.Linear(16, 4), nn.GELU(), nn.Linear(4, 1)), "the layer GELU is not"),
-        (nn.Linear(14, 1), "it has 14 inputs and 1 outputs, not 16 and 1"),
+        (nn.Linear(14, 1), "it has 14 inputs and 1 output, not 16 and 1"),
         (lambda observations: observations, "a function is not a torch module"),
     ],
 )

@@ -140,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (RequestError, WorkError) as error:
         return _failed(str(error), error.exit_code, as_json)
     except (KeyboardInterrupt, typer.Abort):
-        return _ended("Stopped. What was committed is kept; type the same command again.", 1)
+        return _ended("Stopped. The same command continues from the last commit, if any.", 1)
     except BrokenPipeError:
         return 0
     except SystemExit as end:
@@ -193,6 +193,8 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
         here = _option_here(getattr(error, "option_name", ""))
         if here.partition(" ")[0] in options:
             message = f"{message.split(' (')[0]}; type {here} instead"
+        elif len(others := _commands_with(getattr(error, "option_name", ""))) == 1:
+            message = f"{message.split(' (')[0]}; jbench {others[0]} has it"
     listed = "the options and shows an example" if verb else "the commands"
     help_ = f"{f'jbench {verb}'.rstrip()} --help lists {listed}."
     return f"{message} {help_}" if message.endswith("?") else f"{message.rstrip('.')}; {help_}"
@@ -200,6 +202,16 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
 
 def _verbs() -> set[str | None]:
     return {command.name for command in app.registered_commands}
+
+
+def _commands_with(option: str) -> list[str]:
+    """Returns the commands that have an option."""
+    commands = typer.main.get_command(app).commands.items()  # type: ignore[attr-defined]
+    return [
+        name
+        for name, command in commands
+        if not command.hidden and any(option in each.opts for each in command.params)
+    ]
 
 
 def _command_here(elsewhere: str) -> str:

@@ -265,8 +265,14 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
     raise RequestError(f"Unknown {what} {value!r}; {hint} {one_of(names)}.")
 
 
+_NETWORK_ELSEWHERE = ("net_arch", "policy", "policy_kwargs")
+"""Settings of stable-baselines3 that describe the networks."""
+
+
 def closest(value: str, names: Sequence[str]) -> str | None:
     """Returns the name that was probably meant, also by its initials: lr is learning_rate."""
+    if value in _NETWORK_ELSEWHERE and "hidden_layers" in names:
+        return "hidden_layers"
     by_initials = {"".join(word[:1] for word in name.split("_")): name for name in names}
     close = difflib.get_close_matches(str(value).lower(), names, 1)
     return by_initials.get(value) or next(iter(close), None)

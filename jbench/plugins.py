@@ -94,7 +94,7 @@ def imported(what: str, name: str) -> Any:
     module = _attempt(lambda: importlib.import_module(module_name), f"The {what} {name}", name)
     if not hasattr(module, attribute):
         close = closest(attribute, [each for each in vars(module) if not each.startswith("_")])
-        hint = f"did you mean {module_name}:{close}?" if close else "type MODULE:NAME."
+        hint = f"did you mean {module_name}:{close}?" if close else "use a name that is in it."
         raise RequestError(f"The module {module_name} has no {attribute}; {hint}")
     return getattr(module, attribute)
 

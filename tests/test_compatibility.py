@@ -86,7 +86,8 @@ def test_finished_run_is_skipped(algo, results, capsys):
     record = runs(results, "finished")[algo]
     manifest = (record.path / "manifest.json").read_bytes()
     assert main([*train(algo, FINISHED), "--results", str(results.path)]) == 0
-    assert "1 of 1 run is already finished; nothing to do." in capsys.readouterr().out
+    expected = f"The run {record.id} is already finished; nothing to do."
+    assert expected in capsys.readouterr().out
     assert (record.path / "manifest.json").read_bytes() == manifest
 
 

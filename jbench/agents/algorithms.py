@@ -28,6 +28,14 @@ GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched
 
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
+_ELSEWHERE = {
+    "a2c": "use --algo stable_baselines3:A2C",
+    "tqc": "use --algo sb3_contrib:TQC",
+    "trpo": "use --algo sb3_contrib:TRPO",
+    "dqn": "it needs discrete actions, but those of all tasks are continuous",
+}
+"""Algorithms of other packages whose names are like those of jbench's, and what to do instead."""
+
 
 def installed() -> dict[str, EntryPoint]:
     """Returns the entry points of the installed agents and update rules by name."""
@@ -195,6 +203,8 @@ def _offered() -> list[dict[str, EntryPoint]]:
 def _entry_point(name: str) -> EntryPoint:
     """Returns the entry point of an agent or an update rule; see `check_name`."""
     agents, rules = _offered()
+    if name.lower() in _ELSEWHERE and name not in {**agents, **rules}:
+        raise RequestError(f"Unknown algorithm {name!r}; {_ELSEWHERE[name.lower()]}.")
     try:
         known("algorithm", name, [*ALGORITHMS, *sorted({*agents, *rules})])
     except RequestError as error:

@@ -90,6 +90,10 @@ def check(
         agent = build(name, settings, env, seed=0)
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0].rstrip(".")
+        if "action spaces" in reason:  # the rest is the spaces' classes
+            raise RequestError(
+                f"{name} takes no continuous actions, which all tasks have; choose another class."
+            ) from None
         raise RequestError(
             f"{name} can't be made with these settings ({type(error).__name__}: {reason})."
         ) from None

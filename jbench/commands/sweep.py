@@ -103,7 +103,11 @@ def sweep(
         ),
     ] = "auto",
     checkpoint_every: Annotated[
-        float, typer.Option(min=0, help="Minimum seconds between checkpoints of a run.")
+        float,
+        typer.Option(
+            min=0,
+            help="Minimum seconds between checkpoints of a run; each is at the end of an episode.",
+        ),
     ] = names.CHECKPOINT_EVERY,
     keep_state: KeepStateOption = False,
     final_episodes: FinalEpisodesOption = None,

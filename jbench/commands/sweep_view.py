@@ -45,9 +45,11 @@ def show_matrix(
     output.table(title, header, rows)
     if times and any(each.steps_left for each in statuses):
         failed = ", the failed runs included" if any(each.failed for each in statuses) else ""
+        seconds = seconds_left(statuses, jobs)
+        until = " until each configuration has a finished run" if seconds is None else failed
         output.say(
             f"Time left with {counted(jobs, 'process', 'processes')} at a time: "
-            f"{_time(seconds_left(statuses, jobs))}{failed}."
+            f"{_time(seconds)}{until}."
         )
 
 

@@ -131,7 +131,11 @@ def train(
     ] = None,
     checkpoint_every: Annotated[
         float,
-        typer.Option(min=0, help="Minimum seconds between checkpoints of the batched engine."),
+        typer.Option(
+            min=0,
+            help="Minimum seconds between checkpoints of the batched engine; each is at the end of "
+            "an episode.",
+        ),
     ] = names.CHECKPOINT_EVERY,
     keep_state: KeepStateOption = False,
     log: LogOption = None,

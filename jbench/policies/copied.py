@@ -12,6 +12,7 @@ from torch.nn import functional
 from jbench.errors import RequestError
 from jbench.policies.acting import acting
 from jbench.policies.network import Layer, Network
+from jbench.wording import counted
 
 _TOLERANCE = 1e-4  # of actions; float32 sums in another order differ by less
 _CHECKED = 16  # random observations
@@ -198,8 +199,8 @@ def _check(network: Network, module: nn.Module, inputs: int, outputs: int) -> No
         raise UnsupportedPolicyError("it has no Linear layer")
     if (network.inputs, network.outputs) != (inputs, outputs):
         raise UnsupportedPolicyError(
-            f"it has {network.inputs} inputs and {network.outputs} outputs, not {inputs} and "
-            f"{outputs}"
+            f"it has {counted(network.inputs, 'input')} and {counted(network.outputs, 'output')}, "
+            f"not {inputs} and {outputs}"
         )
     observations = np.random.default_rng(0).normal(size=(_CHECKED, inputs)).astype(np.float32)
     try:

@@ -19,6 +19,7 @@ from jbench.policies.copied import float32_array, layers_of_module
 from jbench.policies.network import Layer, Network
 from jbench.simulation import find_task
 from jbench.store.files import sha256
+from jbench.wording import counted
 
 _ACTORS = {
     "actor.mu.": ("actor.latent_pi.", "relu", [Layer("tanh")]),  # SAC, TQC; DDPG, TD3
@@ -71,9 +72,9 @@ def read_sb3_zip(path: str, task: str) -> Network:
         return network
     fitting = [name for name in TASKS if (find_task(name).observation_size, 1) == (inputs, outputs)]
     raise RequestError(
-        f"{path} has {inputs} inputs and {outputs} outputs, but {task} has observations of "
-        f"{wanted.observation_size} numbers and actions of {wanted.action_size}; "
-        + (f"type --task {' or '.join(fitting)}." if fitting else "choose another file.")
+        f"{path} has {counted(inputs, 'input')} and {counted(outputs, 'output')}, but {task} has "
+        f"observations of {wanted.observation_size} numbers and actions of {wanted.action_size}; "
+        + (f"use --task {' or '.join(fitting)}." if fitting else "name its task with --task.")
     )
 
 

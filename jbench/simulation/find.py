@@ -93,10 +93,14 @@ def code_of(name: str) -> dict[str, str | None]:
 def unknown_task(name: str) -> RequestError:
     """Returns the error for a name that is none of a task."""
     close = closest(name, [*TASKS, *installed_tasks(), *SUITE_TASKS])
+    if close is None:  # a domain, such as cartpole or HalfCheetah-v5
+        domains = {task.removeprefix(SUITE).partition("-")[0]: task for task in SUITE_TASKS[::-1]}
+        close = next((domains[each] for each in domains if each in name.lower()), None)
     hint = f"did you mean {close}? Choose" if close else "choose"
+    gym = " Gymnasium environments are not supported." if re.search(r"-v\d+$", name) else ""
     return RequestError(
         f"Unknown task {name!r}; {hint} {', '.join(TASKS)}, a task that jbench tasks lists, or "
-        "MODULE:NAME."
+        f"MODULE:NAME.{gym}"
     )
 
 

@@ -53,8 +53,9 @@ class Plan(NamedTuple):
         finished, partial, failed = (self.ids(s) for s in ("finished", "partial", "failed"))
         if finished:
             rest = "" if self.to_do(retry_failed) or failed else "; nothing to do"
-            count = f"{len(finished)} of {counted(len(self.runs), 'run')}"
-            yield f"{count} {are(len(finished))} already finished{rest}."
+            count = f"{len(finished)} of {counted(len(self.runs), 'run')} {are(len(finished))}"
+            subject = f"The run {finished[0]} is" if len(self.runs) == 1 else count
+            yield f"{subject} already finished{rest}."
         if partial:
             count = f"{counted(len(partial), 'run')} {are(len(partial))}"
             yield f"{count} unfinished: interrupted, or another process is training."

@@ -48,7 +48,7 @@ def test_collect_stopped_by_ctrl_c_reports_that_it_can_resume(tmp_path):
             _, output = process.communicate(timeout=120)
         finally:
             process.kill()
-    assert output == "Stopped. What was committed is kept; type the same command again.\n"
+    assert output == "Stopped. The same command continues from the last commit, if any.\n"
     assert process.returncode == 1
     assert [record.status for record in Results(tmp_path).scan("dataset")[0]] == ["unfinished"]
 

@@ -144,7 +144,7 @@ def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     os.killpg(process.pid, signal.SIGINT)
     printed = ended(process)
     assert process.returncode == 1
-    assert "Stopped. What was committed is kept; type the same command again." in printed
+    assert "Stopped. The same command continues from the last commit, if any." in printed
     assert "Traceback" not in printed
     assert (held([run], results), states([run], results)) == ([], ["unfinished"])
     again = start(matrix, results=results)

@@ -82,7 +82,7 @@ def test_interrupt_during_start_of_worker_ends_worker(verb, tmp_path):
     finally:
         process.kill()
     assert process.returncode == 1
-    assert printed.splitlines()[-1].startswith("Stopped. What was committed is kept")
+    assert printed.splitlines()[-1].startswith("Stopped. The same command continues")
     assert "Traceback" not in printed
 
 

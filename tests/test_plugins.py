@@ -47,7 +47,7 @@ def test_module_in_working_directory_is_imported(tmp_path, monkeypatch):
     # The SHA-256 of the file, since it belongs to no distribution.
     checksum = plugins.made_with_module("beside_me")["source_sha256"]
     assert re.fullmatch("[0-9a-f]{64}", checksum)
-    with pytest.raises(RequestError, match=r"has no question; type MODULE:NAME\."):
+    with pytest.raises(RequestError, match=r"has no question; use a name that is in it"):
         plugins.imported("number", "beside_me:question")
     with pytest.raises(RequestError, match=r"has no anser; did you mean beside_me:answer\?"):
         plugins.imported("number", "beside_me:anser")

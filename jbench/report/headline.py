@@ -38,7 +38,7 @@ def headline(
         count = "one seed" if seeds == 1 else f"{seeds} seeds"
         if from_file:
             return f"{count.capitalize()} of a method can't decide a comparison."
-        return f"Too early to say: {count} of {longest} control steps decide nothing."
+        return f"Too early to say: {count} of {longest} control steps can't decide anything."
     if len(comparisons) and len(comparisons[["a", "b"]].drop_duplicates()) == 1:
         on_tasks = comparisons[comparisons["task"].isin(known["task"])]
         return _on_sides(on_tasks, 0 if from_file else MARGIN)

@@ -45,7 +45,7 @@ _WORDS = {
     "evaluation": "Evaluation returns",
     "training": "Training returns",
 }
-_RUN_POINTS, _PATH_POINTS = 50, 30
+_RUN_POINTS, _PATH_POINTS = 50, 20
 _PAGE_POINTS = 6_000  # of the curves of all runs together
 
 

@@ -192,7 +192,7 @@ def test_headline_names_what_was_decided(fabric):
 def test_headline_of_few_seeds_says_that_it_is_too_early(fabric):
     learn(fabric, {name: FINALS[name][:2] for name in ("full", "dae12")}, steps=4)
     assert frames(fabric.results).headline == (
-        "Too early to say: 2 seeds of 4k control steps decide nothing."
+        "Too early to say: 2 seeds of 4k control steps can't decide anything."
     )
 
 

@@ -68,9 +68,15 @@ class TrainingView(Watcher):
         }
         fewer = ", or ".join(hint for hint, applies in hints.items() if applies)
         less = f" For less: {fewer}." if fewer and seconds > 600 else ""
+        parts = [(each.evaluating, each.seconds_left or 0.0) for each in statuses]
+        share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
+        most = (
+            f" (about {share:.0%} of the time: fewer with --evaluate-episodes, or episodes of "
+            "[evaluation] in a matrix)"
+        )
         self._output.say(
             f"{counted(len(runs), 'run')} with {steps:,} control steps left at about "
-            f"{steps / seconds:,.0f} steps/s, evaluations included, "
+            f"{steps / seconds:,.0f} steps/s, evaluations included{most if share > 0.5 else ''}, "
             f"{counted(jobs, 'process', 'processes')} at a time: about "
             f"{duration(seconds)}.{less}"
         )

@@ -24,6 +24,8 @@ class CellStatus(NamedTuple):
         seconds_left: s on this machine; None if unknown.
         estimate: source of `seconds_left`: "measured runs", "a quick measurement" or "unknown";
             empty if nothing is left.
+        evaluating: share of `seconds_left` that evaluations take; 0 if they have fewer control
+            steps than the training, and then at most take half.
     """
 
     cell: Cell
@@ -34,6 +36,7 @@ class CellStatus(NamedTuple):
     steps_left: int
     seconds_left: float | None
     estimate: str
+    evaluating: float = 0.0
 
 
 def cell_statuses(
@@ -72,6 +75,7 @@ def cell_statuses(
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / _at_once(cell, jobs),
                 estimate=source if left else "",
+                evaluating=_evaluating(cell.runs[0], seconds) if left and seconds else 0.0,
             )
         )
     return all_statuses
@@ -90,6 +94,14 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
 def _at_once(cell: Cell, jobs: int) -> int:
     """Returns the number of processes that share the seeds of a cell."""
     return min(jobs, len(cell.runs))
+
+
+def _evaluating(run: RunSettings, seconds: float) -> float:
+    """Returns the share of evaluations in the seconds per control step of a run."""
+    from jbench.training.speed import evaluation_steps, stepping
+
+    steps = evaluation_steps(run)
+    return 0.0 if steps <= 1 else min(1.0, steps * stepping(run) / seconds)
 
 
 class _Measured:

@@ -33,11 +33,19 @@ def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     settings = runs[0]
     if not settings.is_ours and settings.engine != "batched":
         raise WorkError(f"The speed of {settings.algo} is not measured.")
+    idle, algorithm = len(runs) * stepping(settings), algorithm_of(settings)
+    if isinstance(algorithm, OffPolicySettings) and settings.last_step < algorithm.first_update:
+        learning = idle  # it ends before it learns
+    else:
+        learning = _batched(runs, device) if settings.engine == "batched" else _on_sb3(settings)
+    return learning + evaluation_steps(settings) * idle
+
+
+def evaluation_steps(settings: RunSettings) -> float:
+    """Returns the control steps in evaluations of a run per control step of its training."""
     evaluations = max(1, settings.steps // settings.evaluate_every) - 1
     episodes = evaluations * settings.evaluate_episodes + final_evaluation_episodes(settings, None)
-    share = len(runs) * episodes * EPISODE_STEPS / settings.steps
-    learning = _batched(runs, device) if settings.engine == "batched" else _on_sb3(settings)
-    return learning + share * _stepping(settings)
+    return episodes * EPISODE_STEPS / settings.steps
 
 
 def _batched(runs: Sequence[RunSettings], device: str) -> float:
@@ -104,7 +112,7 @@ def _on_sb3(settings: RunSettings) -> float:
     return float(stepping + values["gradient_steps"] / values["train_freq"] * np.median(times))
 
 
-def _stepping(settings: RunSettings) -> float:
+def stepping(settings: RunSettings) -> float:
     """Returns the seconds per control step without training."""
     task = find_task(settings.task)
     actions = np.zeros((1, task.action_size), np.float32)

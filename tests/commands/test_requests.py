@@ -390,11 +390,19 @@ def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, capsys):
     document = json.loads(printed.out)
     (cell,) = document["cells"]
     assert (cell["missing"], cell["steps_left"], cell["algo"]) == (1, 1000, "td3")
+    # Ten episodes of evaluation, and one of random actions before the first update.
+    assert 0.5 < cell["evaluating"] <= 1
     # One run keeps one process busy.
     assert document["seconds_left"] == pytest.approx(cell["seconds_left"])
     assert document["seconds_left"] > 0
     assert "a quick measurement" in printed.err
     assert not list(tmp_path.iterdir())
+
+
+def test_dry_run_of_class_says_when_its_time_is_known(tmp_path, capsys):
+    arguments = ["--algo", "stable_baselines3:A2C", "--seed", "0", "--steps", "1000"]
+    assert main(["train", "--dry-run", *arguments, "--results", str(tmp_path)]) == 0
+    assert ": unknown until each configuration has a finished run." in capsys.readouterr().out
 
 
 def test_training_in_directory_without_permission_is_refused(tmp_path, monkeypatch, refused):

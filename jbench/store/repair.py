@@ -9,7 +9,6 @@ the command that made it makes it again. Its lock stays, since another process m
 import contextlib
 import itertools
 import os
-import shlex
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,6 +18,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.store import files, locks
 from jbench.store.database import Results
 from jbench.store.manifest import MANIFEST, Kind
+from jbench.store.provenance import command_of
 from jbench.store.tree import folder_at
 from jbench.store.verify import Finding, examine
 
@@ -100,9 +100,8 @@ def _command(results: Results, kind: Kind, id: str) -> str:
     """Returns the command that made a record, or "" if its manifest does not tell."""
     with contextlib.suppress(WorkError, RequestError):
         record = results.find(kind, id)
-        command = record and record.manifest.provenance.get("command")
-        if isinstance(command, list):
-            return shlex.join(map(str, command))
+        if record and isinstance(record.manifest.provenance.get("command"), list):
+            return command_of(record.manifest.provenance)
     return ""
 
 

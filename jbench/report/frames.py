@@ -14,6 +14,7 @@ from jbench.report import policies
 from jbench.report.analysis import compare, tasks
 from jbench.report.analysis.claims import claim_frame
 from jbench.report.analysis.examine import examine, examine_published
+from jbench.report.analysis.scores import Pair
 from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.configurations import (
     configuration_frame,
@@ -162,7 +163,7 @@ def _named(configuration: Configuration) -> tuple[str, str]:
 
 def _read(
     results: Results | None, request: Request
-) -> tuple[list[Source], list[list[compare.Pair]], list[str]]:
+) -> tuple[list[Source], list[list[Pair]], list[str]]:
     """Returns each source, the pairs of compared configurations, and notes."""
     if request.curves is not None:
         part = sources.from_file(request, request.curves)
@@ -211,7 +212,7 @@ def _has_states(results: Results, task: str | None) -> bool:
 
 def _compared(
     ours: Sequence[Configuration], theirs: Sequence[Configuration], request: Request
-) -> tuple[list[list[compare.Pair]], list[str]]:
+) -> tuple[list[list[Pair]], list[str]]:
     """Returns the pairs of two sides, and notes on configurations without a counterpart.
 
     Raises:

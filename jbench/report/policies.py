@@ -66,11 +66,13 @@ def findings(
     tasks = in_order(returns if task is None else {task} & returns.keys())
     found = [examine_heuristic(name, returns[name]) for name in tasks]
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
+    if not missing:
+        return found, []
     note = (
         f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate --policy "
-        f"{HEURISTIC} --task {(missing or [''])[0]}`."
+        f"{HEURISTIC} --task {missing[0]}`."
     )
-    return found, [note] if missing else []
+    return found, [note]
 
 
 def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:

@@ -40,6 +40,7 @@ def run_frame(source: Source, returns: str) -> pd.DataFrame:
         key = str(row["source"]), str(row["run"])
         one, representation = named.get(key), str(row["representation"])
         diverged = divergence(row["diverged"])
+        day = row["created"][:10] if isinstance(row["created"], str) else ""
         found.append(
             {
                 **{"configuration": "", "label": "", "words": "", "task": row["task"]},
@@ -48,7 +49,7 @@ def run_frame(source: Source, returns: str) -> pd.DataFrame:
                 **(one.identity if one else {}),
                 **{"source": key[0], "run": key[1]},
                 **{"seed": row["seed"], "steps": row["steps"], "status": row["status"]},
-                **{"final": finals.get(key, np.nan), "day": _day(row["created"])},
+                **{"final": finals.get(key, np.nan), "day": day},
                 "diverged": diverged[1] if diverged else "",
                 "settings": dict(_texts(row["settings"])),
                 "provenance": provenance(row["provenance"]),
@@ -70,10 +71,6 @@ def metric_frame(source: Source) -> pd.DataFrame:
     rows = rows[np.isfinite(rows["value"]) & rows["run"].isin(source.runs["run"])]
     named: pd.DataFrame = rows.rename(columns={"control_steps": "steps"})[METRICS]
     return named
-
-
-def _day(created: object) -> str:
-    return created[:10] if isinstance(created, str) else ""
 
 
 def provenance(recorded: str) -> dict[str, str]:

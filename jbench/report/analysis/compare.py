@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.report.analysis.claims import MARGIN
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Ends, ends, seed_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Ends, Pair, ends, seed_scores
 from jbench.report.analysis.tasks import Range, ranges, strata, together
 from jbench.report.analysis.verdicts import corrected_level, difference_text, judged
 from jbench.report.data.configuration import (
@@ -37,8 +37,6 @@ _NUMBERS = {
     st.difference(st.median): ("median_difference", "median_low", "median_high"),
 }
 
-Pair = tuple[Configuration, Configuration]
-
 _MAX_NAMED = 8
 
 
@@ -53,18 +51,21 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     Args:
         groups: two configurations each, on one task or on each of several; see `method_pairs`.
     """
+    margin = 0.0 if any(same[0][0].source == FILE for same in groups) else MARGIN
+
+    def decides(low: float, high: float) -> bool:
+        return judged(low, high, margin=margin) != "undecided"
+
     rows = []
     for kind in KINDS:
         of_kind = [same for same in groups if same[0][0].kind == kind]
         known = ranges([one for same in of_kind for pair in same for one in pair])
-        from_file = any(same[0][0].source == FILE for same in of_kind)
         found = [_compared(same, known) for same in of_kind]
-        decidable = [interval for _, interval, decidable in found if decidable]
-        level = corrected_level(decidable, _excludes_zero if from_file else None)
+        level = corrected_level([interval for _, interval, enough in found if enough], decides)
         for row, interval, enough in found:
             low, high = interval(1 - level)
-            verdict = judged(low, high, margin=0 if from_file else MARGIN) if enough else ""
-            text = f"{verdict or 'undecided'}: {difference_text(low, high)}"
+            verdict = judged(low, high, margin=margin) if enough else "undecided"
+            text = f"{verdict}: {difference_text(low, high)}"
             if np.isnan(low):
                 text = f"{signed(row['difference'])}, too few seeds"
             elif verdict in ("higher", "lower"):
@@ -84,21 +85,16 @@ def _compared(
         row |= {"algo": "", "a": ours.label, "b": theirs.label}
     if len(same) > 1:
         row["task"] = together(known)
-    each = [Comparison(*pair) for pair in same]
+    compared = [Comparison(*pair) for pair in same]
     places = [known[one.task] for one, _ in same]
-    groups = [
-        strata([(one.ours, one.theirs)[side].final for one in each], places)[0] for side in (0, 1)
-    ]
-    row["steps"] = max(one.control_steps for one in each)
-    row |= {"seeds_a": sum(map(len, groups[0])), "seeds_b": sum(map(len, groups[1]))}
-    found = st.samples([*_NUMBERS], *groups)
-    for names, sample in zip(_NUMBERS.values(), found, strict=True):
-        row |= zip(names, sample.estimate(), strict=False)
-    return row, ends(found[[*_NUMBERS].index(IQM_DIFFERENCE)]), all(one.decidable for one in each)
-
-
-def _excludes_zero(low: float, high: float) -> bool:
-    return low > 0 or high < 0
+    first, _ = strata([one.ours.final for one in compared], places)
+    other, _ = strata([one.theirs.final for one in compared], places)
+    row["steps"] = max(one.control_steps for one in compared)
+    row |= {"seeds_a": sum(map(len, first)), "seeds_b": sum(map(len, other))}
+    samples = dict(zip(_NUMBERS, st.samples([*_NUMBERS], first, other), strict=True))
+    for statistic, names in _NUMBERS.items():
+        row |= zip(names, samples[statistic].estimate(), strict=False)
+    return row, ends(samples[IQM_DIFFERENCE]), all(one.decidable for one in compared)
 
 
 def method_pairs(configurations: Sequence[Configuration]) -> list[list[Pair]]:

@@ -31,7 +31,7 @@ from jbench.report.analysis.claims import (
     decide_similar,
     decide_solved,
 )
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Scores, seed_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Pair, Scores, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.published import CURVE
 from jbench.report.data.returns import EVALUATION, TRAINING, steps
@@ -55,8 +55,6 @@ _STATISTICS = {
     "f": (st.ratio(st.standard_deviation), "final"),
 }
 """Statistic of each claim on two configurations, and the scores of which it is."""
-
-Pair = tuple[Configuration, Configuration]
 
 
 def examine(configurations: Sequence[Configuration]) -> list[Finding]:

@@ -22,6 +22,8 @@ from jbench.statistics.agents import (
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
 
+Pair = tuple[Configuration, Configuration]
+
 Ends = Callable[[float], tuple[float, float]]
 """Gives the interval of a number at a confidence."""
 
@@ -66,8 +68,8 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
     known = _SCORES.setdefault(configuration, {})
     if control_steps in known:
         return known[control_steps]
-    end = int(configuration.longest) if control_steps is None else control_steps
-    lengths = configuration.lengths if control_steps is None else configuration.lengths_up_to(end)
+    end = configuration.longest if control_steps is None else control_steps
+    lengths = configuration.lengths_up_to(end)
     within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, configuration.returns, np.nan)
     most = FINAL_POINTS[configuration.kind]
@@ -76,7 +78,7 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
     usable = np.isfinite(final) & np.isfinite(area)
     deviations, episodes = _episodes(configuration, returns, lengths)
     numbers = final[usable], area[usable], deviations[usable], episodes[usable]
-    return known.setdefault(control_steps, Scores(*numbers, usable, end))
+    return known.setdefault(control_steps, Scores(*numbers, usable, int(end)))
 
 
 def _episodes(

@@ -11,7 +11,7 @@ import pandas as pd
 
 from jbench.names import EPISODE_STEPS
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.configuration import ID, Configuration, in_order
+from jbench.report.data.configuration import ID, Configuration, concatenated, in_order
 from jbench.report.data.returns import FILE
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -78,12 +78,11 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     interval, for at least three seeds).
 
     Args:
-        configurations: of one kind of return.
+        configurations: of one kind of return, in the order of tasks.
     """
-    known, parts = ranges(configurations), [pd.DataFrame(columns=PROFILES)]
+    known, parts = ranges(configurations), []
     alone = [one for one in configurations if len(seed_scores(one).final)]
-    groups = [[one] for task in in_order(known) for one in alone if one.task == task]
-    for same in [*groups, *on_all_tasks(configurations)]:
+    for same in [*([one] for one in alone), *on_all_tasks(configurations)]:
         finals = [seed_scores(one).final for one in same]
         scores, ends = strata(finals, [known[one.task] for one in same])
         if len(same) == 1 and same[0].source == FILE:
@@ -99,7 +98,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         numbers = {"seeds": sum(map(len, scores)), "final_return": thresholds}
         numbers |= {"share": st.performance_profile(scores, thresholds)}
         parts.append(pd.DataFrame({**names, **numbers, "low": low, "high": high}))
-    return pd.concat(parts[1:] or parts, ignore_index=True)
+    return concatenated(parts, PROFILES)
 
 
 def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]) -> pd.DataFrame:

@@ -21,7 +21,7 @@ import pandas as pd
 
 from jbench.names import FULL, kind_of
 from jbench.report.analysis.claims import MARGIN
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Ends, ends, seed_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Ends, Pair, ends, seed_scores
 from jbench.report.data.configuration import (
     ID,
     Configuration,
@@ -143,9 +143,7 @@ class _Question:
         self.row |= {"corrected_low": low, "corrected_high": high, "corrected_by": by}
 
 
-def _pairs(
-    configurations: Sequence[Configuration],
-) -> Iterator[tuple[Configuration, Configuration]]:
+def _pairs(configurations: Sequence[Configuration]) -> Iterator[Pair]:
     for group in differing_in(configurations, "representation"):
         baselines = {kind_of(one.representation): one for one in reversed(group)}
         for ours in group:

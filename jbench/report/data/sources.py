@@ -47,7 +47,7 @@ class Source:
         runs: rows of the table `runs`, with a column `source`.
         notes: sentences on runs that are in no configuration.
         problems: a sentence for each unreadable record.
-        tables: of encoders and policies; other sources than the results have none of them.
+        tables: of encoders, policies and metrics; other sources than the results have none of them.
         paths: points of the robots' paths in evaluations; see `run_paths`.
     """
 
@@ -86,8 +86,15 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
 
     They have no date of a beginning.
     """
-    read = query.load(results, ("imports", "import_points"))
-    return _imported(read, request, name, strict=False)
+    tables, problems = query.load(results, ("imports", "import_points"))
+    imports = tables["imports"]
+    for label, value in (("task", request.task), ("algo", request.algo)):
+        if value is not None:
+            imports = imports.filter(pc.equal(imports[label], value))
+    runs = as_runs(imports, tables["import_points"])
+    read = query.Tables(runs.tables, problems + runs.problems)
+    found = _source(read, replace(request, since=None), name, strict=False)
+    return replace(found, notes=found.notes + (runs.notes if found.configurations else []))
 
 
 def from_file(request: Request, path: Path) -> Source:
@@ -97,19 +104,8 @@ def from_file(request: Request, path: Path) -> Source:
         RequestError: if the file is no file of curves, or none passes the filters.
     """
     tables = as_imports(read_curves(path), request.returns)
-    return _imported(query.Tables(tables, []), request, FILE, strict=True)
-
-
-def _imported(read: query.Tables, request: Request, name: str, *, strict: bool) -> Source:
-    imports = read.tables["imports"]
-    for label, value in (("task", request.task), ("algo", request.algo)):
-        if value is not None and not strict:
-            imports = imports.filter(pc.equal(imports[label], value))
-    runs = as_runs(imports, read.tables["import_points"])
-    tables = query.Tables(runs.tables, read.problems + runs.problems)
-    found = _source(tables, replace(request, since=None), name, strict=strict)
-    notes = runs.notes if found.configurations and name != FILE else []
-    return replace(found, notes=found.notes + notes)
+    runs = as_runs(tables["imports"], tables["import_points"])
+    return _source(query.Tables(runs.tables, runs.problems), request, FILE)
 
 
 def own_and_imported(results: Results, request: Request) -> list[Source]:

@@ -98,7 +98,7 @@ def add_rows(
     *,
     value: str,
     ends: tuple[str, str] | None = None,
-    look: str = "kind",
+    look: str = "look",
     hollow: Any = None,
 ) -> None:
     """Draws a row for each configuration: its name, a number and the interval of this number.
@@ -110,10 +110,8 @@ def add_rows(
         hollow: whether each mark is hollow.
     """
     for place, row in enumerate(rows.to_dict("records")):
-        drawn, (low, high) = (
-            looks[row[look]],
-            (row[n] for n in ends or (f"{value}_low", f"{value}_high")),
-        )
+        drawn = looks[row[look]]
+        low, high = (row[name] for name in ends or (f"{value}_low", f"{value}_high"))
         if np.isfinite(low):  # an interval without an upper end reaches the edge
             interval = [low, high if np.isfinite(high) else 1e6]
             line: Any = {"color": drawn.color, "solid_capstyle": "butt", "gid": drawn.series}

@@ -86,7 +86,7 @@ def _draw_forest(
         if np.isfinite(row["published"]):
             tip = f"{row['name']}, the paper's training return: {row['published']:.0f}"
             add_points(axes, [row["published"]], [place], [tip], look._replace(marker="|"), size=11)
-    add_rows(axes, rows, looks, value="iqm", look="look")
+    add_rows(axes, rows, looks, value="iqm")
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
     apart = Look(style.SOFT, (), "D", len(looks))
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
@@ -103,7 +103,7 @@ def _draw_forest(
 
 def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
     """Draws the standard deviation s between agents' expected returns; hollow if it may be 0."""
-    add_rows(axes, rows, looks, value="s", look="look", hollow=~(rows["s_low"].to_numpy() > 0))
+    add_rows(axes, rows, looks, value="s", hollow=~(rows["s_low"].to_numpy() > 0))
     # A few configurations with few seeds have intervals that would hide all others.
     ends = rows["s_high"][np.isfinite(rows["s_high"])]
     widest = min(float(ends.max()), 3 * float(ends.median()))

@@ -96,10 +96,14 @@ class TestCompare:
         (one,) = frames(both, Request(compare=(typed, other))).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (typed, other, -1)
 
-    def test_settings_are_found_by_the_headings_of_tables(self, fabric):
+    @pytest.mark.parametrize(
+        ("recorded", "shown"),
+        [("dae12", "dae12"), ("planar12", "planar"), ("planar12", "planar12")],
+    )
+    def test_settings_are_found_by_what_tables_call_them(self, recorded, shown, fabric):
         fabric.run(FLAT)
-        fabric.run(FLAT + 10, representation="dae12")
-        sides = "algorithm=td3, observation=dae12", "observation=full"
+        fabric.run(FLAT + 10, representation=recorded)
+        sides = f"algorithm=td3, observation={shown}", "observation=full"
         (one,) = frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (*sides, 10)
 

@@ -16,7 +16,13 @@ from jbench.importing.curve_file import as_imports, read_curves
 from jbench.importing.runs import as_runs
 from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
-from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
+from jbench.report.data.configuration import (
+    IMPORTED,
+    OWN,
+    Configuration,
+    paper_order,
+    shown_representation,
+)
 from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
 from jbench.report.data.returns import FILE
 from jbench.report.request import Request, setting_name
@@ -280,8 +286,8 @@ def _values(run: Run, name: str) -> list[Any]:
 
 
 def _equal(typed: str, value: str) -> bool:
-    """Returns whether a typed text means a value, such as 1e-4 for 0.0001."""
+    """Returns whether a typed text means a value, such as 1e-4 for 0.0001, planar for planar12."""
     try:
         return math.isclose(float(typed), float(value), rel_tol=1e-5)
     except ValueError:
-        return typed.replace(" ", "") == value.replace(" ", "")
+        return typed.replace(" ", "") in (value.replace(" ", ""), shown_representation(value))

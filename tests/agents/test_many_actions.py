@@ -212,5 +212,5 @@ def test_agent_for_one_motor_is_refused_before_training():
         pytest.raises(WorkError, match=r"returned the shape \(2, 1\) .* return actions \(2, 6\)"),
     ):
         next(engine.learn(10))
-    with pytest.raises(RequestError, match="1 outputs, not 17 and 6"):
+    with pytest.raises(RequestError, match="1 output, not 17 and 6"):
         plugin_engine(RandomAgent)

@@ -324,6 +324,7 @@ def test_comparisons_that_the_sequential_test_has_decided(tmp_path):
     lower = [(name, base) for name in ("dae12", "pca12", "random12") for base in BASELINES]
     assert decided == {
         *((TASKS[0], *pair, "smaller") for pair in lower),
+        (TASKS[0], "dae12-observation", "scaled", "smaller"),
         (TASKS[1], "dae12", "full", "smaller"),
         *((TASKS[1], "planar", base, "larger") for base in BASELINES),
     }

@@ -10,6 +10,7 @@ import pytest
 import jbench
 from jbench.cli import main
 from jbench.report.data.configuration import IMPORTED
+from jbench.report.figures import charts
 from jbench.report.frames import frames
 from jbench.report.request import Request
 from jbench.store import Results
@@ -152,6 +153,8 @@ def test_baseline_is_drawn_like_published_curves(imported):
     assert set(baseline["algo"]) == {"slow"}
     assert set(baseline["median"]) == {425}
     assert set(found.configurations["algo"]) == {"fast", "slow"}
+    (curves,) = (chart for chart in charts(found) if chart.name == "algorithms")
+    assert [*curves.legend] == ["imported: fast", "imported"]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.configuration import OWN
+from jbench.report.data.configuration import IMPORTED, OWN
 from jbench.report.data.published import PUBLISHED
 from jbench.report.data.returns import (
     EVALUATION,
@@ -25,7 +25,9 @@ from jbench.report.figures.marks import add_line, add_points, interval_text, nar
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
-_PUBLISHED = "published, training"  # in legends
+_BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}
+"""Names in legends of dotted curves by their source."""
+
 _ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
 _ROOM = 0.09  # of the height of a panel, between words beside it
@@ -111,15 +113,15 @@ def _chart(
     nearest = published["steps"].min() / curves["steps"].max() if len(published) else 0
     if (ends.max() / ends.min()).max() > _UNEQUAL or nearest > 1:
         scales.reverse()
-    legend = looks | {_PUBLISHED: Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))}
+    dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
     panels = []
     groups = curves.groupby(by, sort=False)
-    seen = pd.DataFrame()
+    sources: set[str] = set()
     for key, rows in groups:
         old = _beside(published, rows, name)
-        seen = old if seen.empty else seen
+        sources |= {*old["source"]}
         common = {
-            "looks": legend,
+            "looks": looks,
             "published": old,
             "baselines": frames.baselines[frames.baselines["task"] == rows["task"].iloc[0]],
             "each": frames.run_curves,
@@ -128,7 +130,8 @@ def _chart(
         words = [str(word) for word in key if word and word != OWN]
         size = (5.6, 2.9) if groups.ngroups < 3 else (4.2, 2.5)
         panels.append(Panel(", ".join(words), _versions(rows, kinds, scales, common), size))
-    legend = looks if seen.empty else legend
+    beside = " and ".join(name for source, name in _BESIDE.items() if source in sources)
+    legend = looks | ({beside: dotted} if beside else {})
     band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
     note = f"median and {band}"
     switches = [(kinds[0], kinds[1])] if len(kinds) > 1 else []
@@ -148,8 +151,8 @@ def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
 
 def _beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFrame:
     """Returns the published points beside curves, up to their end, and at least some."""
-    same = (published["task"] == rows["task"].iloc[0]) & published["algo"].isin(rows["algo"])
-    old: pd.DataFrame = published[same]
+    asked = published["algo"].isin(rows["algo"]) | (published["source"] == IMPORTED)  # --baseline
+    old: pd.DataFrame = published[(published["task"] == rows["task"].iloc[0]) & asked]
     if name == "representations":
         # The paper has one reduced observation; it is drawn beside the one of its size.
         old = old[old["series"].isin(rows["series"])]
@@ -233,8 +236,8 @@ def _tips(name: str, curve: pd.DataFrame) -> list[str]:
 
 
 def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Look]) -> None:
-    entry = looks.get(_PUBLISHED, Look(style.SOFT, (), "", len(looks)))
-    for (name, _), curve in published.groupby(["series", "source"], sort=False):
+    entry = Look(style.SOFT, (), "", len(looks))
+    for (name, source), curve in published.groupby(["series", "source"], sort=False):
         look = looks.get(str(name), entry)._replace(number=entry.number)
         called = " ".join(curve[["algo", "representation"]].iloc[0])
         curve = curve.iloc[thinned(len(curve), 100)]
@@ -242,7 +245,7 @@ def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Loo
         dotted = (0, style.PUBLISHED_DASH)
         axes.plot(at, median, color=look.color, linestyle=dotted, gid=look.series)
         shown = thinned(len(at), 20)
-        tips = [f"{called}, published, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
+        tips = [f"{called}, {source}, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
         add_points(axes, at[shown], median[shown], tips, look, seen=False)
 
 

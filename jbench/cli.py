@@ -31,7 +31,6 @@ from jbench.commands import (
 )
 from jbench.commands.grouped_help import Command, GroupedCommands
 from jbench.errors import RequestError, WorkError
-from jbench.revision import git_revision
 
 app = typer.Typer(
     name="jbench",
@@ -49,6 +48,8 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
+        from jbench.revision import git_revision
+
         revision = git_revision()
         print(f"jbench {__version__}" + (f" ({revision})" if revision else ""))
         raise typer.Exit

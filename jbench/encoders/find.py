@@ -34,7 +34,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
         for record in results.scan("encoder")[0]
         if record.settings.get("task") == task
         and _is_called(name, record, wanted)
-        and _of_plain_robot(results, record)
+        and _has_plain_robot(results, record)
     ]
     if matches:
         newest = max(matches, key=lambda one: (one.status == "finished", one.manifest.updated))
@@ -120,7 +120,7 @@ def _command(kind: str, task: str, encoder: Wanted | None = None) -> str:
     return f"jbench {verb} --task {task}{size}{scales}"
 
 
-def _of_plain_robot(results: Results, record: Record) -> bool:
+def _has_plain_robot(results: Results, record: Record) -> bool:
     """Returns whether an encoder's dataset has the plain robot; True if it is unavailable."""
     try:
         dataset = results.find("dataset", str(record.settings.get("dataset")))

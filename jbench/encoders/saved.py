@@ -17,7 +17,7 @@ from jbench.encoders.registry import make_kind
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results
-from jbench.store.provenance import command_of
+from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
 from jbench.tasks.features import Array
 from jbench.wording import with_results
@@ -172,10 +172,8 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
             "dae12, selects the newest one."
         )
     if record.status != "finished":
-        raise RequestError(
-            f"The encoder {id} is unfinished; repeat `{command_of(record.manifest.provenance)}` to "
-            "finish it."
-        )
+        command = shell_command(record.manifest.provenance)
+        raise RequestError(f"The encoder {id} is unfinished; repeat `{command}` to finish it.")
     try:
         description = json.loads(record.read_file(DESCRIPTION))
         return SavedEncoder.from_files(description, record.read_file(WEIGHTS)), description

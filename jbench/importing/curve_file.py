@@ -115,9 +115,9 @@ def _from_json(file: ImportedFile) -> pd.DataFrame:
             for name, curve in seeds.items()
         ]
         return pd.concat([_json_curve(file, *one) for one in curves], ignore_index=True)
-    except (ValueError, AttributeError, RecursionError) as error:
-        if isinstance(error, RequestError):
-            raise
+    except RequestError:
+        raise
+    except (ValueError, AttributeError, RecursionError):
         raise RequestError(f"{file.path} is no JSON file of curves, which is {_JSON}.") from None
 
 

@@ -23,7 +23,7 @@ _VIDEO_SIZE = (640, 480)
 _MOMENT_SIZE = (320, 240)
 
 _INTERVAL = 0.04
-"""Seconds between the images of a video or an animation, or nearly so many."""
+"""Seconds between the images of a video or an animation, rounded to whole control steps."""
 
 _MOMENTS = 6  # images in a strip
 
@@ -134,7 +134,11 @@ def png_strip(pictures: Sequence[Picture]) -> bytes:
 
 
 def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
-    """Returns a looping animation of images (height, width, 3), so many seconds apart."""
+    """Returns a looping animation of images (height, width, 3).
+
+    Args:
+        seconds: between two images.
+    """
     indices = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
     sample = Image.fromarray(np.vstack([pictures[index] for index in indices]))
     palette = sample.quantize(256, method=Image.Quantize.MEDIANCUT)

@@ -64,7 +64,7 @@ def _on_sides(comparisons: pd.DataFrame, margin: float) -> str:
     words = [judged(low, high, margin=margin) for low, high in ends.to_numpy(float).tolist()]
     counts = {word: words.count(word) for word in ("higher", "lower", "similar") if word in words}
     if not counts:
-        answer = "not shown to differ from it"
+        answer = "undecided"
     elif len(comparisons) == 1:
         (answer,) = counts
     else:

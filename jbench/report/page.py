@@ -265,7 +265,7 @@ def _groups(rows: pd.DataFrame, by: list[str]) -> Iterator[tuple[Any, pd.DataFra
 
 
 def _thin_curve(name: str, curve: pd.DataFrame, most: int) -> list[Any]:
-    """Returns name, steps and values of a curve of a run, of at most so many points."""
+    """Returns name, steps and values of a run's curve, thinned to at most `most` points."""
     shown = curve.iloc[np.linspace(0, len(curve) - 1, min(len(curve), most)).round().astype(int)]
     values = [json.loads(f"{value:.3g}") for value in shown["value"]]
     return [name, shown["steps"].round().astype(int).tolist(), values]

@@ -109,7 +109,7 @@ def sentence_of(changed: Mapping[str, Sequence[object]]) -> str:
     )
 
 
-def command_of(recorded: Mapping[str, Any]) -> str:
+def shell_command(recorded: Mapping[str, Any]) -> str:
     """Returns the recorded command as it is typed in a shell."""
     program, *arguments = map(str, recorded.get("command") or ["jbench"])
     return shlex.join(["jbench" if program == "__main__.py" else program, *arguments])

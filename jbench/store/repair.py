@@ -18,7 +18,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.store import files, locks
 from jbench.store.database import Results
 from jbench.store.manifest import MANIFEST, Kind
-from jbench.store.provenance import command_of
+from jbench.store.provenance import shell_command
 from jbench.store.tree import folder_at
 from jbench.store.verify import Finding, examine
 
@@ -101,7 +101,7 @@ def _command(results: Results, kind: Kind, id: str) -> str:
     with contextlib.suppress(WorkError, RequestError):
         record = results.find(kind, id)
         if record and isinstance(record.manifest.provenance.get("command"), list):
-            return command_of(record.manifest.provenance)
+            return shell_command(record.manifest.provenance)
     return ""
 
 

@@ -20,7 +20,7 @@ HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='window
 SIDEWAYS = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
-def csv_of(path, curves):
+def write_csv(path, curves):
     """Writes a file of curves, each the returns at 0, 1000, 2000, … steps by method, task, seed."""
     rows = [
         (*names, 1000 * number, value)
@@ -47,7 +47,7 @@ def two_methods(tmp_path_factory):
         for method, end in zip(("PPO", "TD3"), both, strict=True)
         for seed in range(5)
     }
-    return csv_of(tmp_path_factory.mktemp("two") / "two.csv", curves)
+    return write_csv(tmp_path_factory.mktemp("two") / "two.csv", curves)
 
 
 # Numbers.
@@ -63,7 +63,7 @@ def test_numbers_over_tasks_equal_rliable(tmp_path):
         for seed, scores in enumerate(case[name])
         for task, score in enumerate(scores)
     }
-    report = found(csv_of(tmp_path / "scores.csv", curves))
+    report = found(write_csv(tmp_path / "scores.csv", curves))
     together = "all tasks, normalized"
     iqm = report.configurations.set_index("configuration").loc[f"{together} ours"]
     wanted = case["made"]["interquartile_mean"]
@@ -91,7 +91,7 @@ def test_numbers_of_a_task_are_those_worked_out_by_hand(tmp_path):
         for method, values in finals.items()
         for seed, value in enumerate(values)
     }
-    report = found(csv_of(tmp_path / "walk.csv", curves))
+    report = found(write_csv(tmp_path / "walk.csv", curves))
     rows = report.configurations.set_index("label")
     # Two of eight are left out at each end.
     assert rows["iqm"].to_dict() == {"PPO": 4.5, "SAC": (-20 - 10 - 5 + 0) / 4}
@@ -108,7 +108,7 @@ def test_numbers_of_a_task_are_those_worked_out_by_hand(tmp_path):
 
 def test_only_one_kind_of_return_and_nothing_of_the_jitterbug_is_reported(tmp_path):
     curves = {("td3", "face_direction", s): [100, 950 + s, 950 + s] for s in range(6)}
-    report = found(csv_of(tmp_path / "same-name.csv", curves))
+    report = found(write_csv(tmp_path / "same-name.csv", curves))
     assert report.configurations["label"].tolist() == ["td3"]
     assert report.configurations[["reached", "solved", "published"]].isna().all(axis=None)
     for name in ("baselines", "published", "verdicts", "leaderboard", "claims"):
@@ -117,14 +117,14 @@ def test_only_one_kind_of_return_and_nothing_of_the_jitterbug_is_reported(tmp_pa
 
 def test_training_returns_are_averaged(tmp_path):
     curves = {("PPO", "walk", 0): [0, 0, 0, 0, 0, 0, 10, 30]}
-    path = csv_of(tmp_path / "walk.csv", curves)
+    path = write_csv(tmp_path / "walk.csv", curves)
     assert found(path).seeds["final"].tolist() == [30]
     assert found(path, returns="training").seeds["final"].tolist() == [20]  # of the last quarter
 
 
 def test_methods_whose_names_differ_by_case_or_a_word_are_two(tmp_path):
     curves = {(name, "walk", 0): [1, 2] for name in ("TD3", "td3", "PPO", "PPO full")}
-    report = found(csv_of(tmp_path / "walk.csv", curves))
+    report = found(write_csv(tmp_path / "walk.csv", curves))
     assert set(report.configurations["label"]) == {"TD3", "td3", "PPO", "PPO full"}
 
 
@@ -163,7 +163,7 @@ def test_page_is_accessible_and_fits_a_phone(two_methods, tmp_path, opened, sche
 def test_hostile_names_run_nothing(tmp_path, opened):
     names = [HOSTILE, "=cmd|' /C calc'!A0", r"\input{x} & $y$ _"]
     curves = {(name, HOSTILE, s): [s, s + 5] for name in names for s in range(6)}
-    path = csv_of(tmp_path / "hostile.csv", curves)
+    path = write_csv(tmp_path / "hostile.csv", curves)
     assert main(["report", "--curves", str(path), "--out", str(tmp_path / "out")]) == 0
     assert "=cmd" in opened(tmp_path / "out" / "index.html").page.content()
     lines = (tmp_path / "out" / "tables" / "comparisons.csv").read_text()
@@ -173,7 +173,7 @@ def test_hostile_names_run_nothing(tmp_path, opened):
 
 @pytest.mark.parametrize("curve", [[5.0], [5.0, 5.0], [0.25, 0.5], [-1e9, 1e9]])
 def test_smallest_files_are_reported(curve, tmp_path, opened):
-    path = csv_of(tmp_path / "small.csv", {("PPO", "walk", 3): curve})
+    path = write_csv(tmp_path / "small.csv", {("PPO", "walk", 3): curve})
     assert main(["report", "--curves", str(path), "--out", str(tmp_path / "out")]) == 0
     text = opened(tmp_path / "out" / "index.html").page.inner_text("h1 + button + p")
     assert text.startswith("PPO reaches a median return of ")

@@ -79,8 +79,7 @@ class TestCompare:
             fabric.run(FLAT + 50 * (5 - seed), seed, engine="batched")
         found = frames(fabric.results, Request(compare=("engine=batched", "engine=sb3")))
         assert found.headline == (
-            "The final return with engine=batched, compared with engine=sb3, is not shown to "
-            "differ from it."
+            "The final return with engine=batched, compared with engine=sb3, is undecided."
         )
 
     def test_omitted_setting_is_compared_by_its_default(self, fabric):

@@ -7,10 +7,10 @@ import torch
 
 from jbench.store import provenance
 from jbench.store.provenance import (
-    command_of,
     device_provenance,
     differences,
     sentence_of,
+    shell_command,
 )
 
 H100 = {
@@ -66,5 +66,5 @@ def test_entries_without_value_before_are_unknown():
 def test_command_is_shown_as_typed():
     recorded = ["jbench", "train", "--set", "hidden_layers=[8, 8]"]
     typed = "jbench train --set 'hidden_layers=[8, 8]'"
-    assert command_of({"command": recorded}) == typed
-    assert command_of({"command": ["__main__.py", *recorded[1:]]}) == typed
+    assert shell_command({"command": recorded}) == typed
+    assert shell_command({"command": ["__main__.py", *recorded[1:]]}) == typed

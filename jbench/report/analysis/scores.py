@@ -120,7 +120,7 @@ class Comparison:
         groups = ([getattr(one, scores)] for one in (self.ours, self.theirs))
         return st.samples([statistic], *groups)[0]
 
-    def of_agents(self, confidence: float = 0.95) -> Difference:
+    def agents_difference(self, confidence: float = 0.95) -> Difference:
         """Returns the difference of the standard deviations between agents."""
         return difference(self.ours.agents, self.theirs.agents, confidence)
 

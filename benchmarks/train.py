@@ -5,11 +5,13 @@ control step (`--task dmc:cheetah-run` and the like: with the settings for the s
 two single-threaded processes with five of ten seeds each, against two processes of each library
 with one seed each. All processes stay in memory and run alternately for a few seconds, so that
 other work on the machine affects them equally; a ratio is the median over the rounds. Rates are per
-second of wall time and per second of processor time, which other processes do not take. A return is
-the mean of the training episodes in the last 10,000 control steps before the step that all
-contenders have reached; with `--steps 200000`, it is at least that one. Then it measures DDPG's
-update relative to its own matrix products, and what takes the time of whole training with the
-published settings.
+second of wall time and per second of processor time, which other processes do not take. Then it
+measures DDPG's update relative to its own matrix products, and what takes the time of whole
+training with the published settings.
+
+`--steps 50000` compares returns instead: five seeds of stable-baselines3 and five of jbench train
+alternately for 50,000 control steps each. After each fifth it prints the rates and the mean return
+of each seed's episodes in that fifth.
 
 SBX is built on JAX and needs a separate environment: `--make-sbx DIR` creates it and compares with
 it, `--sbx-python DIR/bin/python` reuses it.
@@ -22,7 +24,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -34,6 +36,7 @@ from jbench.names import ONE_THREAD
 HERE = Path(__file__).parent
 SBX = "sbx-rl==0.28.0"
 SEEDS, TASK = 10, "face_direction"
+RETURN_SEEDS = 5
 CLOCKS = ("wall", "processor")
 
 Request = dict[str, Any]
@@ -48,7 +51,7 @@ class Contender(NamedTuple):
     def run(self, seconds: float) -> dict[str, Any]:
         """Returns the control steps per second over all its seeds, by clock.
 
-        Also the `steps` of each seed since the start, and its `episodes`; see `train_worker.py`.
+        Also the `steps` of each seed since the start, and the `episodes`; see `train_worker.py`.
         """
         for process in self.processes:
             assert process.stdin is not None
@@ -102,54 +105,86 @@ def contender(name: str, python: str, requests: list[Request]) -> Iterator[Conte
             process.wait()
 
 
-def contenders_of(
-    algo: str, task: str, sbx_python: str | None
-) -> list[tuple[str, str, list[Request]]]:
-    """Returns names, interpreters and requests of the contenders on one algorithm."""
+def requests(kind: str, algo: str, task: str, seeds: int, **more: Any) -> list[Request]:
+    """Returns a request for each core, with its share of the seeds."""
     cores = sorted(os.sched_getaffinity(0))[:2]
-
-    def requests(kind: str, seeds: Sequence[Sequence[int]], **more: Any) -> list[Request]:
-        return [
-            {"kind": kind, "task": task, "algo": algo, "core": core, "seeds": list(its), **more}
-            for core, its in zip(cores, seeds, strict=True)
-        ]
-
-    shares = [range(i, SEEDS, len(cores)) for i in range(len(cores))]
-    one = [[i] for i in range(len(cores))]
-    low = {"options": {"precision": "bfloat16"}}
-    found = [
-        ("stable-baselines3", sys.executable, requests("sb3", one)),
-        ("batched, 10 seeds", sys.executable, requests("batched", shares)),
-        ("… 1 seed per core", sys.executable, requests("batched", one)),
+    about = {"kind": kind, "task": task, "algo": algo, **more}
+    return [
+        {**about, "core": core, "seeds": list(range(first, seeds, len(cores)))}
+        for first, core in enumerate(cores)
     ]
-    if algo != "ppo":  # refused in bfloat16
-        found.append(("… in bfloat16", sys.executable, requests("batched", shares, **low)))
-    if sbx_python is not None and algo != "ppo" and task == TASK:
-        found.append(("SBX", sbx_python, requests("sbx", one)))
-    return found
 
 
 def compare(algo: str, arguments: argparse.Namespace) -> None:
     """Prints the control steps per second of all contenders and their ratios to the libraries."""
+    python, about = sys.executable, (algo, arguments.task)
+    cores = min(2, len(os.sched_getaffinity(0)))
+    low = {"options": {"precision": "bfloat16"}}
+    wanted = [
+        ("stable-baselines3", python, requests("sb3", *about, cores)),
+        ("batched, 10 seeds", python, requests("batched", *about, SEEDS)),
+        ("… 1 seed per core", python, requests("batched", *about, cores)),
+    ]
+    if algo != "ppo":  # refused in bfloat16
+        wanted.append(("… in bfloat16", python, requests("batched", *about, SEEDS, **low)))
+    if arguments.sbx_python is not None and algo != "ppo" and arguments.task == TASK:
+        wanted.append(("SBX", arguments.sbx_python, requests("sbx", *about, cores)))
     with ExitStack() as stack:
-        wanted = contenders_of(algo, arguments.task, arguments.sbx_python)
         contenders = [stack.enter_context(contender(*each)) for each in wanted]
-        rounds: list[dict[str, dict[str, Any]]] = []
-        reached = 0
-        while len(rounds) < arguments.rounds or reached < arguments.steps:
-            rounds.append({each.name: each.run(arguments.seconds) for each in contenders})
-            reached = min(each["steps"] for each in rounds[-1].values())
+        rounds = [
+            {each.name: each.run(arguments.seconds) for each in contenders}
+            for _ in range(arguments.rounds)
+        ]
     for name in rounds[0]:
         line = f"{algo:5} {name:18}"
         for clock in CLOCKS:
             line += f" | {median(each[name][clock] for each in rounds):7.1f}/s of {clock} time"
             for peer in ("stable-baselines3", "SBX"):
                 if peer in rounds[0]:
-                    ratio = median(each[name][clock] / each[peer][clock] for each in rounds)
-                    line += f", {ratio:4.2f} x {peer}"
-        last = [r for at, r in rounds[-1][name]["episodes"] if reached - 10_000 < at <= reached]
-        line += f" | return {fmean(last):.1f}" if last else " | no episode"
-        print(f"{line} at {reached:,} control steps", flush=True)
+                    line += f", {ratio(rounds, name, peer, clock):4.2f} x {peer}"
+        print(line, flush=True)
+
+
+def ratio(rounds: list[dict[str, dict[str, Any]]], name: str, peer: str, clock: str) -> float:
+    """Returns the median over the rounds of a rate relative to that of a peer."""
+    return median(each[name][clock] / each[peer][clock] for each in rounds)
+
+
+def compare_returns(algo: str, arguments: argparse.Namespace) -> None:
+    """Prints after each fifth of `--steps` the rates and the mean return of each seed."""
+    kinds = {"stable-baselines3": "sb3", "batched": "batched"}
+    part = arguments.steps // 5
+    with ExitStack() as stack:
+        contenders = [
+            stack.enter_context(
+                contender(name, sys.executable, requests(kind, algo, arguments.task, RETURN_SEEDS))
+            )
+            for name, kind in kinds.items()
+        ]
+        for end in range(part, arguments.steps + 1, part):
+            rounds: list[dict[str, dict[str, Any]]] = []
+            last: dict[str, dict[str, Any]] = {name: {"steps": 0} for name in kinds}
+            while behind := [each for each in contenders if last[each.name]["steps"] < end]:
+                last |= {each.name: each.run(arguments.seconds) for each in behind}
+                if len(behind) == len(contenders):
+                    rounds.append(dict(last))
+            for name in kinds:
+                wall, processor = (ratio(rounds, name, "stable-baselines3", c) for c in CLOCKS)
+                returns = mean_returns(last[name]["episodes"], end - part, end)
+                print(
+                    f"{algo:5} {name:18} {end:,} control steps | {wall:.2f} (wall) and"
+                    f" {processor:.2f} (processor) x stable-baselines3 | returns {returns}",
+                    flush=True,
+                )
+
+
+def mean_returns(episodes: list[tuple[int, int, float]], first: int, last: int) -> str:
+    """Returns the mean of each seed's episodes that ended within control steps, ascending."""
+    means = [
+        fmean(r for s, at, r in episodes if s == seed and first < at <= last)
+        for seed in range(RETURN_SEEDS)
+    ]
+    return " ".join(f"{mean:.0f}" for mean in sorted(means))
 
 
 def make_sbx(directory: Path) -> str:
@@ -168,7 +203,7 @@ def main() -> None:
     parser.add_argument("--sbx-python", help="interpreter of an environment with SBX")
     parser.add_argument("--make-sbx", type=Path, metavar="DIR", help="create such an environment")
     parser.add_argument("--rounds", type=int, default=7, help="rounds of all contenders")
-    parser.add_argument("--steps", type=int, default=0, help="of each seed, at least")
+    parser.add_argument("--steps", type=int, help="compare returns after so many")
     parser.add_argument("--seconds", type=float, default=3.0, help="per contender and round")
     arguments = parser.parse_args()
     import shares
@@ -176,6 +211,10 @@ def main() -> None:
 
     if arguments.make_sbx is not None:
         arguments.sbx_python = make_sbx(arguments.make_sbx)
+    if arguments.steps is not None:
+        for algo in arguments.algos.split(","):
+            compare_returns(algo, arguments)
+        return
     for algo in arguments.algos.split(","):
         compare(algo, arguments)
     cpu_rows()

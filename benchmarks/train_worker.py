@@ -5,8 +5,8 @@
 
 It prints {"ready": true} after its warm-up. Then it reads lines like {"seconds": 2} and answers
 each with its control steps per second of wall time and per second of processor time, the control
-steps of each seed since the start, and all episodes: the control step at which each ended, and its
-return. Each kind imports only what it needs, since SBX has a separate environment.
+steps of each seed since the start, and all episodes. Several seeds of a library train in turn. Each
+kind imports only what it needs, since SBX has a separate environment.
 """
 
 import json
@@ -19,8 +19,8 @@ from typing import Any
 WARM_UP = 300  # control steps of each seed; updates begin after 256
 
 Request = dict[str, Any]
-Episodes = list[tuple[int, float]]
-"""Control step at the end of each episode, and its return."""
+Episodes = list[tuple[int, int, float]]
+"""Seed, control step at the end, and return of each episode."""
 Run = Callable[[float], tuple[int, int, Episodes]]
 """Trains for some seconds; returns the control steps made, those of each seed since the start, and
 all episodes so far."""
@@ -47,7 +47,8 @@ def batched(request: Request) -> Run:
     def step() -> None:
         returns = next(steps)
         if returns is not None:
-            episodes.extend((engine.control_steps, float(each)) for each in returns.ravel())
+            for seed, its in zip(request["seeds"], returns, strict=True):
+                episodes.extend((seed, engine.control_steps, float(each)) for each in its.ravel())
 
     while engine.control_steps < WARM_UP:
         step()
@@ -62,7 +63,18 @@ def batched(request: Request) -> Run:
     return run
 
 
-def library(agent: Any) -> Run:
+def in_turn(runs: list[Run]) -> Run:
+    """Returns training of several seeds one after another; the steps are those of the last."""
+
+    def run(seconds: float) -> tuple[int, int, Episodes]:
+        answers = [each(seconds / len(runs)) for each in runs]
+        made, steps, episodes = zip(*answers, strict=True)
+        return sum(made), min(steps), [each for its in episodes for each in its]
+
+    return run
+
+
+def library(agent: Any, seed: int) -> Run:
     """Returns training of an agent of stable-baselines3 or SBX, which have the same interface."""
     import numpy as np
     from stable_baselines3.common.callbacks import BaseCallback
@@ -78,7 +90,8 @@ def library(agent: Any) -> Run:
         def _on_step(self) -> bool:
             self.returns += self.locals["rewards"]
             ended = np.flatnonzero(self.locals["dones"])
-            self.episodes.extend((self.num_timesteps, float(self.returns[i])) for i in ended)
+            at = seed, self.num_timesteps
+            self.episodes.extend((*at, float(self.returns[i])) for i in ended)
             self.returns[ended] = 0
             return self.num_timesteps < self.steps or time.perf_counter() < self.end
 
@@ -109,8 +122,12 @@ def sb3(request: Request) -> Run:
     from jbench.agents import sb3 as ours
 
     settings = settings_of(request)
-    env = environment(request["task"], getattr(settings, "n_envs", 1))
-    return library(ours.build(request["algo"], settings, env, request["seeds"][0]))
+
+    def training(seed: int) -> Run:
+        env = environment(request["task"], getattr(settings, "n_envs", 1))
+        return library(ours.build(request["algo"], settings, env, seed), seed)
+
+    return in_turn([training(seed) for seed in request["seeds"]])
 
 
 def sbx(request: Request) -> Run:
@@ -128,9 +145,8 @@ def sbx(request: Request) -> Run:
         "gradient_steps": 1,
     }
     kind = {"ddpg": jax_agents.DDPG, "td3": jax_agents.TD3, "sac": jax_agents.SAC}[algo]
-    return library(
-        kind("MlpPolicy", environment(request["task"]), seed=request["seeds"][0], **arguments)
-    )
+    seed = request["seeds"][0]
+    return library(kind("MlpPolicy", environment(request["task"]), seed=seed, **arguments), seed)
 
 
 KINDS = {"batched": batched, "sb3": sb3, "sbx": sbx}

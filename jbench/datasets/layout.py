@@ -121,14 +121,10 @@ def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int
 
 def state_of(rows: pa.Table, episode_steps: int) -> State:
     """Returns the states (episodes, steps + 1) of rows of whole episodes, in float32."""
-    parts = {
-        part: np.stack([rows[name].to_numpy() for name in names], -1).reshape(
-            -1, episode_steps + 1, len(names)
-        )
-        for part, names in STATE_COLUMNS.items()
-    }
-    for scalar in ("motor_position", "motor_velocity"):
-        parts[scalar] = parts[scalar][..., 0]
+    parts = {}
+    for part, names in STATE_COLUMNS.items():
+        columns = [rows[name].to_numpy().reshape(-1, episode_steps + 1) for name in names]
+        parts[part] = np.stack(columns, -1) if len(names) > 1 else columns[0]
     return State(**parts)
 
 

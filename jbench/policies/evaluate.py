@@ -13,8 +13,7 @@ from jbench.settings.evaluation import EvaluationSettings
 from jbench.simulation import Act, Transition, Worlds, find_task, rollout
 from jbench.simulation.jitterbug import JitterbugWorlds
 from jbench.store import Record, Results, schema
-from jbench.tasks import features, resets, rewards
-from jbench.tasks.features import State
+from jbench.tasks import resets
 
 # Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50
@@ -88,7 +87,7 @@ def _episodes(
     for step, transition in enumerate(rollout(worlds, observations, act), 1):
         total += transition.rewards
         if settings.states and jitterbugs is not None:
-            states.append(_states(episodes, step, jitterbugs.robot_state, transition))
+            states.append(_states(episodes, step, jitterbugs, transition))
         if step % 100 == 0:
             progress(episodes.start * EPISODE_STEPS + step * len(episodes))
     rows = {
@@ -104,20 +103,15 @@ def _episodes(
     return tables
 
 
-def _states(episodes: range, step: int, state: State, transition: Transition) -> pa.Table:
+def _states(
+    episodes: range, step: int, worlds: JitterbugWorlds, transition: Transition
+) -> pa.Table:
     """Returns the rows of a control step, one per episode."""
-    x, y, z = (state.position[:, i].astype(np.float32) for i in range(3))
     return pa.table(
         {
             "episode": np.arange(episodes.start, episodes.stop),
             "step": np.full(len(episodes), step),
-            "x": x,
-            "y": y,
-            "z": z,
-            "heading": features.heading(state).astype(np.float32),
-            "upright": rewards.upright_reward(state).astype(np.float32),
-            "motor_position": state.motor_position.astype(np.float32),
-            "motor_velocity": state.motor_velocity.astype(np.float32),
+            **worlds.robot_columns(),
             "action": transition.actions[:, 0].astype(np.float32),
             "reward": transition.rewards.astype(np.float32),
         },

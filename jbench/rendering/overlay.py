@@ -8,7 +8,8 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from jbench.rendering.episode import Frame, Picture, padded
+from jbench.rendering.episode import Frame, Picture
+from jbench.tasks.labels import padded
 
 SCALE = "1 check = 1 cm"
 

@@ -14,9 +14,16 @@ from jbench.simulation.robots import Robots
 from jbench.simulation.task import State as WorldState
 from jbench.simulation.task import Step, Task, Worlds
 from jbench.tasks import resets
-from jbench.tasks.features import FEATURE_SIZES, TASK_SPECS, State, Target, observation
+from jbench.tasks.features import (
+    FEATURE_SIZES,
+    TASK_SPECS,
+    State,
+    Target,
+    heading,
+    observation,
+)
 from jbench.tasks.labels import feature_labels
-from jbench.tasks.rewards import reward
+from jbench.tasks.rewards import reward, upright_reward
 from jbench.tasks.robots import load_model
 
 
@@ -105,6 +112,18 @@ class JitterbugWorlds(Worlds):
     def points(self) -> NDArray[np.float32]:
         """Returns x, y (m) and heading (rad) of each robot (worlds, 3)."""
         return path_point(self.robot_state)
+
+    def robot_columns(self) -> dict[str, NDArray[np.float32]]:
+        """Returns the columns of `schema.POLICY_STATES` on the robots, each (worlds,)."""
+        state = self.robot_state
+        columns = {
+            **dict(zip("xyz", state.position[:, :3].T, strict=True)),
+            "heading": heading(state),
+            "upright": upright_reward(state),
+            "motor_position": state.motor_position,
+            "motor_velocity": state.motor_velocity,
+        }
+        return {name: np.asarray(values, np.float32) for name, values in columns.items()}
 
     def targets(self) -> dict[str, NDArray[np.float64]]:
         """Returns x, y (m) and yaw (rad) of the targets, those that the task draws."""

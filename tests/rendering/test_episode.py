@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from jbench.names import CAMERAS
-from jbench.rendering.episode import Scene, goal, render_episode
+from jbench.rendering.episode import Scene, render_episode
 from jbench.simulation.suite_env import SuiteEnv
 from jbench.tasks import features, resets
 from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.labels import goal
 from tests.rendering.render_policies import PAD, Constant
 
 SMALL = {"width": 96, "height": 64}

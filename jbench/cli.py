@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -173,6 +173,7 @@ _OPTIONS_ELSEWHERE = {
 _COMMANDS_ELSEWHERE = {
     **{"enjoy": "render", "play": "render", "eval": "evaluate", "test": "evaluate"},
     **{"list": "runs", "ls": "runs", "plot": "report", "sql": "query"},
+    **{"encoders": "query 'FROM encoders'", "watch": "tail", "resume": "train"},
     **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in names.ENCODER_KINDS},
 }
 """Commands of similar tools, and what to type here."""
@@ -186,8 +187,8 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
         verb = arguments[0] if arguments and arguments[0] in _verbs() else ""
         if not verb and (here := _command_here(message.partition("'")[2].partition("'")[0])):
             message = f"{message.rstrip('.')}; type jbench {here} instead"
-    elif (context.info_name, getattr(error, "option_name", "")) == ("collect", "--task"):
-        return "No such option: --task; leave it out, since one dataset serves all tasks."
+    elif message.startswith("Missing") and len(missing := _missing(context, arguments)) > 1:
+        verb, message = context.info_name, f"Missing options {', '.join(missing)}: type all of them"
     else:
         verb = context.info_name
         options = {option for each in context.command.params for option in each.opts}
@@ -199,6 +200,17 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
     listed = "the options and shows an example" if verb else "the commands"
     help_ = f"{f'jbench {verb}'.rstrip()} --help lists {listed}."
     return f"{message} {help_}" if message.endswith("?") else f"{message.rstrip('.')}; {help_}"
+
+
+def _missing(context: Any, arguments: Sequence[str]) -> list[str]:
+    """Returns the required options of the command that were not typed."""
+    typed = {argument.partition("=")[0] for argument in arguments}
+    required = (each for each in context.command.params if each.required)
+    return [
+        each.opts[0]
+        for each in required
+        if each.param_type_name == "option" and not typed.intersection(each.opts)
+    ]
 
 
 def _verbs() -> set[str | None]:

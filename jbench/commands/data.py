@@ -64,10 +64,10 @@ def collect(
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
     with output.progress("collect", settings.steps, "control steps") as progress:
         record = collect_dataset(settings, database, parsing.all_cores(threads), progress)
-    option = f" --task {task}" if robot else ""
+    option, tasks = (f" --task {task}", "") if robot else ("", ", for all five tasks")
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
-        f"{record.path}. Next: {with_results(f'jbench train-dae{option}', results)}"
+        f"{record.path}{tasks}. Next: {with_results(f'jbench train-dae{option}', results)}"
     )
     output.document(display.described(record, bytes=record.size))
 

@@ -19,9 +19,12 @@ _HEADINGS = {"algorithm": "algo", "observation": "representation"}
 """Settings by what tables call them."""
 
 
-def setting_name(typed: str) -> str:
-    """Returns the name of a setting that was typed by it or as tables call it."""
-    return _HEADINGS.get(typed.strip(), typed.strip())
+def setting(typed: str) -> tuple[str, str]:
+    """Returns the name and value of a setting, typed as it, tables or `--encoder` call it."""
+    name, _, value = (piece.strip() for piece in typed.partition("="))
+    if name == "encoder" and "/" not in value:  # no id
+        return "representation", "full" if value == "none" else value
+    return _HEADINGS.get(name, name), value
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ class Request:
     def names_compared(self) -> set[str]:
         """Names of the settings on both sides of a comparison; directories have none."""
         return {
-            setting_name(part.partition("=")[0])
+            setting(part)[0]
             for side in self.compare or ()
             if not Path(side).is_dir()
             for part in side.split(",")

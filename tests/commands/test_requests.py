@@ -123,6 +123,9 @@ from tests.documentation import ROOT
         (("train-vae",), "; type jbench train-encoder --kind vae instead; jbench --help lists"),
         (("enjoy",), "; type jbench render instead"),
         (("collect", "--task", "face_directoin"), "did you mean face_direction"),
+        (("import", "a.csv", "--algo", "x"), "Missing options --from, --task: type all of them;"),
+        (("import", "a.csv", "--fro", "csv"), "No such option: --fro"),
+        (("encoders",), "; type jbench query 'FROM encoders' instead"),
         (("query",), "Missing argument 'SQL'; jbench query --help lists the options and shows an"),
         (("trian",), r"; type jbench train instead; jbench --help lists the commands\."),
         (
@@ -388,7 +391,7 @@ def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, capsys):
     assert main(["train", "--dry-run", "--json", *arguments]) == 0
     printed = capsys.readouterr()
     document = json.loads(printed.out)
-    (cell,) = document["cells"]
+    (cell,) = document["configurations"]
     assert (cell["missing"], cell["steps_left"], cell["algo"]) == (1, 1000, "td3")
     # Ten episodes of evaluation, and one of random actions before the first update.
     assert 0.5 < cell["evaluating"] <= 1

@@ -99,12 +99,15 @@ class TestCompare:
         ("recorded", "shown"),
         [("dae12", "dae12"), ("planar12", "planar"), ("planar12", "planar12")],
     )
-    def test_settings_are_found_by_what_tables_call_them(self, recorded, shown, fabric):
+    def test_settings_are_found_by_what_tables_and_options_call_them(self, recorded, shown, fabric):
         fabric.run(FLAT)
         fabric.run(FLAT + 10, representation=recorded)
-        sides = f"algorithm=td3, observation={shown}", "observation=full"
-        (one,) = frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
-        assert (one["a"], one["b"], one["difference"]) == (*sides, 10)
+        for sides in (
+            (f"algorithm=td3, observation={shown}", "observation=full"),
+            (f"encoder={shown}", "encoder=none"),  # as `jbench train --encoder` takes them
+        ):
+            (one,) = frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
+            assert (one["a"], one["b"], one["difference"]) == (*sides, 10)
 
     @pytest.mark.parametrize(
         ("compare", "printed"),

@@ -208,3 +208,15 @@ def test_unique_prefix_of_id_is_completed(results, monkeypatch):
     assert results.complete_id("encoder", "a/sac") == "a/sac"
     with pytest.raises(RequestError, match="Several runs begin with a/td3: "):
         results.complete_id("run", "a/td3")
+
+
+def test_id_is_completed_from_its_beginning_or_the_path_of_its_directory(
+    results, record, monkeypatch
+):
+    results.create("run", "a/c", {})
+    monkeypatch.chdir(results.path.parent)
+    relative = f"{results.path.name}/runs/a/b"
+    for typed in ("a/b", str(record.path), f"{record.path}/", relative, f"./{relative}/"):
+        assert results.complete_id("run", typed) == "a/b"
+    with pytest.raises(RequestError, match="Several runs begin with a: a/b, a/c; type more"):
+        results.complete_id("run", "a/")

@@ -25,7 +25,7 @@ from jbench.report.data.configuration import (
 )
 from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
 from jbench.report.data.returns import FILE
-from jbench.report.request import Request, setting_name
+from jbench.report.request import Request, setting
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import value_text
@@ -255,9 +255,8 @@ def _choice(text: str, runs: Collection[Run]) -> Callable[[Run], bool]:
     """
     typed = []
     for part in map(str.strip, text.split(",")):
-        name, equals, value = (piece.strip() for piece in part.partition("="))
-        name = setting_name(name)
-        if not (name and equals):
+        name, value = setting(part)
+        if not name or "=" not in part:
             named = {
                 path[-1] for run in runs for path, one in flatten(run).items()
                 if value_text(one) == part

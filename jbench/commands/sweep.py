@@ -185,7 +185,7 @@ def sweep(
     output.document(
         {
             "matrix": matrix,
-            "cells": described(statuses),
+            "configurations": described(statuses),
             "seconds_left": seconds_left(statuses, at_a_time),
             "made_first": missing,
             "failures": failures,

@@ -73,11 +73,12 @@ def show_dry_run(
     jobs = min(jobs, len(runs))
     statuses = cell_statuses(cells, results, jobs, device)
     show_matrix(counted(len(runs), "run"), statuses, jobs, True, output)
-    output.document({"cells": described(statuses), "seconds_left": seconds_left(statuses, jobs)})
+    left = seconds_left(statuses, jobs)
+    output.document({"configurations": described(statuses), "seconds_left": left})
 
 
 def described(statuses: Sequence[CellStatus]) -> list[dict[str, Any]]:
-    """Returns the entries of cells in the JSON document."""
+    """Returns the entries of configurations in the JSON document."""
     return [
         {
             "task": each.cell.task,

@@ -1,7 +1,7 @@
 """Sequential comparisons of a matrix: which are decided, and which seeds the others need next.
 
-Looks are at 5, 10, 15 ... seeds from seed 0. They depend only on the finished runs, so no other
-state is stored, and an interrupted command reaches the same decisions again.
+Interim analyses are at 5, 10, 15 ... seeds from seed 0. They depend only on the finished runs, so
+no other state is stored, and an interrupted command reaches the same decisions again.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,8 +26,8 @@ class Outcome(NamedTuple):
     """Outcome of a comparison with the finished seeds.
 
     Attributes:
-        decision: decision at the deciding look, or at the last one.
-        needed: unfinished runs up to the next look; empty if it is decided or has all seeds.
+        decision: decision at the deciding interim analysis, or at the last one.
+        needed: unfinished runs up to the next analysis; empty if it is decided or has all seeds.
     """
 
     comparison: Comparison
@@ -36,11 +36,11 @@ class Outcome(NamedTuple):
 
 
 class Look(NamedTuple):
-    """One look (interim analysis) at all comparisons.
+    """One interim analysis of all comparisons.
 
     Attributes:
         needed: cells with the runs that undecided comparisons need next.
-        tried: runs that were trained before this look, by id, finished or not.
+        tried: runs that were trained before this analysis, by id, finished or not.
     """
 
     outcomes: list[Outcome]
@@ -176,11 +176,11 @@ def looks(
     max_seeds: int,
     train: Callable[[Sequence[Cell]], object] | None,
 ) -> Iterator[Look]:
-    """Adds seeds in blocks until all comparisons are decided or have all seeds; yields each look.
+    """Adds seeds in blocks until the comparisons are decided or have all; yields each analysis.
 
     Args:
         max_seeds: maximum number of seeds per cell, a multiple of the block size.
-        train: trains the runs of cells (`jbench.sweeps.scheduler.sweep`); None to look once.
+        train: trains the runs of cells (`jbench.sweeps.scheduler.sweep`); None for one analysis.
     """
     numbers, tried = Numbers(results), dict[str, RunSettings]()
     while True:

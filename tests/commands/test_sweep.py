@@ -64,19 +64,21 @@ def test_sweep_makes_prerequisites_and_repeating_it_changes_nothing(tmp_path, re
     done = sweep(matrix, results, "--dry-run", "--json")
     assert done.returncode == 0
     document = json.loads(done.stdout)
-    assert [cell["missing"] for cell in document["cells"]] == [2, 2]
-    assert {cell["estimate"] for cell in document["cells"]} == {"a quick measurement"}
+    assert [cell["missing"] for cell in document["configurations"]] == [2, 2]
+    assert {cell["estimate"] for cell in document["configurations"]} == {"a quick measurement"}
     assert [name.split("/")[0] for name in document["made_first"]] == ["random", "face_direction"]
     assert not list(results.rglob("manifest.json"))
 
     done = sweep(matrix, results, "--json")
     assert done.returncode == 0
     document = json.loads(done.stdout)
-    assert [cell["finished"] for cell in document["cells"]] == [2, 2]
+    assert [cell["finished"] for cell in document["configurations"]] == [2, 2]
     assert (document["failures"], document["made_first"]) == ({}, [])
     assert "4 of 4 runs ended" in done.stderr
     runs = runs_of_matrix(matrix, results)
-    assert [id for cell in document["cells"] for id in cell["runs"]] == [run.id for run in runs]
+    assert [id for cell in document["configurations"] for id in cell["runs"]] == [
+        run.id for run in runs
+    ]
     assert states(runs, results) == ["finished"] * 4
 
     before = {path: path.read_bytes() for path in results.rglob("manifest.json")}
@@ -87,7 +89,7 @@ def test_sweep_makes_prerequisites_and_repeating_it_changes_nothing(tmp_path, re
     # The forecast of more runs is based on the measured ones.
     done = sweep(matrix, results, "--seeds", "0-2", "--dry-run", "--json")
     assert done.returncode == 0
-    cells = json.loads(done.stdout)["cells"]
+    cells = json.loads(done.stdout)["configurations"]
     assert [(cell["finished"], cell["missing"], cell["estimate"]) for cell in cells] == [
         (2, 1, "measured runs")
     ] * 2

@@ -165,7 +165,7 @@ def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path,
     assert main(typed) == 1
     printed = capsys.readouterr()
     assert "manifest.json is not a manifest that can be read" in printed.err
-    cells = json.loads(printed.out)["cells"]
+    cells = json.loads(printed.out)["configurations"]
     assert {cell["representation"]: cell["finished"] for cell in cells} == {"pca3": 0, "full": 2}
 
 

@@ -216,3 +216,11 @@ def test_citation_file_cites_paper():
         assert tuple(names) == citation.AUTHORS
         assert (work["title"], work["year"]) == (citation.TITLE, citation.YEAR)
         assert (work["type"], work["collection-title"]) == ("conference-paper", citation.VENUE)
+
+
+def test_readme_installs_torch_for_machines_without_a_gpu_before_jbench():
+    (install,) = (one for one in BLOCKS["README.md"] if "pip install ." in one.text)
+    assert install.commands.splitlines()[:2] == [
+        "pip install torch --index-url https://download.pytorch.org/whl/cpu",
+        "pip install .",
+    ]

@@ -1,8 +1,24 @@
-"""Tests of singular and plural in messages."""
+"""Tests of wording: singular and plural in messages, and one word for one thing in all texts."""
 
+import ast
+import re
 from pathlib import Path
 
+import pytest
+from typer.main import get_command
+
+from jbench.cli import app
 from jbench.wording import are, counted, with_results
+from tests.documentation import PAGES, ROOT
+
+EVERYWHERE = re.compile(
+    r"\b(ends? (lower|higher|above one)|ended (lower|higher)|"
+    r"spread (of|across|between)|the spread|interim looks?|all looks|last returns|"
+    r"(is|are) (not )?(shown|decided) (to|whether)|the heuristic's|say little)\b",
+    re.IGNORECASE,
+)
+IN_PAGES = re.compile(rf"{EVERYWHERE.pattern}|\b(cells?|spreads?|--encoder \d+)\b", re.IGNORECASE)
+"""Words that CONTRIBUTING.md replaces by another one."""
 
 
 def test_nouns_and_verbs_agree_with_number():
@@ -12,6 +28,35 @@ def test_nouns_and_verbs_agree_with_number():
     assert counted(1, "process", "processes") == "1 process"
     assert counted(2, "process", "processes") == "2 processes"
     assert [are(number) for number in (0, 1, 2)] == ["are", "is", "are"]
+
+
+def used(words, text):
+    return [found[0] for found in words.finditer(" ".join(text.split()))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_pages_use_one_word_for_one_thing(page):
+    text = page.read_text()
+    # Without names of code and the table of CONTRIBUTING.md.
+    prose = re.sub(r"(?ms)`Cell`|^ *\| term .*?\n\S", "", text)
+    assert used(IN_PAGES, prose) == []
+
+
+def test_help_uses_one_word_for_one_thing():
+    for name, command in get_command(app).commands.items():
+        context = command.make_context(name, [], resilient_parsing=True)
+        assert used(IN_PAGES, command.get_help(context)) == []
+
+
+def test_messages_and_docstrings_use_one_word_for_one_thing():
+    found = [
+        (path.name, node.lineno, words)
+        for path in (ROOT / "jbench").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if (words := used(EVERYWHERE, node.value))
+    ]
+    assert found == []
 
 
 def test_suggested_command_has_results_unless_they_are_the_default():

@@ -58,7 +58,7 @@ class Errors(NamedTuple):
 def evaluate_encoder(
     kind: Kind, weights: Mapping[str, Any], latents: int, states: States
 ) -> dict[str, Errors]:
-    """Returns the errors on held-out episodes, `test`, and on the heuristic's, `heuristic`.
+    """Returns the errors on held-out episodes, `test`, and on hand-written ones, `heuristic`.
 
     Of another robot no heuristic is known.
 

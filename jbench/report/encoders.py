@@ -34,9 +34,9 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
 
     Columns: task, kind, representation, settings (the options that distinguish a variant), latents,
     seeds, and the medians across seeds of test_mse; of the unexplained fractions of the variance
-    test, pca and random (held-out episodes), heuristic and pca_heuristic (the heuristic's); of the
-    R² of yaw_rate, forward_speed, tilt_rate and reward; and of the effective_rank. The last five
-    are NaN for encoders that were trained before they were measured.
+    test, pca and random (held-out episodes), heuristic and pca_heuristic (episodes of the
+    hand-written policy); of the R² of yaw_rate, forward_speed, tilt_rate and reward; and of the
+    effective_rank. The last five are NaN for encoders that were trained before they were measured.
     """
     if "encoders" not in tables:  # only the results themselves have them
         return pd.DataFrame(columns=_COLUMNS)

@@ -172,8 +172,9 @@ def _comparisons(frames: Frames) -> Table:
     ]
     caption = (
         "Final returns at the last control step that every seed of both sides has reached: "
-        "probability that a run of the first ends above one of the second, and difference of the "
-        f"interquartile means. {_INTERVAL} The verdict is corrected for the number of rows."
+        "probability that a run of the first has a higher one than a run of the second, and "
+        f"difference of the interquartile means. {_INTERVAL} The verdict is corrected for the "
+        "number of rows."
     )
     title = "Comparison of methods" if frames.request.curves else "Comparison of two sides"
     return Table("comparisons", title, caption, frames.comparisons, columns)

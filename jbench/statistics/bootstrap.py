@@ -88,8 +88,8 @@ def standard_deviation(strata: Strata) -> FloatArray:
     scores = _pooled(strata)
     if scores.shape[-1] < 2:
         return np.full(scores.shape[:-1], np.nan)
-    spread: FloatArray = np.std(scores, axis=-1, ddof=1)
-    return spread
+    deviation: FloatArray = np.std(scores, axis=-1, ddof=1)
+    return deviation
 
 
 def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:

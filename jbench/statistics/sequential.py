@@ -11,7 +11,7 @@ function*, Biometrika 74, 1987). The tests of all shifts together give repeated 
 (Jennison and Turnbull, *Interim analyses: the repeated confidence interval approach*, J. R.
 Statist. Soc. B 51, 1989), on which decisions are based.
 
-If the distributions of two configurations differ only in a shift, the intervals of all looks
+If the distributions of two configurations differ only in a shift, the intervals of all analyses
 contain that shift with probability 1 - error rate. For distributions that differ in more than a
 shift this holds approximately, since both have equally many seeds in each block. `step_down`
 divides the error rate of several comparisons.
@@ -26,10 +26,10 @@ import numpy as np
 from jbench.statistics import BoolArray, FloatArray, IntArray
 
 BLOCK = 5
-"""Seeds of each configuration between two interim analyses (looks)."""
+"""Seeds of each configuration between two interim analyses."""
 
 ERROR_RATE = 0.05
-"""Probability of any wrong decision, over all looks and all comparisons together."""
+"""Probability of any wrong decision, over all analyses and all comparisons together."""
 
 RELABELINGS = 63_504
 """Relabelings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
@@ -49,14 +49,14 @@ def first_look(
     *,
     relabelings: int = RELABELINGS,
 ) -> IntArray:
-    """Returns the look (...) at which a verdict is reached; 0 if at none.
+    """Returns the interim analysis (...), from 1 on, that reaches a verdict; 0 if none does.
 
     Args:
         verdict: larger, smaller or equal.
         ours: (..., seeds) numbers of the seeds in complete blocks; `theirs` likewise.
         margin: two configurations that differ by less are equal.
-        error_rate: two-sided error rate over all looks.
-        looks: number of planned looks.
+        error_rate: two-sided error rate over all analyses.
+        looks: number of planned analyses.
         relabelings: see `first_above`.
     """
 
@@ -70,7 +70,7 @@ def first_look(
 
 
 def spent(look: int, error_rate: float, looks: int) -> float:
-    """Returns the part of an error rate that is spent up to a look, counted from 1."""
+    """Returns the part of an error rate that is spent up to an interim analysis, from 1 on."""
     return error_rate * look / looks
 
 
@@ -83,18 +83,18 @@ def first_above(
     block: int = BLOCK,
     relabelings: int = RELABELINGS,
 ) -> IntArray:
-    """Returns the look (...) at which ours is found to be above theirs, one-sided; 0 if at none.
+    """Returns the analysis (...) that finds ours to be above theirs, one-sided; 0 if none does.
 
     The statistic is the difference of the means. If both have the same distribution, the
-    labels within a block are exchangeable. A look rejects if the observed labels are among the
+    labels within a block are exchangeable. An analysis rejects if the observed labels are among the
     relabelings with the largest differences. Their number is what the error rate spent so far
-    allows, minus those that earlier looks reject. Ties at the boundary do not reject.
+    allows, minus those that earlier ones reject. Ties at the boundary do not reject.
 
     Args:
         ours: (..., seeds) numbers of the seeds in complete blocks.
         theirs: (..., seeds) the same for the other configuration.
-        error_rate: one-sided error rate over all looks.
-        looks: number of planned looks; the seeds may cover fewer.
+        error_rate: one-sided error rate over all analyses.
+        looks: number of planned analyses; the seeds may cover fewer.
         block: seeds of each configuration in a block.
         relabelings: maximum number of relabelings, sampled if there are more.
     """
@@ -134,14 +134,14 @@ def _boundary(sums: FloatArray, crossed: BoolArray, allowed: int) -> FloatArray:
 def interval(
     ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int
 ) -> tuple[float, float]:
-    """Returns the repeated confidence interval of ours minus theirs at the last look.
+    """Returns the repeated confidence interval of ours minus theirs at the last analysis.
 
-    It contains the shifts that no look up to this one rejects.
+    It contains the shifts that no analysis up to this one rejects.
 
     Args:
         ours: (seeds,) numbers of the seeds in complete blocks; `theirs` likewise.
-        error_rate: two-sided error rate over all looks.
-        looks: number of planned looks.
+        error_rate: two-sided error rate over all analyses.
+        looks: number of planned analyses.
     """
     low = _lowest(ours, theirs, error_rate / 2, looks)
     return low, -_lowest(theirs, ours, error_rate / 2, looks)
@@ -182,9 +182,9 @@ def _tables(count: int, blocks: int, max_size: int) -> list[IntArray]:
     """Returns tables (blocks, relabelings) with the index of each block's relabeling.
 
     There is a table of all relabelings for one block, for two, and so on, while their number is at
-    most `max_size`; then one random sample for all blocks. A later look repeats the earlier looks
-    in its own table. The first relabeling is always that of the observed labels, without which a
-    sampled permutation test would reject too often.
+    most `max_size`; then one random sample for all blocks. A later analysis repeats the
+    earlier ones in its own table. The first relabeling is always that of the observed labels,
+    without which a sampled permutation test would reject too often.
     """
     tables = []
     for complete in range(1, blocks + 1):

@@ -19,16 +19,16 @@ from jbench.statistics.sequential import Verdict
 
 
 class Decision(NamedTuple):
-    """Outcome of a comparison at the deciding look, or at the last one so far.
+    """Outcome of a comparison at the deciding interim analysis, or at the last one so far.
 
     Attributes:
         verdict: ours is larger or smaller than theirs, equal within the margin, or undecided.
-        seeds: of each configuration at that look; 0 before the first block is complete.
+        seeds: of each configuration at that analysis; 0 before the first block is complete.
         difference: difference of the means, ours minus theirs; NaN without seeds.
         low: lower end of the repeated confidence interval at `rate`; -inf if it is unbounded.
         high: upper end.
         rate: two-sided error rate at which it was decided, or is tested now.
-        spent: part of this rate spent up to that look.
+        spent: part of this rate spent up to that analysis.
     """
 
     verdict: Verdict
@@ -44,7 +44,7 @@ class Step(NamedTuple):
     """When and at which rate a comparison was decided.
 
     Attributes:
-        look: at which it was decided.
+        look: the interim analysis at which it was decided, counted from 1.
         rate: two-sided error rate of the comparison at that time.
     """
 
@@ -54,7 +54,7 @@ class Step(NamedTuple):
 
 
 Reached = Callable[[int, Verdict, float], int]
-"""Look at which a comparison (its index) reaches a verdict at a two-sided rate; 0 if at none."""
+"""Interim analysis at which a comparison (its index) has a verdict at a two-sided rate; else 0."""
 
 
 def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Step | None]:
@@ -62,11 +62,12 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Ste
 
     Each comparison consists of two one-sided hypotheses (not larger, not smaller) with half of its
     share each. A decision that one configuration is larger or smaller rejects one of them, whose
-    share then goes to the undecided comparisons in proportion to theirs, at the same look and at
-    later ones. The other hypothesis and those of comparisons that are equal within the margin may
-    be true, so they keep theirs. So a wrong decision, a wrong direction and a wrong equality
-    included, rejects a true hypothesis, and is the first to do so at a rate that is no larger than
-    its share among the true hypotheses alone (Holm, 1979; Maurer and Bretz, 2013).
+    share then goes to the undecided comparisons in proportion to theirs, at the same interim
+    analysis and at later ones. The other hypothesis and those of comparisons that are equal within
+    the margin may be true, so they keep theirs. So a wrong decision, a wrong
+    direction and a wrong equality included, rejects a true hypothesis, and is the first to do so at
+    a rate that is no larger than its share among the true hypotheses alone (Holm, 1979; Maurer and
+    Bretz, 2013).
 
     This needs tests that reject at every rate above one at which they reject. A permutation test,
     whose rates are whole numbers of relabelings, can fail to, so rates are limited to the sum of
@@ -75,7 +76,7 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Ste
     Args:
         reached: finds verdicts in the seeds that exist so far.
         shares: (comparisons,) two-sided error rates.
-        looks: largest number of looks of a comparison.
+        looks: largest number of interim analyses of a comparison.
 
     Returns:
         One step per comparison; None if it is undecided.
@@ -109,7 +110,7 @@ def _parts(steps: Sequence[Step | None], shares: Sequence[float]) -> list[int]:
 def _verdict(
     reached: Reached, i: int, parts: int, shares: Sequence[float], look: int
 ) -> Verdict | None:
-    """Returns the first verdict up to a look that also holds at all larger rates; else None."""
+    """Returns the first verdict up to an analysis that all larger rates reach, too; else None."""
     total = sum(shares)
     names: tuple[Verdict, ...] = ("larger", "smaller", "equal")
     at = {name: reached(i, name, 2 * total / parts) for name in names}
@@ -127,7 +128,7 @@ def decide(
     looks: Sequence[int],
     margin: float,
 ) -> list[Decision]:
-    """Compares pairs of configurations, each pair up to the look that decides it.
+    """Compares pairs of configurations, each pair up to the interim analysis that decides it.
 
     Only blocks that are complete in both configurations count.
 
@@ -135,7 +136,7 @@ def decide(
         pairs: for each comparison, a number per seed of ours (seeds,) and of theirs (seeds,), in
             the order of the seeds.
         shares: (comparisons,) two-sided error rates, whose sum is that of all together.
-        looks: (comparisons,) planned looks.
+        looks: (comparisons,) planned interim analyses.
         margin: two configurations that differ by less are equal.
     """
     complete = [

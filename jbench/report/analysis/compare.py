@@ -45,8 +45,8 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
 
     The verdict rests on an interval that is corrected for the number of comparisons by the same
     kind of return. Differences are of interquartile means and of medians; p is the probability that
-    a run of the first ends above one of the second. Returns of a file have no margin within which
-    they are similar.
+    a run of the first has a higher final return than one of the second. Returns of a file have no
+    margin within which they are similar.
 
     Args:
         groups: two configurations each, on one task or on each of several; see `method_pairs`.
@@ -151,7 +151,7 @@ def left_out(
 def pair_frame(
     configurations: Sequence[Configuration], verdicts: pd.DataFrame | None = None
 ) -> pd.DataFrame:
-    """Returns the probability that a run of configuration a ends above one of b, both ways.
+    """Returns the probability that a run of a has a higher final return than one of b, both ways.
 
     Only runs on the plain robot are paired, of at least `DECIDING_SEEDS` seeds each that were
     trained equally long. Columns: task, returns, a, b (configurations), their labels, p with its

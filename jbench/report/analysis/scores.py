@@ -142,8 +142,8 @@ def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
     """
     scores = seed_scores(configuration)
     location = {"median": st.median, "iqm": st.interquartile_mean}
-    spread = {"deviation": st.standard_deviation} if len(scores.final) > 1 else {}
-    row = _intervals(location | spread, scores.final)
+    variability = {"deviation": st.standard_deviation} if len(scores.final) > 1 else {}
+    row = _intervals(location | variability, scores.final)
     row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
     row["deviation_by_episodes"] = scores.deviation_by_episodes
     if scores.agents.known:

@@ -1,1 +1,1 @@
-"""Cells of runs and their learning curves."""
+"""Configurations of runs and their learning curves."""

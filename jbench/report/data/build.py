@@ -146,7 +146,7 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
     point = _NAMES[kind][0]
     if len(chosen) < BAND_SEEDS:
         seeds = counted(len(chosen), "seed")
-        notes.append(f"only {seeds}: no band is drawn, and quantiles across seeds say little")
+        notes.append(f"only {seeds}: too few for a band and for quantiles")
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
     for seed, recorded in same.drop(chosen.index).groupby("seed")["recorded"]:
         notes.append(

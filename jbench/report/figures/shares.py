@@ -22,7 +22,7 @@ _FULL_SPEED = 180  # rad/s, an observed velocity of 1
 
 
 def pairs(frames: Frames) -> Chart:
-    """Returns the probability that a run of one configuration ends above one of another."""
+    """Returns the probability that a run of a configuration has a higher final return."""
     # Those that are compared with one other only, such as of another length, say little.
     others = frames.pairs.groupby(["task", "a"])["b"].transform("nunique")
     rows = frames.pairs[others > 1]

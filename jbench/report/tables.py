@@ -29,6 +29,10 @@ _FINAL = {
     "training": "Mean return of a run's last 100 training episodes, exploration included, or of "
     "its last quarter if that is shorter.",
 }
+_AGENTS = (
+    "s: standard deviation between agents, without that of the episodes. Detectable: smallest "
+    "difference that these seeds would show. "
+)
 _CLAIM = {"a": "final return", "b": "variability across seeds", "c": "speed"}
 
 DATA = (
@@ -112,10 +116,9 @@ def _final_returns(frames: Frames) -> Table:
         number("published median", "published"),
     ]
     caption = (
-        f"{_final(frames)} IQM: mean without the lowest and highest quarter of seeds. s: "
-        "standard deviation between agents, without that of the episodes. Detectable: smallest "
-        f"difference that these seeds would show. {_INTERVAL} Random and hand-written policies: "
-        "100 episodes."
+        f"{_final(frames)} IQM: mean without the lowest and highest quarter of seeds. "
+        f"{_AGENTS if agents['s'].notna().any() else ''}{_INTERVAL} Random and hand-written "
+        "policies: 100 episodes."
     )
     title = f"Final {frames.returns} returns"
     if frames.request.curves:

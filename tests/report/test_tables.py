@@ -108,6 +108,15 @@ def test_columns_without_text_are_left_out():
     assert list(shown) == ["a"]
 
 
+@pytest.mark.parametrize(("seeds", "shown"), [(2, set()), (3, {"s", "detectable"})])
+def test_variability_is_that_of_three_seeds_or_more(fabric, seeds, shown):
+    for seed in range(seeds):
+        fabric.run(np.full(40, 500.0), seed, evaluated={40_000: 800.0 + seed})
+    table = next(one for one in tables(frames(fabric.results)) if one.name == "final_returns")
+    assert {"s", "detectable"} & {*table.texts()} == shown
+    assert ("Detectable: " in table.caption) == bool(shown)
+
+
 class TestReport:
     @pytest.fixture
     def found(self, fabric):

@@ -12,13 +12,7 @@ from jbench.report.data.returns import EVALUATION, FILE, FINAL_POINTS, SOLVED
 from jbench.returns import final_episodes
 from jbench.statistics import BoolArray, FloatArray, IntArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import (
-    Agents,
-    Difference,
-    components,
-    difference,
-    smallest_difference,
-)
+from jbench.statistics.agents import Agents, Difference, components, difference, smallest_difference
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
 
@@ -138,7 +132,7 @@ def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
     the control steps to a return of `SOLVED`; infinite: after the runs' end; NaN for a sequence of
     robots), s (standard deviation between agents), each with …_low and …_high;
     deviation_by_episodes, detectable (smallest difference of means that two such configurations
-    show), and reached (number of seeds that reach `SOLVED`).
+    show; unknown for two seeds, as s is), and reached (number of seeds that reach `SOLVED`).
     """
     scores = seed_scores(configuration)
     location = {"median": st.median, "iqm": st.interquartile_mean}
@@ -146,7 +140,7 @@ def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
     row = _intervals(location | variability, scores.final)
     row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
     row["deviation_by_episodes"] = scores.deviation_by_episodes
-    if scores.agents.known:
+    if scores.agents.known and len(scores.final) > 2:
         s, low, high, w = components(scores.agents)
         detectable = smallest_difference(len(scores.final), s, w, scores.episodes.mean())
         row |= {"s": s, "s_low": low, "s_high": high, "detectable": detectable}

@@ -56,8 +56,8 @@ def forest(frames: Frames) -> Chart | None:
     note = "large mark: interquartile mean, 95% interval; dots: seeds"
     if frames.request.curves is None:
         note += (
-            " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes; "
-            "hollow s: may be 0"
+            " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes"
+            + ("; hollow s: may be 0" if rows["s"].notna().any() else "")
         )
     return Chart("returns", "Final returns", note, panels, "configurations", looks, **ROWS)
 

@@ -39,12 +39,6 @@ _WIDE = 10  # columns above which intervals stand below their numbers
 _SEARCHED = 12  # rows from which a table has filters
 _CLAIMS = {"a": "final return", "b": "variability", "c": "speed"}
 _STATES = {"✓": "for", "✗": "against"}
-_WORDS = {
-    "linear": "Linear axis",
-    "log": "Log axis",
-    "evaluation": "Evaluation returns",
-    "training": "Training returns",
-}
 _RUN_POINTS, _PATH_POINTS = 50, 20
 _PAGE_POINTS = 6_000  # of the curves of all runs together
 
@@ -83,7 +77,6 @@ def render(frames: Frames) -> str:
         first=[drawn[name] for name in _FIRST if name in drawn],
         next=[drawn[name] for name in _NEXT if name in drawn],
         folded=[drawn[name] for name in rest],
-        words=_WORDS,
         meanings=_meanings(frames),
         matrix=_matrix(frames),
         tables=[_table(table) for table in tables(frames) if table.name != "verdicts"],
@@ -148,17 +141,17 @@ def _matrix(frames: Frames) -> dict[str, Any]:
     verdicts = frames.verdicts[frames.verdicts["returns"] == frames.returns]
     baselines = list(dict.fromkeys(verdicts["against"]))
     scales = {claim: _scale(rows) for claim, rows in verdicts.groupby("claim")}
+    claims = {claim: title for claim, title in _CLAIMS.items() if claim in scales}
     rows = []
     for _, group in verdicts.groupby("configuration", sort=False):
         first = group.iloc[0]
         known = {(row["against"], row["claim"]): row for row in group.to_dict("records")}
-        keys = [(name, claim) for name in baselines for claim in _CLAIMS]
+        keys = [(name, claim) for name in baselines for claim in claims]
         shown = [_verdict(known[k], scales[k[1]]) if k in known else None for k in keys]
         source = "" if first["source"] == OWN else first["source"]
         about = ", ".join(filter(None, (first["algo"], first["words"], first["task"], source)))
-        names = {"representation": first["representation"], "about": about}
-        rows.append({**names, "verdicts": shown})
-    return {"baselines": baselines, "claims": _CLAIMS, "rows": rows}
+        rows.append({"representation": first["representation"], "about": about, "verdicts": shown})
+    return {"baselines": baselines, "claims": claims, "rows": rows}
 
 
 def _scale(rows: pd.DataFrame) -> float:

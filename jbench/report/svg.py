@@ -19,7 +19,6 @@ from jbench.report.figures.chart import Panel
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
-_NAMES = {"version": None, _LINK: "href"}
 _COLORS = {
     style.INK: "currentColor",
     style.SOFT: "var(--soft)",
@@ -73,7 +72,8 @@ def _clean(parent: ElementTree.Element) -> None:
         _set_attributes(element)
         if element.tag == f"{_SVG}a":
             # A link around marks becomes a group with a title.
-            tip, element.tag = element.attrib.pop("href", ""), f"{_SVG}g"
+            tip, element.tag = element.get("href"), f"{_SVG}g"
+            element.attrib.clear()
             if tip:
                 element.insert(0, title := ElementTree.Element(f"{_SVG}title"))
                 title.text = tip

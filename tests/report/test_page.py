@@ -171,8 +171,34 @@ def test_figures_are_saved_with_colors_of_their_own(shipped_page, opened, tmp_pa
         content = (tmp_path / name).read_bytes()
         assert content.startswith(begin)
         assert b"var(" not in content
+
+
+def test_saved_panels_have_the_legend_of_their_visible_series(shipped_page, opened, tmp_path):
+    figure = (shown := opened(shipped_page).page).locator("#representations")
+    figure.get_by_role("button", name="dae12", exact=True).click()
+    with shown.expect_download() as download:
+        figure.get_by_role("button", name="SVG").click()
+    download.value.save_as(tmp_path / "saved.svg")
+    saved = opened(tmp_path / "saved.svg").page
+    assert saved.locator("svg > text").all_text_contents() == ["full", "published, training"]
+    assert saved.locator("svg > svg").count() == 2
+
+
+def test_text_and_marks_grow_little_with_their_panel(shipped_page, opened):
+    figure = opened(shipped_page).page.locator("#representations")
+    panel = figure.locator(".panel > svg").first
+    sizes = [("text", "height"), ("[data-series='0'] g:not([clip-path]) use", "width")]
+
+    def measured():
+        inside = [panel.locator(name).first.bounding_box()[side] for name, side in sizes]
+        return np.array([panel.bounding_box()["width"], *inside])
+
+    before = measured()
     figure.get_by_role("button", name="Enlarge").click()
-    assert "enlarged" in figure.get_attribute("class")
+    assert figure.get_by_role("button", name="Reduce").is_visible()
+    grown = measured() / before
+    assert grown[0] > 2.5
+    assert (grown[1:] < 1.35).all()
 
 
 def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):
@@ -249,6 +275,8 @@ def test_no_page_scrolls_sideways_or_loads_anything(
     shown = opened(path, viewport=PHONE).page
     assert shown.evaluate(SIDEWAYS) <= 0
     assert Axe().run(shown).response["violations"] == []
+    boxes = "(boxes) => boxes.map((box) => box.scrollWidth - box.clientWidth)"
+    assert not any(shown.locator("#reduction .scroll").evaluate_all(boxes))
     if case == "hostile":
         legend = shown.locator("#representations .legend").inner_text()
         assert HOSTILE[:-1] in legend
@@ -267,6 +295,10 @@ def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path)
     assert "training" in first.get_attribute("class")
     names = first.locator(".legend button").all_inner_texts()
     assert names == ["full", "dae12", "published, training"]
+    # Two seeds say nothing about their variability.
+    heads = shown.locator("#reduction thead tr").last.locator("th").all_inner_texts()
+    assert heads == ["final return", "speed"]
+    assert "variability" not in shown.locator("main").inner_text()
 
 
 def test_watched_page_reloads_itself_and_links_no_files(fabric, opened, tmp_path):

@@ -12,12 +12,7 @@ from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Ends, Pair, ends, seed_scores
 from jbench.report.analysis.tasks import Range, ranges, strata, together
 from jbench.report.analysis.verdicts import corrected_level, difference_text, judged
-from jbench.report.data.configuration import (
-    ID,
-    Configuration,
-    differing_in,
-    verified,
-)
+from jbench.report.data.configuration import ID, Configuration, differing_in, verified
 from jbench.report.data.returns import FILE, KINDS, signed
 from jbench.settings.alike import comparable
 from jbench.settings.variants import variant_labels

@@ -13,13 +13,7 @@ from matplotlib.axes import Axes
 from jbench.report import style
 from jbench.report.data.configuration import IMPORTED, OWN
 from jbench.report.data.published import PUBLISHED
-from jbench.report.data.returns import (
-    EVALUATION,
-    FILE,
-    SOLVED,
-    TRAINING,
-    has_solved_return,
-)
+from jbench.report.data.returns import EVALUATION, FILE, SOLVED, TRAINING, has_solved_return
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
 from jbench.report.figures.marks import add_line, add_points, interval_text, narrow, thinned
 from jbench.report.frames import Frames
@@ -133,10 +127,9 @@ def _chart(
     beside = " and ".join(name for source, name in _BESIDE.items() if source in sources)
     legend = looks | ({beside: dotted} if beside else {})
     band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
-    note = f"median and {band}"
     switches = [(kinds[0], kinds[1])] if len(kinds) > 1 else []
     switches.append((scales[0], scales[1]))
-    return Chart(name, title, note, panels, "curves", legend, switches)
+    return Chart(name, title, f"median and {band}", panels, "curves", legend, switches)
 
 
 def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:

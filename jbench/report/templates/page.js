@@ -1,16 +1,13 @@
 // Legends, tips, switches, saved figures, sorted and filtered tables, the theme, and single runs.
 const all = (selector, inside = document) => [...inside.querySelectorAll(selector)];
-const make = (name, attributes, parent) => {
-  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+const set = (element, attributes) => {
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-  parent.append(element);
   return element;
 };
-const root = document.documentElement;
-const systemDark = matchMedia("(prefers-color-scheme: dark)");
+const make = (name, attributes, parent) => set(parent.appendChild(document.createElementNS("http://www.w3.org/2000/svg", name)), attributes);
 document.getElementById("theme").onclick = () => {
-  const dark = root.dataset.theme ? root.dataset.theme === "dark" : systemDark.matches;
-  root.dataset.theme = dark ? "light" : "dark";
+  const { dataset } = document.documentElement, system = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  dataset.theme = (dataset.theme ?? system) === "dark" ? "light" : "dark";
 };
 
 // Legends: a click hides a series or shows it, a double click or Shift shows only this one.
@@ -32,15 +29,9 @@ for (const figure of all("section:has(> .legend)")) {
 }
 
 // Switches exchange the versions of a figure.
-const words = { linear: "Linear axis", log: "Log axis", evaluation: "Evaluation returns", training: "Training returns" };
 for (const button of all("[data-switch]")) {
-  const versions = button.dataset.switch.split(" ");
-  button.onclick = () => {
-    const { classList } = button.closest("section");
-    const shown = versions.find((name) => classList.contains(name));
-    versions.forEach((name) => classList.toggle(name, name !== shown));
-    button.textContent = words[shown];
-  };
+  const { classList } = button.closest("section");
+  button.onclick = () => button.dataset.switch.split(" ").forEach((name) => classList.toggle(name));
 }
 
 // Saved figures have colors of their own, because a file has no stylesheet.
@@ -49,10 +40,17 @@ const asFile = (svg) => {
   const { width, height } = svg.viewBox.baseVal;
   const copy = svg.cloneNode(true);
   all("[data-series]", copy).filter((mark) => mark.style.display === "none").forEach((mark) => mark.remove());
-  const attributes = { width, height, "font-family": "sans-serif" };
-  for (const [key, value] of Object.entries(attributes)) copy.setAttribute(key, value);
-  const back = make("rect", { width, height, fill: "#fff" }, copy);
-  copy.prepend(back);
+  const legend = all(".legend button", svg.closest("section")).filter(({ dataset }) => copy.querySelector(`[data-series="${dataset.series}"]`));
+  let [x, y] = [width, height - 12];
+  for (const { firstChild, textContent } of legend) {
+    if (x + 36 + 5.2 * textContent.length > width) [x, y] = [6, y + 14];
+    set(copy.appendChild(firstChild.cloneNode(true)), { x, y, width: 25, height: 7 });
+    make("text", { x: x + 30, y: y + 7, "font-size": 9, fill: "currentColor" }, copy).textContent = textContent;
+    x += 44 + 5.2 * textContent.length;
+  }
+  const size = { width, height: y + 12 };
+  set(copy, { ...size, viewBox: `0 0 ${width} ${size.height}`, "font-family": "sans-serif" });
+  copy.prepend(make("rect", { ...size, fill: "#fff" }, copy));
   const colors = { currentColor: "#000", "var(--line)": "#e1e5ea", "var(--soft)": "#566070", "var(--card)": "#fff" };
   return Object.entries(colors).reduce((text, [name, color]) => text.replaceAll(name, color), new XMLSerializer().serializeToString(copy));
 };
@@ -65,25 +63,26 @@ const drawPng = async (text, name) => {
   canvas.toBlob((blob) => save(blob, name));
 };
 for (const button of all("[data-action]")) {
-  const figure = button.closest("section");
+  const figure = button.closest("section"), { action } = button.dataset;
   button.onclick = () => {
-    if (button.dataset.action === "enlarge") {
-      button.textContent = figure.classList.toggle("enlarged") ? "Reduce" : "Enlarge";
-      return;
-    }
-    all(".panel > svg", figure).filter((svg) => svg.checkVisibility()).forEach((svg, i) => {
-      const name = `${figure.id}-${i + 1}.${button.dataset.action}`;
-      if (button.dataset.action === "png") drawPng(asFile(svg), name);
+    if (action === "enlarge") button.textContent = figure.classList.toggle("enlarged") ? "Reduce" : "Enlarge";
+    else all(".panel > svg", figure).filter((svg) => svg.checkVisibility()).forEach((svg, i) => {
+      const name = `${figure.id}-${i + 1}.${action}`;
+      if (action === "png") drawPng(asFile(svg), name);
       else save(new Blob([asFile(svg)], { type: "image/svg+xml" }), name);
     });
   };
 }
 
 // Tips: the title of the mark nearest to the pointer or finger, at once; the browser's own comes late.
+// Text and marks stop growing with their panel at 14 pixels.
+const fit = new ResizeObserver((panels) => panels.forEach(({ target, contentRect }) =>
+  target.style.setProperty("--shrink", Math.min(1, (1.6 * target.querySelector("svg").viewBox.baseVal.width) / contentRect.width))));
 const tip = document.body.appendChild(Object.assign(document.createElement("div"), { className: "tip", hidden: true }));
 for (const panel of all(".panel")) {
   const marks = all("title", panel).map((title) => [title.parentNode, title.textContent]);
   marks.forEach(([mark]) => mark.querySelector("title").remove());
+  fit.observe(panel);
   panel.onpointerleave = () => (tip.hidden = true);
   panel.onpointermove = panel.onpointerdown = ({ clientX, clientY }) => {
     let [nearest, text] = [24, ""];

@@ -64,6 +64,7 @@ def test_ids_of_settings_equal_directory_names(kind, results):
             assert settings.model_dump(mode="json") == record.settings
 
 
+@pytest.mark.slow
 def test_reading_commands_accept_old_results(results, tmp_path, monkeypatch, capsys):
     shorten_episodes(monkeypatch.setattr)  # of the evaluation
     finished = runs(results, "finished")

@@ -6,6 +6,8 @@ Episodes are short.
 import json
 from functools import partial
 
+import pytest
+
 from jbench.store import Results, locks
 from jbench.store.query import load
 from tests import command_line
@@ -63,6 +65,7 @@ def test_killed_training_is_readable_and_resumes(tmp_path):
     assert not list(tmp_path.rglob("checkpoint-*"))
 
 
+@pytest.mark.slow
 def test_longer_run_continues_or_says_why_it_begins(tmp_path):
     arguments = train("ddpg", "none", "--seeds", "0-1", "--jobs", "1", "--evaluate-episodes", "0")
     succeed(*arguments, "--steps", "300", results=tmp_path)
@@ -87,6 +90,7 @@ def test_longer_run_continues_or_says_why_it_begins(tmp_path):
     assert "stable-baselines3 has no checkpoints here; leave --keep-state out" in refused.stderr
 
 
+@pytest.mark.slow
 def test_killed_run_of_stable_baselines3_restarts_with_notice(tmp_path):
     arguments = train("td3", "none", "--steps", "1000", "--seeds", "0", "--engine", "sb3")
     kill_when(lambda: any(tmp_path.rglob("manifest.json")), start(*arguments, results=tmp_path))

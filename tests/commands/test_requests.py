@@ -393,8 +393,7 @@ def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, capsys):
     document = json.loads(printed.out)
     (cell,) = document["configurations"]
     assert (cell["missing"], cell["steps_left"], cell["algo"]) == (1, 1000, "td3")
-    # Ten episodes of evaluation, and one of random actions before the first update.
-    assert 0.5 < cell["evaluating"] <= 1
+    assert 0 < cell["evaluating"] <= 1  # of a measured time
     # One run keeps one process busy.
     assert document["seconds_left"] == pytest.approx(cell["seconds_left"])
     assert document["seconds_left"] > 0
@@ -467,6 +466,7 @@ def test_sweep_of_runs_too_short_to_learn_prints_one_warning(tmp_path, capsys):
     assert "[hyperparameters.td3]" in warning
 
 
+@pytest.mark.slow
 def test_run_too_short_to_learn_prints_warning(tmp_path, capsys):
     steps = ["--steps", "1500", "--seeds", "0", "--evaluate-episodes", "0"]
     assert main(["train", "--algo", "td3", *steps, "--results", str(tmp_path)]) == 0

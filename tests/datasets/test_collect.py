@@ -102,6 +102,7 @@ def test_stopped_collection_resumes_bit_for_bit(tmp_path, collect_in_files_of):
     }
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_number_of_files(tmp_path, shorten_datasets, monkeypatch):
     collecting = importlib.import_module("jbench.datasets.collect")
     monkeypatch.setattr(collecting, "_PART_EPISODES", 1)

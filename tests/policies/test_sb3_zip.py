@@ -56,6 +56,7 @@ def test_actions_are_those_of_the_model(save, algorithm, kwargs):
     np.testing.assert_allclose(found, wanted, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_file_is_evaluated_and_its_content_is_part_of_the_id(save, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     where = ("--episodes", "1", "--json", "--results", str(tmp_path / "results"))

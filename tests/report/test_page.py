@@ -258,7 +258,9 @@ def test_page_is_readable_without_scripts(shipped_page, opened):
     assert shown.locator(".verdict[open] small").first.is_visible()
 
 
-@pytest.mark.parametrize("case", ["shipped", "young", "one run", "many", "hostile"])
+@pytest.mark.parametrize(
+    "case", ["shipped", "young", "one run", pytest.param("many", marks=pytest.mark.slow), "hostile"]
+)
 def test_no_page_scrolls_sideways_or_loads_anything(
     shipped, fabric, opened, tmp_path, case, shipped_page
 ):

@@ -128,6 +128,7 @@ class TestWatch:
         assert fingerprint([filled]) != before
         next(turns)
 
+    @pytest.mark.slow
     def test_watch_rewrites_report_and_ends_on_interrupt(self, fabric):
         fabric.results.path.mkdir()
         command = ["report", "--watch", "--format", "svg", "--results", str(fabric.results.path)]

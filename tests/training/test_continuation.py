@@ -56,9 +56,9 @@ def lengths(algo, *steps, seed=1, **changes):
         ("td3", 300, {}),
         # It is not, and step 280, the end of a rollout, is in the middle of an episode.
         ("ddpg", 275, {}),
-        ("sac", 250, {}),
+        pytest.param("sac", 250, {}, marks=pytest.mark.slow),
         # The shorter run ends with a rollout of 2 x 24 steps, at step 336.
-        ("ppo", 300, {}),
+        pytest.param("ppo", 300, {}, marks=pytest.mark.slow),
         ("td3", 200, {"parallel": 2, "evaluate_episodes": 0}),
     ],
 )
@@ -77,6 +77,7 @@ def test_continued_run_equals_run_trained_at_once(algo, short, changes, tmp_path
     assert verify(Results(tmp_path / "twice"), 1).findings == []
 
 
+@pytest.mark.slow
 def test_seeds_continue_from_where_each_of_them_ended(tmp_path):
     """Seed 1 continues from step 280, seed 2 from step 350; seed 3 begins."""
     runs = [settings("ddpg", seed, steps=LONG) for seed in (1, 2, 3)]

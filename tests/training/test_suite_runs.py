@@ -37,7 +37,7 @@ def settings(algo, task, seed=0, **changes):
     ("algo", "task"),
     [
         ("td3", "dmc:cheetah-run"),
-        ("sac", "dmc:cartpole-swingup"),
+        pytest.param("sac", "dmc:cartpole-swingup", marks=pytest.mark.slow),
         pytest.param("sac", "dmc:cheetah-run", marks=pytest.mark.slow),
         pytest.param("td3", "dmc:cartpole-swingup", marks=pytest.mark.slow),
     ],

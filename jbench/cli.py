@@ -189,6 +189,8 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
             message = f"{message.rstrip('.')}; type jbench {here} instead"
     elif message.startswith("Missing") and len(missing := _missing(context, arguments)) > 1:
         verb, message = context.info_name, f"Missing options {', '.join(missing)}: type all of them"
+    elif context.info_name == "report" and "unexpected extra argument" in message:
+        verb, message = "report", f"{message}: type --curves FILE, or --results DIR"
     else:
         verb = context.info_name
         options = {option for each in context.command.params for option in each.opts}

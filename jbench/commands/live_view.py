@@ -71,8 +71,8 @@ class TrainingView(Watcher):
         parts = [(each.evaluating, each.seconds_left or 0.0) for each in statuses]
         share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
         most = (
-            f" (about {share:.0%} of the time: fewer with --evaluate-episodes, or episodes of "
-            "[evaluation] in a matrix)"
+            " (most of the time: fewer with --evaluate-episodes, or episodes of [evaluation] in a "
+            "matrix)"
         )
         self._output.say(
             f"{counted(len(runs), 'run')} with {steps:,} control steps left at about "

@@ -41,7 +41,8 @@ def runs(
         bool,
         typer.Option(
             "--returns",
-            help="Show final returns (reads all episodes); quote that of the evaluation.",
+            help="Show final returns (reads all episodes); quote that of the evaluation. A report "
+            "also counts the episodes of jbench evaluate RUN.",
         ),
     ] = False,
     imports: Annotated[

@@ -77,10 +77,11 @@ def _range(row: Row) -> str:
 
 
 _TASK, _ALGO = plain("task"), plain("algorithm", "algo")
+_METHOD = plain("method", "algo")  # of a file
 _SOURCED = Column(
     "algorithm",
     "algo",
-    lambda row: row["algo"] if row["source"] in (OWN, FILE) else f"{row['source']}: {row['algo']}",
+    lambda row: row["algo"] if row["source"] == OWN else f"{row['source']}: {row['algo']}",
 )
 _OBSERVED = Column(
     "observation",
@@ -108,7 +109,8 @@ def _final_returns(frames: Frames) -> Table:
         return "" if missing(row["reached"]) else f"{row['reached']} of {row['seeds']}"
 
     columns = [
-        *(_TASK, _SOURCED, _OBSERVED, _SEEDS, number("draws", "draws", _positive), _RANGE),
+        *(_TASK, _METHOD if frames.request.curves else _SOURCED, _OBSERVED, _SEEDS),
+        *(number("draws", "draws", _positive), _RANGE),
         *(number("diverged", "diverged", _positive), estimate("median", "median")),
         *(estimate("IQM", "iqm"), estimate("over the run", "over_run"), estimate("s", "s")),
         *(number("detectable", "detectable"), Column(f"reach {SOLVED}", "reached", reached, True)),

@@ -125,6 +125,10 @@ from tests.documentation import ROOT
         (("collect", "--task", "face_directoin"), "did you mean face_direction"),
         (("import", "a.csv", "--algo", "x"), "Missing options --from, --task: type all of them;"),
         (("import", "a.csv", "--fro", "csv"), "No such option: --fro"),
+        (
+            ("report", "a.csv"),
+            r"\(a.csv\): type --curves FILE, or --results DIR; jbench",
+        ),
         (("encoders",), "; type jbench query 'FROM encoders' instead"),
         (("query",), "Missing argument 'SQL'; jbench query --help lists the options and shows an"),
         (("trian",), r"; type jbench train instead; jbench --help lists the commands\."),

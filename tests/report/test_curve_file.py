@@ -136,6 +136,7 @@ def test_report_has_the_files_of_results(two_methods, tmp_path, monkeypatch, cap
         assert {(out / "tables" / f"{table}.{end}").exists() for end in ("csv", "md", "tex")} == {
             True
         }
+    assert "\n| task | method | seeds |" in (out / "tables" / "final_returns.md").read_text()
     drawn = {path.stem for path in (out / "figures").iterdir()}
     assert drawn == {"algorithms", "comparisons", "profiles", "returns"}
     assert "5 seeds of a method can't decide a comparison." in capsys.readouterr().out

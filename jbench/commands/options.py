@@ -2,6 +2,7 @@
 
 import importlib.metadata
 from collections.abc import Callable
+from glob import escape, glob
 from pathlib import Path
 from typing import Annotated
 
@@ -45,6 +46,12 @@ def complete_encoders(context: typer.Context, incomplete: str) -> list[str]:
     return ids if "/" in incomplete else complete("none", *representations)(incomplete)
 
 
+def complete_results(incomplete: str) -> list[str]:
+    """Offers the shipped results and directories."""
+    directories = (name for name in glob(f"{escape(incomplete)}*") if Path(name).is_dir())
+    return [*complete(names.REFERENCE)(incomplete), *sorted(directories)]
+
+
 def complete_settings(context: typer.Context, incomplete: str) -> list[str]:
     """Offers the hyperparameters of the typed algorithm of jbench."""
     from jbench.settings.algorithms import SETTINGS
@@ -78,6 +85,7 @@ ReadResultsOption = Annotated[
         "--results",
         parser=path,
         help=f"Results directory ({names.REFERENCE}: the results shipped with jbench).",
+        autocompletion=complete_results,
     ),
 ]
 JsonOption = Annotated[

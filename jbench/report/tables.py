@@ -66,6 +66,10 @@ def _final(frames: Frames) -> str:
     return "Last return of a run."
 
 
+def _agent(frames: Frames) -> Column:
+    return plain("method", "algo") if frames.request.curves else _SOURCED
+
+
 def _positive(value: float) -> str:
     return str(value) if value else ""
 
@@ -77,7 +81,6 @@ def _range(row: Row) -> str:
 
 
 _TASK, _ALGO = plain("task"), plain("algorithm", "algo")
-_METHOD = plain("method", "algo")  # of a file
 _SOURCED = Column(
     "algorithm",
     "algo",
@@ -109,7 +112,7 @@ def _final_returns(frames: Frames) -> Table:
         return "" if missing(row["reached"]) else f"{row['reached']} of {row['seeds']}"
 
     columns = [
-        *(_TASK, _METHOD if frames.request.curves else _SOURCED, _OBSERVED, _SEEDS),
+        *(_TASK, _agent(frames), _OBSERVED, _SEEDS),
         *(number("draws", "draws", _positive), _RANGE),
         *(number("diverged", "diverged", _positive), estimate("median", "median")),
         *(estimate("IQM", "iqm"), estimate("over the run", "over_run"), estimate("s", "s")),
@@ -244,7 +247,8 @@ def _runs(frames: Frames) -> Table:
         return "diverged" if row["diverged"] else known
 
     columns = [
-        *(_TASK, _SOURCED, _OBSERVED, number("seed", "seed", str), number("steps", "steps", steps)),
+        *(_TASK, _agent(frames), _OBSERVED, number("seed", "seed", str)),
+        number("steps", "steps", steps),
         *(number("final return", "final"), Column("status", "status", status)),
         *(number("day", "day", str), plain("run")),
     ]

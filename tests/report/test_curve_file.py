@@ -141,6 +141,7 @@ def test_report_has_the_files_of_results(two_methods, tmp_path, monkeypatch, cap
     assert drawn == {"algorithms", "comparisons", "profiles", "returns"}
     assert "5 seeds of a method can't decide a comparison." in capsys.readouterr().out
     page = (out / "index.html").read_text()
+    assert "file: " not in page  # what own results call a source
     for word in ("Jitterbug", "reach 900", "solved", "hand-written", "random actions", "the paper"):
         assert word not in page, word
     assert [path.name for path in tmp_path.iterdir()] == ["out"]

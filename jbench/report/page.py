@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from typing import Any
 
@@ -20,7 +20,7 @@ from jbench.report import style
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import FILE
-from jbench.report.figures import charts, cleaned
+from jbench.report.figures import cleaned
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 from jbench.report.svg import panel_svgs
@@ -43,14 +43,14 @@ _RUN_POINTS, _PATH_POINTS = 50, 20
 _PAGE_POINTS = 6_000  # of the curves of all runs together
 
 
-def render(frames: Frames) -> str:
-    """Returns the page as HTML; the same frames give the same bytes.
+def render(frames: Frames, made: Sequence[Chart]) -> str:
+    """Returns the page with these figures as HTML; the same frames give the same bytes.
 
     Its policy allows only its own style and script, so that a text in the results can't become a
     script and nothing is loaded or sent. It is readable without scripts.
     """
     frames = cleaned(frames)
-    drawn = {chart.name: _figure(chart) for chart in charts(frames)}
+    drawn = {chart.name: _figure(chart) for chart in made}
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("jbench.report"),
         autoescape=True,

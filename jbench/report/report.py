@@ -47,18 +47,19 @@ def write_report(results: Results | None, out: Path, request: Request = _DEFAULT
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
         WorkError: if there are runs but none can be read, or the disk is full.
     """
-    from jbench.report.figures import drawings  # matplotlib takes a second
+    from jbench.report.figures import charts, cleaned  # matplotlib takes a second
     from jbench.report.page import render
     from jbench.report.style import image
 
     found = frames(results, request)
     pa.default_memory_pool().release_unused()  # memory of the rows that were read
     make_directory(out)  # before anything is drawn, since it may raise an error
-    files = {"index.html": render(found).encode()}
+    made = charts(cleaned(found))
+    files = {"index.html": render(found, made).encode()}
     if not request.watched:
-        for name, draw in drawings(found).items():
-            drawn = draw(request.columns)
-            files |= {f"figures/{name}.{end}": image(drawn, end) for end in request.formats}
+        for chart in made:
+            drawn, name = chart.figure(request.columns), f"figures/{chart.name}"
+            files |= {f"{name}.{end}": image(drawn, end) for end in request.formats}
         files |= {f"tables/{name}": text.encode() for name, text in tables.files(found)}
         curves = pa.Table.from_pandas(found.curves, preserve_index=False, nthreads=1)
         pq.write_table(curves, sink := io.BytesIO(), compression="zstd")

@@ -9,6 +9,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from jbench.report import page
+from jbench.report.figures import charts, cleaned
 from jbench.report.frames import frames
 from jbench.report.request import Request
 from jbench.store.shipped import shipped_results
@@ -33,7 +34,7 @@ def shipped():
 @pytest.fixture(scope="module")
 def shipped_page(shipped, tmp_path_factory):
     path = tmp_path_factory.mktemp("shipped") / "index.html"
-    path.write_text(page.render(shipped))
+    path.write_text(page.render(shipped, charts(cleaned(shipped))))
     return path
 
 
@@ -46,7 +47,7 @@ def add_runs(fabric, seeds=2, **changes):
 
 def written(found, tmp_path):
     path = tmp_path / "index.html"
-    path.write_text(page.render(found))
+    path.write_text(page.render(found, charts(cleaned(found))))
     return path
 
 
@@ -97,7 +98,7 @@ def test_shipped_page_is_accessible_and_short(shipped_page, opened, scheme):
 def test_same_frames_give_the_same_bytes_and_nothing_but_its_own_script_may_run(
     shipped, shipped_page
 ):
-    text = page.render(shipped)
+    text = page.render(shipped, charts(cleaned(shipped)))
     assert text == shipped_page.read_text()
     (policy,) = re.findall(r'Content-Security-Policy" content="([^"]+)"', text)
     assert "unsafe" not in policy

@@ -53,6 +53,9 @@ def _clean_texts(frame: pd.DataFrame) -> pd.DataFrame:
 
 def charts(frames: Frames) -> list[Chart]:
     """Returns the figures that there are data for; see `cleaned`."""
+    frames = copy(frames)
+    for name in ("curves", "processor", "sequences"):
+        setattr(frames, name, curves.drawn_points(getattr(frames, name)))
     made = (make(frames) for make in MAKERS)
     return [chart for chart in made if chart is not None and chart.panels]
 

@@ -9,6 +9,7 @@ import matplotlib as mpl
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from jbench.report import style
@@ -84,7 +85,6 @@ class Chart:
         legend_rows = -(-len(self.legend) // per_row)
         with mpl.rc_context(style.PAPER):
             figure = Figure(figsize=(width, sum(heights) + 0.17 * legend_rows + 0.1))
-            figure.set_layout_engine("constrained")
             grid = figure.subplots(down, across, squeeze=False, height_ratios=heights)
             for i, (axes, panel) in enumerate(zip(grid.flat, self.panels, strict=False)):
                 next(iter(panel.versions.values()))(axes)
@@ -109,6 +109,8 @@ class Chart:
                     columnspacing=1.2,
                     borderaxespad=0,
                 )
+            # Placed once, or each format would place it and draw it twice.
+            ConstrainedLayoutEngine().execute(figure)
         # Tips are for the page.
         for collection in figure.findobj(mpl.collections.Collection):
             collection.set_urls([None])

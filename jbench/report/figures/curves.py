@@ -29,6 +29,12 @@ _GROUP = ["task", "algo", "words", "source"]
 _UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
 
 
+def drawn_points(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the points of curves that are drawn, a few hundred of each."""
+    curves = [curve for _, curve in rows.groupby(["configuration", "returns"], sort=False)]
+    return pd.concat([curve.iloc[thinned(len(curve))] for curve in curves]) if curves else rows
+
+
 def by_representation(frames: Frames) -> Chart | None:
     """Returns the curves of each task and algorithm with several representations."""
     curves = frames.curves.assign(series=frames.curves["representation"])[_is_compared(frames)]
@@ -197,8 +203,7 @@ def draw_curves(
     """
     alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
     for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
-        look, curve = looks[str(name)], curve.iloc[thinned(len(curve))]
-        band = curve["q10"], curve["q90"]
+        look, band = looks[str(name)], (curve["q10"], curve["q90"])
         at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
         add_line(axes, at, median, _tips(str(name), curve), look, band=band, alpha=alpha)
         if each is not None and (each_seed or band[0].isna().all()) and curve["seeds"].iloc[0] > 1:

@@ -37,6 +37,7 @@ HERE = Path(__file__).parent
 SBX = "sbx-rl==0.28.0"
 SEEDS, TASK = 10, "face_direction"
 RETURN_SEEDS = 5
+CORES = sorted(os.sched_getaffinity(0))[:2]
 CLOCKS = ("wall", "processor")
 
 Request = dict[str, Any]
@@ -107,28 +108,26 @@ def contender(name: str, python: str, requests: list[Request]) -> Iterator[Conte
 
 def requests(kind: str, algo: str, task: str, seeds: int, **more: Any) -> list[Request]:
     """Returns a request for each core, with its share of the seeds."""
-    cores = sorted(os.sched_getaffinity(0))[:2]
     about = {"kind": kind, "task": task, "algo": algo, **more}
     return [
-        {**about, "core": core, "seeds": list(range(first, seeds, len(cores)))}
-        for first, core in enumerate(cores)
+        {**about, "core": core, "seeds": list(range(first, seeds, len(CORES)))}
+        for first, core in enumerate(CORES)
     ]
 
 
 def compare(algo: str, arguments: argparse.Namespace) -> None:
     """Prints the control steps per second of all contenders and their ratios to the libraries."""
     python, about = sys.executable, (algo, arguments.task)
-    cores = min(2, len(os.sched_getaffinity(0)))
     low = {"options": {"precision": "bfloat16"}}
     wanted = [
-        ("stable-baselines3", python, requests("sb3", *about, cores)),
+        ("stable-baselines3", python, requests("sb3", *about, len(CORES))),
         ("batched, 10 seeds", python, requests("batched", *about, SEEDS)),
-        ("… 1 seed per core", python, requests("batched", *about, cores)),
+        ("… 1 seed per core", python, requests("batched", *about, len(CORES))),
     ]
     if algo != "ppo":  # refused in bfloat16
         wanted.append(("… in bfloat16", python, requests("batched", *about, SEEDS, **low)))
     if arguments.sbx_python is not None and algo != "ppo" and arguments.task == TASK:
-        wanted.append(("SBX", arguments.sbx_python, requests("sbx", *about, cores)))
+        wanted.append(("SBX", arguments.sbx_python, requests("sbx", *about, len(CORES))))
     with ExitStack() as stack:
         contenders = [stack.enter_context(contender(*each)) for each in wanted]
         rounds = [
@@ -203,7 +202,7 @@ def main() -> None:
     parser.add_argument("--sbx-python", help="interpreter of an environment with SBX")
     parser.add_argument("--make-sbx", type=Path, metavar="DIR", help="create such an environment")
     parser.add_argument("--rounds", type=int, default=7, help="rounds of all contenders")
-    parser.add_argument("--steps", type=int, help="compare returns after so many")
+    parser.add_argument("--steps", type=int, help="control steps of each seed, to compare returns")
     parser.add_argument("--seconds", type=float, default=3.0, help="per contender and round")
     arguments = parser.parse_args()
     import shares

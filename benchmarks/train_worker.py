@@ -64,7 +64,7 @@ def batched(request: Request) -> Run:
 
 
 def in_turn(runs: list[Run]) -> Run:
-    """Returns training of several seeds one after another; the steps are those of the last."""
+    """Returns training of several seeds one after another; the steps are the fewest of a seed."""
 
     def run(seconds: float) -> tuple[int, int, Episodes]:
         answers = [each(seconds / len(runs)) for each in runs]

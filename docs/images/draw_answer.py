@@ -54,7 +54,8 @@ def copy_compared(target: Path) -> Results:
 def draw(results: Results, drawing: Drawing) -> None:
     """Draws a figure with few colors and pixels, which makes its file small."""
     found = frames(results, Request(task=drawing.task, algo="td3"))
-    drawn = figures.drawings(found)[drawing.figure](drawing.columns)
+    made = figures.charts(figures.cleaned(found))
+    (drawn,) = (one.figure(drawing.columns) for one in made if one.name == drawing.figure)
     picture = Image.open(io.BytesIO(style.image(drawn, "png"))).convert("RGB")
     picture = picture.resize(
         (round(SMALLER * picture.width), round(SMALLER * picture.height)), Image.Resampling.LANCZOS

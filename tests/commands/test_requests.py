@@ -17,6 +17,7 @@ from jbench.errors import RequestError
 from jbench.recording.recorder import record
 from jbench.store import Results
 from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.training import speed
 from tests.command_line import jbench, succeed, wait_until
 from tests.documentation import ROOT
 
@@ -393,14 +394,16 @@ def test_ids_and_settings_are_completed(words, offered, demo_results, monkeypatc
     assert all(one.startswith(begin) for one, begin in zip(completed, begins, strict=True))
 
 
-def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, capsys):
+def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(speed, "stepping", lambda run: 0.001)
     arguments = ["--algo", "td3", "--seed", "3", "--steps", "1000", "--results", str(tmp_path)]
     assert main(["train", "--dry-run", "--json", *arguments]) == 0
     printed = capsys.readouterr()
     document = json.loads(printed.out)
     (cell,) = document["configurations"]
     assert (cell["missing"], cell["steps_left"], cell["algo"]) == (1, 1000, "td3")
-    assert 0 < cell["evaluating"] <= 1  # of a measured time
+    # Ten episodes of evaluation, and one of random actions before the first update.
+    assert cell["evaluating"] == pytest.approx(10 / 11)
     # One run keeps one process busy.
     assert document["seconds_left"] == pytest.approx(cell["seconds_left"])
     assert document["seconds_left"] > 0

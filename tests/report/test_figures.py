@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from jbench.names import ENCODER_KINDS, kind_of
 from jbench.report import style
-from jbench.report.figures import charts, cleaned, drawings
+from jbench.report.figures import charts, cleaned
 from jbench.report.figures.marks import thinned
 from jbench.report.frames import frames
 from jbench.report.request import Request
@@ -198,7 +198,7 @@ def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
 def test_files_have_the_width_of_a_column_and_the_same_bytes(fabric, columns, width):
     add_runs(fabric)
     add_runs(fabric, representation="dae12")
-    draw = drawings(frames(fabric.results))["representations"]
+    draw = chart_of(fabric, "representations").figure
     assert draw(columns).get_size_inches()[0] == pytest.approx(width)
     for ending in ("svg", "pdf", "png"):
         content = style.image(draw(columns), ending)
@@ -209,7 +209,7 @@ def test_files_have_the_width_of_a_column_and_the_same_bytes(fabric, columns, wi
 
 def test_fonts_in_a_pdf_are_truetype(fabric):
     add_runs(fabric)
-    content = style.image(drawings(frames(fabric.results))["algorithms"](1), "pdf")
+    content = style.image(chart_of(fabric, "algorithms").figure(1), "pdf")
     assert b"/Type3" not in content
     assert b"/CIDFontType2" in content or b"/TrueType" in content
 

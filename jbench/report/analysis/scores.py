@@ -140,7 +140,7 @@ def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
     row = _intervals(location | variability, scores.final)
     row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
     row["deviation_by_episodes"] = scores.deviation_by_episodes
-    if scores.agents.known and len(scores.final) > 2:
+    if scores.agents.known and len(scores.final) >= st.MIN_SEEDS:
         s, low, high, w = components(scores.agents)
         detectable = smallest_difference(len(scores.final), s, w, scores.episodes.mean())
         row |= {"s": s, "s_low": low, "s_high": high, "detectable": detectable}

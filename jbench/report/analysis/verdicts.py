@@ -86,7 +86,7 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
             _Question(ours, theirs, claim)
             for ours, theirs in _pairs(with_returns(configurations, kind))
             for claim in _WORDS
-            if claim != "b" or min(len(ours.seeds), len(theirs.seeds)) > 2
+            if claim != "b" or min(len(ours.seeds), len(theirs.seeds)) >= st.MIN_SEEDS
         ]
         for claim in _WORDS:
             free = []

@@ -1,11 +1,9 @@
 """The figures of a report: each function draws one frame."""
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import fields
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from jbench.report.figures import curves, returns, shares
 from jbench.report.figures.chart import Chart
@@ -58,8 +56,3 @@ def charts(frames: Frames) -> list[Chart]:
         setattr(frames, name, curves.drawn_points(getattr(frames, name)))
     made = (make(frames) for make in MAKERS)
     return [chart for chart in made if chart is not None and chart.panels]
-
-
-def drawings(frames: Frames) -> dict[str, Callable[[int | None], Figure]]:
-    """Returns functions by name that draw the figures for files; see `Chart.figure`."""
-    return {chart.name: chart.figure for chart in charts(cleaned(frames))}

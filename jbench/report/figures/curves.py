@@ -30,7 +30,7 @@ _UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
 
 
 def drawn_points(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the points of curves that are drawn, a few hundred of each."""
+    """Returns the points of curves that are drawn, at most `MOST_POINTS` of each."""
     curves = [curve for _, curve in rows.groupby(["configuration", "returns"], sort=False)]
     return pd.concat([curve.iloc[thinned(len(curve))] for curve in curves]) if curves else rows
 

@@ -18,7 +18,7 @@ from jbench.store import Results
 from jbench.store.shipped import shipped_results
 
 HERE = Path(__file__).parent
-COLORS = 128
+COLORS = 256
 SMALLER = 0.7  # than in a paper
 
 

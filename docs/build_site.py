@@ -24,7 +24,8 @@ RESULTS_PAGE = """# The shipped runs
 jbench ships its own runs: DDPG, TD3, SAC and PPO on `face_direction`, TD3 on `move_in_direction`,
 and DDPG and TD3 on reduced observations.
 `jbench report --results reference --claims` wrote [their whole report](reference/index.html).
-`report.md` and `claims.md` explain it; `answer.md` lists the commands that trained the runs.
+`report.md` and `claims.md` explain it; `answer-details.md` lists the commands that trained the
+runs.
 
 ![Learning curves of the shipped runs by representation](reference/figures/representations.svg)
 

@@ -77,7 +77,7 @@ def output(pages):
     return find
 
 
-SLOW = ("agents.md", "answer.md", "import.md", "recording.md", "submit.md")
+SLOW = ("agents.md", "import.md", "recording.md", "submit.md")
 """Pages whose blocks take more than about five seconds."""
 
 

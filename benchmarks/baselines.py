@@ -12,7 +12,7 @@ import pandas as pd
 import jbench.report
 from jbench.names import HEURISTIC, TASKS
 from jbench.policies.evaluate import evaluate
-from jbench.settings.evaluation import EvaluationSettings
+from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 
 EPISODES = 100

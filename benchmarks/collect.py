@@ -32,7 +32,7 @@ import jbench.tasks  # noqa: F401 - adds the domain to the suite
 from jbench.commands.output import Output
 from jbench.datasets import collect
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.simulation import Robots
 from jbench.store import Results
 from jbench.tasks import features, model, resets, rewards

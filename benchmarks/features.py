@@ -17,7 +17,7 @@ from jbench.agents.batched.make import ON_FEATURES
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import SeedView, Tensors
 from jbench.settings.algorithms import TD3Settings
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 
 _SIZE = 16  # numbers in an observation
 _UNITS = (12, 240)

@@ -15,7 +15,7 @@ from jbench.encoders import saved
 from jbench.encoders.settings import encoder_settings
 from jbench.policies.saved import Policy, policy_files
 from jbench.settings.algorithms import algorithm_settings
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import encoder_schema, schema
 

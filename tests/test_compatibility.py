@@ -8,8 +8,7 @@ import pytest
 
 from jbench.cli import main
 from jbench.encoders.settings import EncoderSettings
-from jbench.settings.dataset import DatasetSettings
-from jbench.settings.evaluation import EvaluationSettings
+from jbench.settings.records import DatasetSettings, EvaluationSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.merge import TIMES

@@ -44,7 +44,7 @@ def collect(
     from jbench.commands import display
     from jbench.datasets import collect as collect_dataset
     from jbench.settings.base import validated
-    from jbench.settings.dataset import DatasetSettings
+    from jbench.settings.records import DatasetSettings
     from jbench.simulation.find import checked_task, dataset_robot, find_task
 
     output, database = Output(json), parsing.results_to_write(results)

@@ -196,7 +196,7 @@ def _dataset(
 ) -> None:
     from jbench.datasets import find_dataset
     from jbench.datasets.export import export_minari
-    from jbench.settings.dataset import JITTERBUG
+    from jbench.settings.records import JITTERBUG
 
     source = find_dataset(parsing.results_to_write(results), dataset, task or _TASK)
     if task is None:

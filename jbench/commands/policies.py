@@ -56,7 +56,7 @@ def evaluate(
     from jbench.policies.imported import code_of
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
-    from jbench.settings.evaluation import EvaluationSettings
+    from jbench.settings.records import EvaluationSettings
     from jbench.simulation import find_task
     from jbench.tasks.features import TASK_SPECS
 

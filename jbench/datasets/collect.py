@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS, TASKS
-from jbench.settings.dataset import JITTERBUG, DatasetSettings
+from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.simulation import Task, Worlds, find_task, simulate
 from jbench.simulation.find import check_specs
 from jbench.store import Record, Results

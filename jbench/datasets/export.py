@@ -18,7 +18,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.registration import environment_id
 from jbench.settings.base import validated
-from jbench.settings.dataset import JITTERBUG, DatasetSettings
+from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.simulation import find_task
 from jbench.store import locks
 from jbench.store.files import make_directory

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbench.settings.dataset import JITTERBUG
+from jbench.settings.records import JITTERBUG
 from jbench.simulation import Task
 from jbench.store.schema import DATASET_EPISODES, STATE_COLUMNS, STEPS
 from jbench.tasks.features import TARGET_HEIGHT, State, Target

@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.store import Record, Results
 
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from jbench.datasets import layout
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS
-from jbench.settings.dataset import JITTERBUG
-from jbench.settings.specs import Specs
+from jbench.settings.records import JITTERBUG, Specs
 from jbench.simulation import Task, find_task
 from jbench.simulation.find import check_specs
 from jbench.store import Record, Results, schema

@@ -13,7 +13,7 @@ from jbench.importing.request import ImportedFile, ImportRequest, open_file
 from jbench.importing.series import Series
 from jbench.names import ImportFormat
 from jbench.settings.base import validated
-from jbench.settings.imported import ImportSettings
+from jbench.settings.records import ImportSettings
 from jbench.store import Results, schema
 from jbench.store.manifest import FORMULA, plain_settings
 from jbench.store.parquet import table_of

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.find import find_policy
-from jbench.settings.evaluation import EvaluationSettings
+from jbench.settings.records import EvaluationSettings
 from jbench.simulation import Act, Transition, Worlds, find_task, rollout
 from jbench.simulation.jitterbug import JitterbugWorlds
 from jbench.store import Record, Results, schema

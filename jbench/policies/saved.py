@@ -15,8 +15,7 @@ from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Network
-from jbench.settings.external import EXTERNAL
-from jbench.settings.specs import Specs
+from jbench.settings.records import EXTERNAL, Specs
 from jbench.simulation.find import check_specs, find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read

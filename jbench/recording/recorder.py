@@ -23,7 +23,7 @@ from jbench.policies.network import Network
 from jbench.recording.environments import RecordedEnvironment
 from jbench.recording.request import external_settings, provenance_of_loop
 from jbench.recording.writer import RunWriter, copied_network
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.simulation.find import code_of, find_task
 from jbench.store import Results
 from jbench.store.shipped import results_to_write

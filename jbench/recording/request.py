@@ -15,7 +15,7 @@ from jbench.encoders import find_encoder
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, kind_of
 from jbench.settings.base import validated
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Results, files
 from jbench.training.request import representation_of

@@ -16,7 +16,7 @@ from jbench.policies.acting import Actor
 from jbench.policies.copied import UnsupportedPolicyError, network_of
 from jbench.policies.network import Network
 from jbench.policies.saved import policy_files
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.simulation.rollout import Act
 from jbench.store import Record, schema
 from jbench.training.evaluation import EvaluationSchedule, evaluate_policy, seeds_of

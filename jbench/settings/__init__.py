@@ -3,14 +3,8 @@
     base.py          base class: strict types, canonical JSON and its hash
     algorithms.py    DDPG, PPO, SAC and TD3
     bases.py         sources of their hyperparameters, such as Table 1 and the authors' script
-    ofe.py           features learned online with the agent
     run.py           runs, including those that this version can't parse
-    labeled.py       base class of the next two: the algorithm is only a label
-    external.py      runs whose training loop is not part of jbench
-    imported.py      learning curves made by other programs
-    specs.py         what the task of another robot is
-    dataset.py       random-policy datasets
-    evaluation.py    evaluations of a policy
+    records.py       datasets, evaluations, recorded training loops and imported curves
     alike.py         equivalences of settings, and the meaning of omitted settings
     variants.py      names of runs by the settings in which they differ
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import canonical_json, settings_hash
-from jbench.settings.external import EXTERNAL
+from jbench.settings.records import EXTERNAL
 from jbench.settings.run import Run, RunSettings
 
 Flat = dict[tuple[str, ...], Any]

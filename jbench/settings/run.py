@@ -28,10 +28,7 @@ from jbench.names import (
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import Seed, Settings, in_id, omissible, validated
-from jbench.settings.external import EXTERNAL, ExternalSettings
-from jbench.settings.labeled import LABEL
-from jbench.settings.ofe import OFESettings
-from jbench.settings.specs import Specs
+from jbench.settings.records import EXTERNAL, LABEL, ExternalSettings, OFESettings, Specs
 
 
 class RunSettings(Settings):

@@ -11,7 +11,7 @@ from typing import Any
 from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import SUITE, SUITE_TASKS, TASK_GROUP, TASKS, closest, one_of
-from jbench.settings.specs import Specs
+from jbench.settings.records import Specs
 from jbench.simulation.jitterbug import JitterbugTask
 from jbench.simulation.suite import DmTask
 from jbench.simulation.task import Task

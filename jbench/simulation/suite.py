@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS
-from jbench.settings.specs import Specs
+from jbench.settings.records import Specs
 from jbench.simulation.task import State, Step, Task, Worlds
 
 Make = Callable[[int], Any]

@@ -9,7 +9,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.closing import Closing
-from jbench.settings.specs import Specs
+from jbench.settings.records import Specs
 
 State = dict[str, NDArray[Any]]
 """What restores some worlds: arrays by name, each with a row per world."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from jbench.encoders.settings import EncoderSettings
 from jbench.names import Base
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 
 

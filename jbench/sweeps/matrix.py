@@ -34,7 +34,7 @@ from jbench.names import (
 from jbench.seeds import parse_seeds
 from jbench.settings.algorithms import base_of
 from jbench.settings.base import Count, Seed, Settings, in_id, validated, whole
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results

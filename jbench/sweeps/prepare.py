@@ -12,7 +12,7 @@ from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.locks import HeldError

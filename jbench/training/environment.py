@@ -9,7 +9,7 @@ from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.errors import RequestError, WorkError
 from jbench.registration import environment_id
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 

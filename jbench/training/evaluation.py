@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from jbench.agents.batched.environments import Cell
 from jbench.agents.plugin_engine import Trainer
 from jbench.names import EPISODE_STEPS
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Act, find_task, rollout
 from jbench.simulation.paths import PATH_EVERY, Path

@@ -11,7 +11,7 @@ from jbench.cores import cores, one_thread
 from jbench.devices import find_device
 from jbench.errors import RequestError
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results
 from jbench.training.engines import make_trainer

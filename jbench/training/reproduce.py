@@ -13,7 +13,7 @@ from jbench.cores import one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.find import SHIPPED
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings, read_run
 from jbench.store import Record, Results, schema
 from jbench.store.merge import TIMES

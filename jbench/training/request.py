@@ -23,7 +23,7 @@ from jbench.names import (
 )
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.base import settings_with, validated
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import find_task
 from jbench.store import Results

@@ -24,7 +24,7 @@ from jbench.names import ALGORITHMS
 from jbench.policies.saved import Policy, policy_files
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.bases import SCRIPT
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 from jbench.tasks.gym import JitterbugEnv
 
 LENGTH = 20  # control steps of an episode

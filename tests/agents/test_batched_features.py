@@ -8,7 +8,7 @@ import torch
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.make import ON_FEATURES
 from jbench.agents.batched.tensors import SeedView, Tensors
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 from tests.agents.batched_oracle import SIZE, settings_of
 from tests.agents.plain_ofe import PlainDDPGOnFeatures, PlainFeatures
 from tests.agents.test_batched_engine import engine_of

@@ -9,7 +9,7 @@ import pytest
 
 from jbench.cli import main
 from jbench.datasets import collect
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from tests.command_line import INTERRUPTIBLE, wait_until
 from tests.store.store_rows import alter_manifest

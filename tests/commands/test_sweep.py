@@ -46,7 +46,7 @@ def results(tmp_path):
 @pytest.fixture
 def short(monkeypatch):
     """Allows short runs and datasets in this process too, as it reads the matrix."""
-    for module in ("settings.dataset", "training.request"):
+    for module in ("settings.records", "training.request"):
         monkeypatch.setattr(f"jbench.{module}.EPISODE_STEPS", SHORT)
 
 

@@ -5,8 +5,8 @@ import importlib
 import pytest
 
 from jbench.datasets import Dataset, collect, reader
-from jbench.settings import dataset as settings
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings import records as settings
+from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 
 # Imported by name, since the package has a function of the same name.

@@ -16,8 +16,8 @@ import time
 from pathlib import Path
 
 from jbench.datasets import collect
-from jbench.settings import dataset as dataset_settings
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings import records as dataset_settings
+from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 
 # Imported by name, since the package has a function of the same name.

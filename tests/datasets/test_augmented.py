@@ -10,7 +10,7 @@ import pytest
 from jbench import cli
 from jbench.datasets import Dataset, collect, layout
 from jbench.names import TASKS
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.simulation import simulate
 from jbench.store import Results
 from jbench.tasks import features, model, resets

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from jbench.datasets import collect
 from jbench.errors import WorkError
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 
 

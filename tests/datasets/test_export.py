@@ -15,7 +15,7 @@ from jbench.datasets.export import export_minari, minari_id
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
 from tests.command_line import Process

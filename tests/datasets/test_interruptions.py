@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from jbench.datasets import collect
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from tests.command_line import Process
 from tests.forking import ROOT

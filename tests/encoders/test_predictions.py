@@ -23,7 +23,7 @@ from jbench.encoders.registry import make_kind
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import Shard, States
 from jbench.errors import RequestError
-from jbench.settings.dataset import DatasetSettings
+from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from jbench.store.query import load
 from tests.encoders.encoder_data import observations_of

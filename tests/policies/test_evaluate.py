@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from jbench.cli import main
 from jbench.policies.evaluate import evaluate
-from jbench.settings.evaluation import EvaluationSettings
+from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.query import load, run_sql
 from jbench.tasks import resets

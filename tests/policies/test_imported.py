@@ -8,7 +8,7 @@ import pytest
 from jbench.errors import RequestError, WorkError
 from jbench.policies.find import find_policy
 from jbench.policies.imported import code_of, is_imported_policy
-from jbench.settings.evaluation import EvaluationSettings
+from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 
 MODULE = """

@@ -14,7 +14,7 @@ from jbench.cli import main
 from jbench.policies import find
 from jbench.policies.saved import Policy, has_policy, policy_files
 from jbench.settings.base import settings_hash
-from jbench.settings.evaluation import EvaluationSettings
+from jbench.settings.records import EvaluationSettings
 from jbench.store import Results, schema
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify

@@ -23,7 +23,7 @@ from jbench.policies.copied import network_of
 from jbench.policies.saved import has_policy, load_agent
 from jbench.recording.request import plain_hyperparameters
 from jbench.registration import environment_id
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.settings.run import read_run
 from jbench.simulation import find_task, rollout
 from jbench.store import Results

@@ -8,7 +8,7 @@ import pytest
 
 from jbench.policies.evaluate import evaluate
 from jbench.report.policies import behavior
-from jbench.settings.evaluation import EvaluationSettings
+from jbench.settings.records import EvaluationSettings
 from jbench.store import Results, parquet, schema
 
 STATES = {

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
-from jbench.settings.external import ExternalSettings
+from jbench.settings.records import ExternalSettings
 from jbench.tasks import features, resets
 from jbench.tasks import model as robot
 from jbench.tasks.robots import load_model

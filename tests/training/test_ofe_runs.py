@@ -10,7 +10,7 @@ from jbench.errors import RequestError
 from jbench.policies.find import find_policy
 from jbench.policies.saved import DESCRIPTION, Policy, load_agent
 from jbench.settings.alike import comparable
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels
 from jbench.store import Results

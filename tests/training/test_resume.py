@@ -6,7 +6,7 @@ import json
 import pytest
 
 from jbench.policies.saved import WEIGHTS
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 from jbench.store import Results
 from tests.command_line import Process
 from tests.training.small_runs import rows, small_run

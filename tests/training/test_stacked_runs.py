@@ -7,7 +7,7 @@ import safetensors.torch
 import torch
 
 from jbench.policies.saved import WEIGHTS
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.sweeps.executors import batches

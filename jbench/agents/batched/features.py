@@ -18,7 +18,7 @@ from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.network import Affine, Layer, Network, affine_count, affine_views
 from jbench.agents.batched.tensors import SeedView
 from jbench.policies.feature_map import MAX_INPUT, MIN_DEVIATION, FeatureMap
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 
 
 class Features:

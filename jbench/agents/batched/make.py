@@ -34,7 +34,7 @@ from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, PRECISIONS, TimeLimit, one_of
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 
 LEARNERS: dict[str, type[Learner]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
 """jbench's own update rules by name of the algorithm."""

@@ -19,7 +19,7 @@ from jbench.agents.batched.sac import SAC
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import SeedView
 from jbench.policies.feature_map import FeatureMap
-from jbench.settings.ofe import OFESettings
+from jbench.settings.records import OFESettings
 
 _LOSS = "prediction_loss"
 

@@ -1,0 +1,209 @@
+"""Settings of everything but runs: datasets, evaluations, recorded loops and imported curves."""
+
+import re
+from typing import Any, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from jbench.names import (
+    EPISODE_STEPS,
+    FULL,
+    MAX_COUNT,
+    OFE,
+    ImportFormat,
+    ReturnsName,
+    TimeLimit,
+)
+from jbench.settings.base import Count, Seed, Settings, in_id, omissible
+
+
+class Specs(Settings):
+    """What a task's robot, observation and actions are.
+
+    Part of the settings of runs, datasets and evaluations, since the code behind a task's name may
+    change. The Jitterbug's tasks have none.
+    """
+
+    model: str | None = Field(
+        default=None, description="SHA-256 of the physical parameters of the MuJoCo model"
+    )
+    parts: list[str] = Field(description="names of the parts of the observation, in order")
+    sizes: list[Count] = Field(description="number of values of each part")
+    action_minimum: list[float] = Field(description="what the action -1 is for each actuator")
+    action_maximum: list[float] = Field(description="what the action 1 is for each actuator")
+    control_timestep: float | None = Field(default=None, description="s")
+
+
+class OFESettings(Settings):
+    """Two networks that learn to predict the next observation, in front of actor and critics."""
+
+    units: int = Field(
+        ge=2,
+        le=1000,
+        description="features of each network; if there are no more than observation dimensions, "
+        "the agent observes only them, else the observation followed by them",
+    )
+    layers: Count = Field(
+        default=6, description="layers over which the units are spread; the authors' code"
+    )
+    learning_rate: float = Field(default=3e-4, gt=0, description="Adam; the authors' code")
+    pretraining: float = Field(
+        default=1.0,
+        ge=0,
+        description="feature updates per control step before the agent's first update, all made "
+        "just before it; the authors' code",
+    )
+    standardize_updates: Count = Field(
+        default=10_000,
+        description="number of feature updates whose minibatches determine the observations' mean "
+        "and standard deviation, which are fixed afterwards",
+    )
+
+    @property
+    def representation(self) -> str:
+        """Name of the representation in a run's id, such as ofe12."""
+        return f"{OFE}{self.units}"
+
+    @property
+    def widths(self) -> list[int]:
+        """Units of each layer of a network: equal up to one, larger layers first."""
+        layers = min(self.layers, self.units)
+        return [self.units // layers + (i < self.units % layers) for i in range(layers)]
+
+
+JITTERBUG = "jitterbug"
+"""Robot of a dataset that serves all five tasks."""
+
+
+class DatasetSettings(Settings):
+    """Settings that identify a dataset."""
+
+    policy: str = "random"
+    robot: str = Field(default=JITTERBUG, description="or the name of a task of another robot")
+    specs: Specs | None = omissible(None, description="of a task of another robot")
+    seed: Seed = 0
+    steps: int = Field(
+        default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
+    )
+    augment: Seed | None = omissible(None, description="seed of an augmented robot")
+
+    @field_validator("steps")
+    @classmethod
+    def _whole_episodes(cls, steps: int) -> int:
+        if steps % EPISODE_STEPS:
+            up = (steps // EPISODE_STEPS + 1) * EPISODE_STEPS
+            raise ValueError(
+                f"episodes last {EPISODE_STEPS} control steps; steps must be a multiple, such as "
+                f"{up}"
+            )
+        return steps
+
+    @property
+    def id(self) -> str:
+        """The dataset's id, such as random/s00-1f9a2c4e or dmc.cheetah-run/random/s00-59ba1e20."""
+        robot = "" if self.specs is None else f"{in_id(self.robot)}/"
+        return f"{robot}{self.policy}/s{self.seed:02d}-{self.hash}"
+
+
+class EvaluationSettings(Settings):
+    """Settings that identify an evaluation."""
+
+    task: str
+    specs: Specs | None = omissible(None, description="of a task of another robot")
+    policy: str = Field(description="as typed by the user, such as heuristic; a file has no path")
+    episodes: Count = 100
+    seed: Seed = 0
+    states: bool = Field(default=False, description="whether to record every state")
+    target_yaw: float | None = Field(default=None, description="rad; None: drawn by the task")
+    augment: Seed | None = Field(default=None, description="seed of an augmented robot")
+    code: str | None = omissible(
+        None, description="package and version of an imported policy, or its file's SHA-256"
+    )
+
+    @property
+    def id(self) -> str:
+        """The evaluation's id, such as move_to_pose/heuristic/s00-1f9a2c4e."""
+        name = in_id(self.policy).replace("/", ".")
+        return f"{in_id(self.task)}/{name}/s{self.seed:02d}-{self.hash}"
+
+
+LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+"""Labels of algorithms and representations: part of an id, so valid as names of directories."""
+
+
+class LabeledSettings(Settings):
+    """Base class of the settings of recorded training loops and of imported learning curves."""
+
+    task: str
+    algo: str = Field(description="label of the algorithm, such as cleanrl-td3")
+    representation: str = Field(
+        default=FULL, description="label of what the agent observes: full, or one such as dae12"
+    )
+    seed: Seed
+
+    @field_validator("task")
+    @classmethod
+    def _is_a_name(cls, task: str) -> str:
+        if not LABEL.fullmatch(in_id(task)):
+            raise ValueError("type the name of a task, such as face_direction")
+        return task
+
+    @field_validator("algo", "representation")
+    @classmethod
+    def _fits_into_an_id(cls, label: str) -> str:
+        if not LABEL.fullmatch(label):
+            raise ValueError("type letters, digits, '.', '-' and '_', such as cleanrl-td3")
+        return label
+
+    @property
+    def id(self) -> str:
+        """The id, such as face_direction/cleanrl-td3/full/s03-1f9a2c4e."""
+        return f"{in_id(self.task)}/{self.algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The settings as a manifest records them."""
+        return self.model_dump(mode="json")
+
+
+EXTERNAL: Literal["external"] = "external"
+"""The engine of these runs."""
+
+
+class ExternalSettings(LabeledSettings):
+    """Settings that identify a run that `jbench.record` writes.
+
+    jbench knows neither the algorithm nor its hyperparameters: both are recorded as given.
+    """
+
+    encoder: str | None = Field(default=None, description="id of the encoder")
+    steps: Count = Field(description="control steps over all environments")
+    engine: Literal["external"] = EXTERNAL
+    time_limit: TimeLimit = "bootstrap"
+    evaluate_every: Count = Field(description="control steps between evaluations")
+    evaluate_episodes: int = Field(ge=0, le=MAX_COUNT, description="episodes in an evaluation")
+    hyperparameters: dict[str, Any] = Field(description="JSON values by name")
+    augment: Seed | None = omissible(None, description="seed of the augmented robot")
+    specs: Specs | None = omissible(None, description="of a task of another robot")
+
+    @model_validator(mode="after")
+    def _is_of_the_jitterbug(self) -> Self:
+        if self.specs is not None and self.augment is not None:
+            raise ValueError(f"{self.task} has no augmented robots: leave augment out")
+        return self
+
+    @property
+    def robots(self) -> int:
+        """Number of robots that are trained on in sequence."""
+        return 1
+
+
+class ImportSettings(LabeledSettings):
+    """Settings that identify an import: the content of its files and how they were read."""
+
+    format: ImportFormat
+    returns: ReturnsName
+    files: list[str] = Field(min_length=1, description="SHA-256 of each file")
+    columns: dict[str, str] = omissible(
+        {}, description="columns or tags of the file that were read: steps, return, seed"
+    )

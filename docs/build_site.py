@@ -1,7 +1,8 @@
 """Builds the documentation site, strictly: python docs/build_site.py, or make docs.
 
-The site is the Markdown of this folder with the README as its first page, and three generated
-parts: the reference of the commands, that of the Python API, and the report of the shipped runs.
+The site is the Markdown of this folder with the README as its first page, and four generated
+parts: the reference of the commands, that of the Python API, the columns of the database, and the
+report of the shipped runs.
 It works offline: a page that would request something from elsewhere fails the build.
 """
 
@@ -14,6 +15,8 @@ from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+
+from jbench.store.schema import FILES
 
 ROOT = Path(__file__).resolve().parents[1]
 STAGE = ROOT / "build" / "site-source"
@@ -44,6 +47,7 @@ def main() -> None:
     (pages / "index.md").write_text((ROOT / "README.md").read_text("utf-8"), "utf-8")
     (pages / "contributing.md").write_text((ROOT / "CONTRIBUTING.md").read_text("utf-8"), "utf-8")
     (pages / "commands.md").write_text(command_reference(), "utf-8")
+    (pages / "tables.md").write_text(columns_of_tables(), "utf-8")
     (pages / "results.md").write_text(shipped_runs(pages / "reference"), "utf-8")
     titles = {page.name: title_of(page) for page in pages.glob("*.md")}
     for page in pages.glob("*.md"):
@@ -67,6 +71,17 @@ def command_reference() -> str:
     ).stdout
     # The list of commands shortens each sentence; the table of contents has all names.
     return re.sub(r"\*\*Commands\*\*:\n\n(\* .*\n)+\n", "", text)
+
+
+def columns_of_tables() -> str:
+    """Returns the page with the columns of all tables of the database and their units."""
+    text = "# Columns of the database\n\n`database.md` says what the rows of each table are.\n"
+    for table, columns in FILES.items():
+        text += f"\n## `{table}`\n\n| column | type | unit |\n|---|---|---|\n"
+        for column in columns:
+            unit = (column.metadata or {}).get(b"unit", b"").decode()
+            text += f"| `{column.name}` | {column.type} | {unit} |\n"
+    return text
 
 
 def shipped_runs(directory: Path) -> str:

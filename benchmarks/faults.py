@@ -5,8 +5,8 @@
     python benchmarks/faults.py --verbs train,merge
 
 `tests/faults/fault_harness.py` defines the cases and the checks after each. This script prints each
-case that breaks a promise, and the table of docs/durability.md: the number of cases, or `wrong of
-cases`, for each verb and call. Ctrl-C prints the table of what was tried.
+case that breaks a promise, and a table with the number of cases, or `wrong of cases`, for each verb
+and call. Ctrl-C prints the table of what was tried.
 """
 
 import argparse

@@ -13,7 +13,8 @@ import safetensors.numpy
 from jbench.datasets import collect
 from jbench.encoders import saved
 from jbench.encoders.settings import encoder_settings
-from jbench.policies.saved import Policy, policy_files
+from jbench.policies.network import SavedNetwork, linear_layer, relu_layers
+from jbench.policies.saved import policy_files
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
@@ -110,5 +111,8 @@ def _policy(representation):
     sizes = (16 if representation == "full" else 14, 8, 1)
     random = np.random.default_rng(1)
     pairs = list(zip(sizes[1:], sizes[:-1], strict=True))
-    weights = [random.normal(size=pair).astype("f4") for pair in pairs]
-    return Policy(weights, [np.zeros(units, "f4") for units, _ in pairs], "tanh")
+    linear = [
+        linear_layer(random.normal(size=pair).astype("f4"), np.zeros(pair[0], "f4"))
+        for pair in pairs
+    ]
+    return SavedNetwork(relu_layers(linear, "tanh"))

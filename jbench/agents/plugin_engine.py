@@ -20,8 +20,8 @@ from jbench.closing import Closing
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS, TimeLimit
-from jbench.policies.copied import network_of
-from jbench.policies.network import Network
+from jbench.policies.copied import copy_module
+from jbench.policies.network import SavedNetwork
 from jbench.settings.base import Settings
 from jbench.store import schema
 
@@ -134,7 +134,7 @@ class PluginEngine(Closing):
             actions = self._actions(self._agent.act, inputs)[None]
         return actions * self.environments.action_signs(seen)
 
-    def policy(self, seed: int) -> Network | None:
+    def policy(self, seed: int) -> SavedNetwork | None:
         """Returns a copy of the policy, or None if the agent does not offer it.
 
         Raises:
@@ -142,7 +142,7 @@ class PluginEngine(Closing):
         """
         module = self._module()
         sizes = self.environments.size, self.environments.action_size
-        return None if module is None else network_of(module, *sizes)
+        return None if module is None else copy_module(module, *sizes)
 
     def losses(self, seed: int) -> dict[str, float]:
         """Returns the last losses by database name; empty before the first."""

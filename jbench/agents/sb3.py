@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from jbench.agents.sb3_policy import actor_of
-from jbench.policies.saved import Policy
+from jbench.policies.network import SavedNetwork, linear_layer, relu_layers
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
@@ -89,15 +89,14 @@ def losses(agent: BaseAlgorithm) -> dict[str, float]:
     return {name: float(values[key]) for name, key in _LOSSES.items() if key in values}
 
 
-def policy(agent: BaseAlgorithm) -> Policy:
+def policy(agent: BaseAlgorithm) -> SavedNetwork:
     """Returns a copy of the agent's deterministic policy."""
-    modules = actor_of(agent.policy).modules()
-    linear = [module for module in modules if isinstance(module, nn.Linear)]
-    return Policy(
-        weights=[layer.weight.detach().numpy().copy() for layer in linear],
-        biases=[layer.bias.detach().numpy().copy() for layer in linear],
-        squash="clip" if isinstance(agent, PPO) else "tanh",
-    )
+    linear = [
+        linear_layer(*(array.detach().numpy().copy() for array in (module.weight, module.bias)))
+        for module in actor_of(agent.policy).modules()
+        if isinstance(module, nn.Linear)
+    ]
+    return SavedNetwork(relu_layers(linear, "clip" if isinstance(agent, PPO) else "tanh"))
 
 
 def _noise(settings: OffPolicySettings, shape: Any) -> ActionNoise | None:

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import nn
 
 from jbench import plugins
-from jbench.agents.sb3_policy import network_of_model
+from jbench.agents.sb3_policy import copy_model
 from jbench.errors import RequestError
 from jbench.policies.copied import UnsupportedPolicyError
 from jbench.settings.base import canonical_json
@@ -105,7 +105,7 @@ def check(
             "number of steps, or one environment."
         )
     try:
-        network_of_model(agent, observation_size, action_size)
+        copy_model(agent, observation_size, action_size)
     except UnsupportedPolicyError as error:
         raise RequestError(
             f"The policy of {name} can't be saved ({error.why}); record its training loop with "

@@ -7,11 +7,11 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
 from jbench.policies.acting import normalization
-from jbench.policies.copied import UnsupportedPolicyError, network_of
-from jbench.policies.network import Layer, Network
+from jbench.policies.copied import UnsupportedPolicyError, copy_module
+from jbench.policies.network import SavedLayer, SavedNetwork
 
 
-def network_of_model(model: Any, inputs: int, outputs: int) -> Network:
+def copy_model(model: Any, inputs: int, outputs: int) -> SavedNetwork:
     """Returns a copy of the deterministic policy of a model.
 
     Args:
@@ -25,8 +25,8 @@ def network_of_model(model: Any, inputs: int, outputs: int) -> Network:
     owner = policy.actor if hasattr(policy, "actor") else policy
     if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
         raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
-    network = network_of(actor_of(policy), inputs, outputs)
-    return Network([*_normalization_layers(model), *network.layers])
+    network = copy_module(actor_of(policy), inputs, outputs)
+    return SavedNetwork([*_normalization_layers(model), *network.layers])
 
 
 def actor_of(policy: Any) -> nn.Module:
@@ -46,14 +46,14 @@ def actor_of(policy: Any) -> nn.Module:
     raise UnsupportedPolicyError(f"the actor of a {type(policy).__name__} is not known")
 
 
-def _normalization_layers(model: Any) -> list[Layer]:
+def _normalization_layers(model: Any) -> list[SavedLayer]:
     found = normalization(model)
     if found is None:
         return []
     statistics: Any = found.obs_rms
     deviation = np.sqrt(statistics.var + found.epsilon)
     return [
-        Layer("shift", {"offset": -statistics.mean.astype(np.float32)}),
-        Layer("scale", {"factor": (1 / deviation).astype(np.float32)}),
-        Layer("clip", numbers={"low": -found.clip_obs, "high": found.clip_obs}),
+        SavedLayer("shift", {"offset": -statistics.mean.astype(np.float32)}),
+        SavedLayer("scale", {"factor": (1 / deviation).astype(np.float32)}),
+        SavedLayer("clip", numbers={"low": -found.clip_obs, "high": found.clip_obs}),
     ]

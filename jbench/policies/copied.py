@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from jbench.errors import RequestError
 from jbench.policies.acting import acting
-from jbench.policies.network import Layer, Network
+from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer
 from jbench.wording import counted
 
 _TOLERANCE = 1e-4  # of actions; float32 sums in another order differ by less
@@ -48,7 +48,7 @@ class UnsupportedPolicyError(RequestError):
         )
 
 
-def network_of(module: object, inputs: int, outputs: int) -> Network:
+def copy_module(module: object, inputs: int, outputs: int) -> SavedNetwork:
     """Returns a copy of a module as a policy.
 
     The computation is traced (`torch.fx`), and the result is compared with the module on random
@@ -71,7 +71,7 @@ def network_of(module: object, inputs: int, outputs: int) -> Network:
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UnsupportedPolicyError(f"its computation can't be traced ({reason})") from None
-    network = Network(_Chain(module, graph).layers())
+    network = SavedNetwork(_Chain(module, graph).layers())
     _check(network, module, inputs, outputs)
     return network
 
@@ -82,13 +82,13 @@ class _Chain:
     def __init__(self, module: nn.Module, graph: fx.Graph) -> None:
         self._module, self._graph = module, graph
 
-    def layers(self) -> list[Layer]:
+    def layers(self) -> list[SavedLayer]:
         """Returns the layers, found backwards from the action to the observation.
 
         Raises:
             UnsupportedPolicyError: if one is not supported, or takes several results.
         """
-        layers: list[Layer] = []
+        layers: list[SavedLayer] = []
         node = next(node for node in self._graph.nodes if node.op == "output").args[0]
         while True:
             if not isinstance(node, fx.Node):
@@ -103,13 +103,13 @@ class _Chain:
             layers = [*self._layers_of(node, before[0]), *layers]
             node = before[0]
 
-    def _layers_of(self, node: fx.Node, before: fx.Node) -> list[Layer]:
+    def _layers_of(self, node: fx.Node, before: fx.Node) -> list[SavedLayer]:
         """Returns the layers of a node that takes the result of one other node."""
         if node.op == "call_module":
-            return layers_of_module(self._module.get_submodule(str(node.target)))
+            return module_layers(self._module.get_submodule(str(node.target)))
         target: Any = node.target
         if target in _PLAIN:
-            return [Layer(_PLAIN[target])]
+            return [SavedLayer(_PLAIN[target])]
         if target in _IDENTITY:
             return []
         arguments = [None if one is before else self._value(one) for one in node.args]
@@ -126,7 +126,7 @@ class _Chain:
         return operator.attrgetter(str(argument.target))(self._module)
 
 
-def layers_of_module(module: nn.Module) -> list[Layer]:
+def module_layers(module: nn.Module) -> list[SavedLayer]:
     """Returns the layers of a module of torch.
 
     Raises:
@@ -134,38 +134,36 @@ def layers_of_module(module: nn.Module) -> list[Layer]:
     """
     kind = type(module)
     if kind in _PLAIN:
-        return [Layer(_PLAIN[kind])]
+        return [SavedLayer(_PLAIN[kind])]
     if kind in _IDENTITY:
         return []
     if isinstance(module, nn.Linear):
         bias = torch.zeros(module.out_features) if module.bias is None else module.bias
-        return [
-            Layer("linear", {"weight": float32_array(module.weight), "bias": float32_array(bias)})
-        ]
+        return [linear_layer(float32_array(module.weight), float32_array(bias))]
     if isinstance(module, nn.LayerNorm) and len(module.normalized_shape) == 1:
         size = module.normalized_shape
         weight = torch.ones(size) if module.weight is None else module.weight
         bias = torch.zeros(size) if module.bias is None else module.bias
         arrays = {"weight": float32_array(weight), "bias": float32_array(bias)}
-        return [Layer("layer_norm", arrays, {"epsilon": module.eps})]
+        return [SavedLayer("layer_norm", arrays, {"epsilon": module.eps})]
     if isinstance(module, nn.ELU):
-        return [Layer("elu", numbers={"alpha": module.alpha})]
+        return [SavedLayer("elu", numbers={"alpha": module.alpha})]
     if isinstance(module, nn.LeakyReLU):
-        return [Layer("leaky_relu", numbers={"slope": module.negative_slope})]
+        return [SavedLayer("leaky_relu", numbers={"slope": module.negative_slope})]
     if isinstance(module, nn.Hardtanh):
-        return [Layer("clip", numbers={"low": module.min_val, "high": module.max_val})]
+        return [SavedLayer("clip", numbers={"low": module.min_val, "high": module.max_val})]
     raise UnsupportedPolicyError(f"the layer {kind.__name__} is not supported")
 
 
-def _clamp(arguments: Sequence[Any], named: Mapping[str, Any]) -> Layer:
+def _clamp(arguments: Sequence[Any], named: Mapping[str, Any]) -> SavedLayer:
     """Returns the layer of torch.clamp or functional.hardtanh."""
     bounds = [*arguments, *named.values()]
     if len(bounds) != 2 or not all(isinstance(bound, int | float) for bound in bounds):
         raise UnsupportedPolicyError("a clamp has no two numbers as its bounds")
-    return Layer("clip", numbers={"low": float(min(bounds)), "high": float(max(bounds))})
+    return SavedLayer("clip", numbers={"low": float(min(bounds)), "high": float(max(bounds))})
 
 
-def _arithmetic(name: str, arguments: Sequence[Any]) -> list[Layer]:
+def _arithmetic(name: str, arguments: Sequence[Any]) -> list[SavedLayer]:
     """Returns the layers of an operation of the value so far (None) and a constant."""
     value_first = arguments[0] is None
     constant = float32_array(arguments[1 if value_first else 0])
@@ -173,16 +171,16 @@ def _arithmetic(name: str, arguments: Sequence[Any]) -> list[Layer]:
         raise UnsupportedPolicyError("a constant is a matrix")
     constant = constant.reshape(-1)
     if name == "add":
-        return [Layer("shift", {"offset": constant})]
+        return [SavedLayer("shift", {"offset": constant})]
     if name == "mul":
-        return [Layer("scale", {"factor": constant})]
+        return [SavedLayer("scale", {"factor": constant})]
     if name == "sub" and value_first:
-        return [Layer("shift", {"offset": -constant})]
+        return [SavedLayer("shift", {"offset": -constant})]
     if name == "sub":
         minus = np.array([-1], np.float32)
-        return [Layer("scale", {"factor": minus}), Layer("shift", {"offset": constant})]
+        return [SavedLayer("scale", {"factor": minus}), SavedLayer("shift", {"offset": constant})]
     if name == "div" and value_first:
-        return [Layer("scale", {"factor": np.reciprocal(constant)})]
+        return [SavedLayer("scale", {"factor": np.reciprocal(constant)})]
     raise UnsupportedPolicyError("it divides by its inputs")
 
 
@@ -193,7 +191,7 @@ def float32_array(value: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
     return np.array(value, np.float32)
 
 
-def _check(network: Network, module: nn.Module, inputs: int, outputs: int) -> None:
+def _check(network: SavedNetwork, module: nn.Module, inputs: int, outputs: int) -> None:
     """Compares a policy with the module that it was made from."""
     if not any(layer.kind == "linear" for layer in network.layers):
         raise UnsupportedPolicyError("it has no Linear layer")

@@ -1,6 +1,5 @@
-"""Policies that are a sequence of layers, evaluated with numpy only."""
+"""Saved policies: layers applied one after another, evaluated with numpy only."""
 
-import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,10 +12,17 @@ from numpy.typing import NDArray
 
 Float = NDArray[np.float32]
 
+MAX_INPUT = 10.0
+"""Bound of the absolute value of an observation that learned features standardize."""
+
+_CONCAT = "concat"
+"""The kind of a layer that puts an earlier result before the last one. Its number `earlier` counts
+the layers before that result: 0 for the observation."""
+
 
 @dataclass(frozen=True)
-class Layer:
-    """A layer: its kind, one of `LAYERS`, with its arrays and numbers by name."""
+class SavedLayer:
+    """A layer: its kind, one of `LAYERS` or "concat", with its arrays and numbers by name."""
 
     kind: str
     arrays: Mapping[str, Float] = field(default_factory=dict)
@@ -40,6 +46,8 @@ LAYERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Float]]]
     "layer_norm": (("weight", "bias"), ("epsilon",), _layer_norm),
     "scale": (("factor",), (), lambda x, factor: x * factor),
     "shift": (("offset",), (), lambda x, offset: x + offset),
+    "divide": (("divisor",), (), lambda x, divisor: x / divisor),
+    "columns": ((), ("first",), lambda x, first: x[..., int(first) :]),
     "clip": ((), ("low", "high"), lambda x, low, high: np.clip(x, low, high)),
     "relu": ((), (), lambda x: np.maximum(x, 0)),
     "tanh": ((), (), np.tanh),
@@ -56,88 +64,139 @@ LAYERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Float]]]
 
 
 @dataclass(frozen=True)
-class Network:
+class SavedNetwork:
     """A deterministic policy: layers applied one after another, then clipped to [-1, 1]."""
 
-    layers: Sequence[Layer]
+    layers: Sequence[SavedLayer]
 
     @property
     def inputs(self) -> int:
         """Number of inputs."""
-        return int(self._linear()[0].shape[1])
+        return int(self.linear_layers()[0].arrays["weight"].shape[1])
 
     @property
     def outputs(self) -> int:
         """Number of outputs."""
-        return int(self._linear()[-1].shape[0])
+        return int(self.linear_layers()[-1].arrays["weight"].shape[0])
+
+    def linear_layers(self) -> list[SavedLayer]:
+        """Returns the layers with a weight matrix (units, inputs) and a bias (units,)."""
+        return [layer for layer in self.layers if layer.kind == "linear"]
+
+    def structure(self) -> list[tuple[str, Mapping[str, float], dict[str, tuple[int, ...]]]]:
+        """Returns kind, numbers and shapes of each layer."""
+        return [
+            (layer.kind, layer.numbers, {name: array.shape for name, array in layer.arrays.items()})
+            for layer in self.layers
+        ]
 
     def act(self, observations: Float) -> Float:
         """Returns actions (..., action_size) for (encoded) observations (..., size)."""
         values = observations.astype(np.float32, copy=False)
+        results = [values]
         for layer in self.layers:
-            function = LAYERS[layer.kind][2]
-            values = function(values, **layer.arrays, **layer.numbers)
+            if layer.kind == _CONCAT:
+                earlier = results[int(layer.numbers["earlier"])]
+                values = np.concatenate([earlier, values], axis=-1)
+            else:
+                values = LAYERS[layer.kind][2](values, **layer.arrays, **layer.numbers)
             values = values.astype(np.float32, copy=False)
+            results.append(values)
         return np.clip(values, -1, 1)
 
-    def description(self) -> dict[str, Any]:
-        """Returns kinds and numbers of the layers, for JSON."""
-        return {"network": [{"layer": layer.kind, **layer.numbers} for layer in self.layers]}
-
-    def tensors(self) -> dict[str, Float]:
-        """Returns the arrays by name, such as 0.weight, for safetensors."""
-        return {
+    def files(self) -> tuple[bytes, bytes]:
+        """Returns the arrays as safetensors, by names such as 0.weight, and the rest as JSON."""
+        tensors = {
             f"{i}.{name}": np.ascontiguousarray(array)
             for i, layer in enumerate(self.layers)
             for name, array in layer.arrays.items()
         }
+        described = {"network": [{"layer": layer.kind, **layer.numbers} for layer in self.layers]}
+        return safetensors.numpy.save(tensors), json.dumps(described, indent=1).encode()
 
     @classmethod
-    def from_files(cls, weights: bytes, description: bytes) -> "Network":
-        """Inverts `tensors` (as safetensors) and `description` (as JSON).
+    def from_files(cls, weights: bytes, description: bytes) -> "SavedNetwork":
+        """Inverts `files`, and reads the older format: ReLU layers with a `squash`.
 
         Raises:
             ValueError: if the files are invalid, or the sizes of the layers do not match.
         """
         try:
-            tensors = safetensors.numpy.load(weights)
-            layers = [
-                _layer(dict(described), i, tensors)
-                for i, described in enumerate(json.loads(description)["network"])
-            ]
-        except (safetensors.SafetensorError, KeyError, TypeError) as error:
+            tensors, described = safetensors.numpy.load(weights), json.loads(description)
+            network = cls(
+                [_layer(layer, i, tensors) for i, layer in enumerate(described["network"])]
+                if "network" in described
+                else _older_layers(described, tensors)
+            )
+            acted = network.act(np.zeros((1, network.inputs), np.float32))
+        except (safetensors.SafetensorError, LookupError, TypeError, AttributeError) as error:
             raise ValueError(f"no policy: {error}") from None
-        network = cls(layers)
-        network._check_sizes()
+        if acted.shape != (1, network.outputs):
+            raise ValueError("no policy: a layer does not fit the layer before it")
         return network
 
-    def _linear(self) -> list[Float]:
-        return [layer.arrays["weight"] for layer in self.layers if layer.kind == "linear"]
 
-    def _check_sizes(self) -> None:
-        weights = self._linear()
-        if not weights or any(weight.ndim != 2 for weight in weights):
-            raise ValueError("no policy: no linear layer, or one whose weight is no matrix")
-        for first, second in itertools.pairwise(weights):
-            if first.shape[0] != second.shape[1]:
-                raise ValueError("no policy: a layer does not fit the layer before it")
-        size = self.inputs
-        for layer in self.layers:
-            if layer.kind == "linear":
-                size = layer.arrays["weight"].shape[0]
-            for name, array in layer.arrays.items():
-                if name != "weight" or layer.kind != "linear":
-                    allowed = {(size,)} if layer.kind == "linear" else {(size,), (1,)}
-                    if array.shape not in allowed:
-                        raise ValueError(f"no policy: {name} of a {layer.kind} has another size")
+def linear_layer(weight: Float, bias: Float) -> SavedLayer:
+    """Returns a layer with a weight matrix (units, inputs) and a bias (units,)."""
+    return SavedLayer("linear", {"weight": weight, "bias": bias})
 
 
-def _layer(described: dict[str, Any], i: int, tensors: Mapping[str, Float]) -> Layer:
+def relu_layers(linear: Sequence[SavedLayer], squash: str) -> list[SavedLayer]:
+    """Returns layers with ReLU between them and "tanh" or "clip" (to [-1, 1]) after the last.
+
+    Raises:
+        KeyError: for another squash.
+    """
+    last = {"tanh": SavedLayer("tanh"), "clip": SavedLayer("clip", numbers={"low": -1, "high": 1})}
+    between = [layer for each in linear for layer in (each, SavedLayer("relu"))]
+    return [*between[:-1], last[squash]]
+
+
+def feature_layers(
+    mean: Float, deviation: Float, linear: Sequence[SavedLayer], appended: bool
+) -> list[SavedLayer]:
+    """Returns densely connected layers of SiLU units on standardized observations.
+
+    Args:
+        mean: (size,) of the observations.
+        deviation: (size,) standard deviation of the observations.
+        linear: each takes the standardized observation and the units of the layers before it.
+        appended: whether the features are the observation followed by the units, or only the units.
+    """
+    layers = [
+        SavedLayer("shift", {"offset": -mean}),
+        SavedLayer("divide", {"divisor": deviation}),
+        SavedLayer("clip", numbers={"low": -MAX_INPUT, "high": MAX_INPUT}),
+    ]
+    for layer in linear:
+        inputs = SavedLayer(_CONCAT, numbers={"earlier": len(layers)})
+        layers += [layer, SavedLayer("silu"), inputs]
+    layers.append(SavedLayer("columns", numbers={"first": len(mean)}))
+    return [*layers, SavedLayer(_CONCAT, numbers={"earlier": 0})] if appended else layers
+
+
+def _layer(described: dict[str, Any], i: int, tensors: Mapping[str, Float]) -> SavedLayer:
     """Returns layer number i from its description and its tensors."""
     kind = described["layer"]
-    arrays, numbers, _ = LAYERS[kind]
-    return Layer(
+    arrays, numbers = ((), ("earlier",)) if kind == _CONCAT else LAYERS[kind][:2]
+    return SavedLayer(
         kind,
         {name: np.asarray(tensors[f"{i}.{name}"], np.float32) for name in arrays},
         {name: float(described[name]) for name in numbers},
     )
+
+
+def _older_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> list[SavedLayer]:
+    """Returns the layers of the older format, which follow those of learned features if any."""
+
+    def linear(prefix: str, count: int) -> list[SavedLayer]:
+        names = [f"{prefix}{i}" for i in range(count)]
+        return [linear_layer(tensors[f"{n}.weight"], tensors[f"{n}.bias"]) for n in names]
+
+    layers = relu_layers(linear("", described["layers"]), described["squash"])
+    features = described.get("features")
+    if features is None:
+        return layers
+    standard = tensors["features.mean"], tensors["features.deviation"]
+    units = linear("features.", features["layers"])
+    return [*feature_layers(*standard, units, bool(features["appended"])), *layers]

@@ -1,20 +1,14 @@
-"""Saved policies: a few matrices, usable without the library that trained them."""
+"""The kept policies of runs, usable without the library that trained them."""
 
-import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import safetensors
-import safetensors.numpy
 from numpy.typing import NDArray
 
 from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
-from jbench.policies.feature_map import FeatureMap
-from jbench.policies.network import Network
+from jbench.policies.network import SavedNetwork
 from jbench.settings.records import EXTERNAL, Specs
 from jbench.simulation.find import check_specs, find_task
 from jbench.store import Record, Results
@@ -24,81 +18,10 @@ from jbench.wording import with_results
 WEIGHTS = "policy.safetensors"
 DESCRIPTION = "policy.json"
 
-_SQUASHES: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
-    "tanh": np.tanh,
-    "clip": lambda raw: np.clip(raw, -1, 1),
-}
 
-
-@dataclass(frozen=True)
-class Policy:
-    """A deterministic policy: layers of ReLU units and an output squashed into [-1, 1].
-
-    Attributes:
-        weights: a (units, inputs) matrix per layer.
-        biases: a (units,) vector per layer.
-        squash: "tanh" or "clip".
-        features: inputs of the first layer; None for observations.
-    """
-
-    weights: list[NDArray[np.float32]]
-    biases: list[NDArray[np.float32]]
-    squash: str
-    features: FeatureMap | None = None
-
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns actions (..., action_size) for (encoded) observations (..., size)."""
-        values = observations if self.features is None else self.features(observations)
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            values = np.maximum(values @ weight.T + bias, 0)
-        return _SQUASHES[self.squash](values @ self.weights[-1].T + self.biases[-1])
-
-    def tensors(self) -> dict[str, NDArray[np.float32]]:
-        """Returns the arrays by name, such as 0.weight, for safetensors."""
-        tensors = {} if self.features is None else self.features.tensors()
-        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            tensors |= {f"{layer}.weight": weight, f"{layer}.bias": bias}
-        return tensors
-
-    def description(self) -> dict[str, Any]:
-        """Returns the structure that the tensors do not contain, for JSON."""
-        structure: dict[str, Any] = {"layers": len(self.weights), "squash": self.squash}
-        if self.features is not None:
-            structure["features"] = self.features.description()
-        return structure
-
-    @classmethod
-    def from_files(cls, weights: bytes, description: bytes) -> "Policy":
-        """Inverts `tensors` (as safetensors) and `description` (as JSON).
-
-        Raises:
-            ValueError: if the files are invalid.
-        """
-        try:
-            layout = json.loads(description)
-            features = layout.get("features")
-            tensors = safetensors.numpy.load(weights)
-            policy = cls(
-                [tensors[f"{layer}.weight"] for layer in range(layout["layers"])],
-                [tensors[f"{layer}.bias"] for layer in range(layout["layers"])],
-                layout["squash"],
-                None if features is None else FeatureMap.from_tensors(tensors, features),
-            )
-        except (safetensors.SafetensorError, KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"no policy: {error}") from None
-        if not policy.weights or policy.squash not in _SQUASHES:
-            raise ValueError("no policy: no layers, or an unknown squash")
-        return policy
-
-
-def policy_files(policy: Policy | Network | None) -> dict[str, bytes]:
+def policy_files(policy: SavedNetwork | None) -> dict[str, bytes]:
     """Returns a policy as files by name; none for None."""
-    if policy is None:
-        return {}
-    return {
-        WEIGHTS: safetensors.numpy.save(policy.tensors()),
-        DESCRIPTION: json.dumps(policy.description(), indent=1).encode(),
-    }
+    return {} if policy is None else dict(zip((WEIGHTS, DESCRIPTION), policy.files(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -106,7 +29,7 @@ class TrainedAgent:
     """The policy of a finished run together with its encoder."""
 
     task: str
-    policy: Policy | Network
+    policy: SavedNetwork
     encoder: Encoder | None
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -154,11 +77,10 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
         recorded = record.settings.get("engine") == EXTERNAL
         keep = " Its loop must call recording.keep_policy(actor)." if recorded else ""
         raise RequestError(f"The run {run} in {results.name} was saved without its policy.{keep}")
-    description = record.read_file(DESCRIPTION)
-    # Policies of recorded training loops and of other packages are networks.
-    kind = Network if b'"network"' in description else Policy
     try:
-        policy = kind.from_files(record.read_file(WEIGHTS), description)
+        policy = SavedNetwork.from_files(
+            *(record.read_file(name) for name in (WEIGHTS, DESCRIPTION))
+        )
     except ValueError as error:
         raise WorkError(f"The policy of {run} can't be read ({error}).") from None
     task, encoder = (record.settings.get(name, 0) for name in ("task", "encoder"))

@@ -15,21 +15,21 @@ from torch import nn
 
 from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.policies.copied import float32_array, layers_of_module
-from jbench.policies.network import Layer, Network
+from jbench.policies.copied import float32_array, module_layers
+from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer
 from jbench.simulation import find_task
 from jbench.store.files import sha256
 from jbench.wording import counted
 
 _ACTORS = {
-    "actor.mu.": ("actor.latent_pi.", "relu", [Layer("tanh")]),  # SAC, TQC; DDPG, TD3
+    "actor.mu.": ("actor.latent_pi.", "relu", [SavedLayer("tanh")]),  # SAC, TQC; DDPG, TD3
     "action_net.": ("mlp_extractor.policy_net.", "tanh", []),  # PPO, A2C, TRPO
 }
 """By the beginning of the names of an actor's last weights: that of the weights before them, the
 default activation, and what is applied to the output. DDPG and TD3 have all in the last ones."""
 
 _ACTIVATIONS = {
-    type(module).__name__: layers_of_module(module)[0]
+    type(module).__name__: module_layers(module)[0]
     for module in (nn.ReLU(), nn.Tanh(), nn.Sigmoid(), nn.SiLU(), nn.ELU(), nn.LeakyReLU())
 }
 """Layers by torch's name, with the defaults with which stable-baselines3 makes them."""
@@ -49,7 +49,7 @@ def sha256_start(path: str) -> str:
     return sha256(_content(path))[:16]
 
 
-def read_sb3_zip(path: str, task: str) -> Network:
+def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     """Returns the deterministic policy of a saved model.
 
     Raises:
@@ -59,7 +59,7 @@ def read_sb3_zip(path: str, task: str) -> Network:
         with zipfile.ZipFile(io.BytesIO(_content(path))) as file:
             data: dict[str, Any] = json.loads(file.read("data"))
             weights = _weights(file.read("policy.pth"))
-        network = Network(_layers(data, weights))
+        network = SavedNetwork(_layers(data, weights))
         inputs, outputs = network.inputs, network.outputs
     except (zipfile.BadZipFile, KeyError, ValueError, AttributeError, IndexError) as error:
         raise RequestError(f"{path} is no saved model of stable-baselines3 ({error}).") from None
@@ -89,7 +89,7 @@ def _content(path: str) -> bytes:
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
 
 
-def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[Layer]:
+def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[SavedLayer]:
     """Returns the layers of an actor, from an observation to its deterministic action."""
     if data.get("use_sde"):
         raise _UnsupportedError("it explores with gSDE")
@@ -104,14 +104,14 @@ def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[Laye
     return [first, *(layer for linear in others for layer in (between, linear)), *output]
 
 
-def _linear(prefix: str, weights: dict[str, torch.Tensor]) -> list[Layer]:
+def _linear(prefix: str, weights: dict[str, torch.Tensor]) -> list[SavedLayer]:
     """Returns the linear layers whose names have a prefix, in the order of their numbers."""
     names = sorted(
         {name.rpartition(".")[0] for name in weights if name.startswith(prefix)},
         key=lambda name: int(f"{name}.".removeprefix(prefix).strip(".") or 0),
     )
     return [
-        Layer("linear", {p: float32_array(weights[f"{name}.{p}"]) for p in ("weight", "bias")})
+        linear_layer(*(float32_array(weights[f"{name}.{part}"]) for part in ("weight", "bias")))
         for name in names
     ]
 
@@ -130,11 +130,11 @@ def _weights(content: bytes) -> dict[str, torch.Tensor]:
     return weights
 
 
-def _activation(policy_kwargs: dict[str, Any], default: str) -> Layer:
+def _activation(policy_kwargs: dict[str, Any], default: str) -> SavedLayer:
     """Returns the activation, which is recorded as `<class 'torch.nn.modules.activation.ELU'>`."""
     text = policy_kwargs.get("activation_fn")
     if text is None:
-        return Layer(default)
+        return SavedLayer(default)
     name = str(text).rpartition(".")[2].strip("'>")
     if name not in _ACTIVATIONS:
         raise _UnsupportedError(f"its activation {name} is not known")

@@ -19,7 +19,7 @@ from jbench.loggers.mirror import mirrored
 from jbench.names import LOGGERS, LoggerName, TimeLimit, evaluation_interval, known
 from jbench.policies.acting import Actor, acting
 from jbench.policies.copied import UnsupportedPolicyError
-from jbench.policies.network import Network
+from jbench.policies.network import SavedNetwork
 from jbench.recording.environments import RecordedEnvironment
 from jbench.recording.request import external_settings, provenance_of_loop
 from jbench.recording.writer import RunWriter, copied_network
@@ -149,7 +149,7 @@ class Recording:
             record = self._results.create("run", self.id, self._settings.values, self._made_on)
             self._writer = RunWriter(record, self._settings, self._encoder)
             self._environments = 0
-            self._kept: tuple[Network, int] | None = None
+            self._kept: tuple[SavedNetwork, int] | None = None
             self._lock = stack.pop_all()
         return self
 

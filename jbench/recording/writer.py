@@ -13,8 +13,8 @@ from jbench.cores import cores
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.policies.acting import Actor
-from jbench.policies.copied import UnsupportedPolicyError, network_of
-from jbench.policies.network import Network
+from jbench.policies.copied import UnsupportedPolicyError, copy_module
+from jbench.policies.network import SavedNetwork
 from jbench.policies.saved import policy_files
 from jbench.settings.records import ExternalSettings
 from jbench.simulation.rollout import Act
@@ -112,7 +112,7 @@ class RunWriter:
         self._log.evaluation(control_steps, made.episodes, made.path)
         return made.returns
 
-    def finish(self, kept: tuple[Network, int] | None) -> None:
+    def finish(self, kept: tuple[SavedNetwork, int] | None) -> None:
         """Evaluates the kept policy unless it is older than the last evaluation; finishes the run.
 
         Evaluations that were due ran the caller's policy, whose copy may round differently.
@@ -166,16 +166,16 @@ def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
         ) from None
 
 
-def copied_network(actor: Actor, inputs: int, outputs: int) -> Network:
+def copied_network(actor: Actor, inputs: int, outputs: int) -> SavedNetwork:
     """Returns a copy of a policy.
 
     Raises:
         UnsupportedPolicyError: if it is not a sequence of supported layers.
     """
     if isinstance(actor, nn.Module):
-        return network_of(actor, inputs, outputs)
+        return copy_module(actor, inputs, outputs)
     if hasattr(actor, "predict") and hasattr(actor, "policy"):
-        from jbench.agents.sb3_policy import network_of_model
+        from jbench.agents.sb3_policy import copy_model
 
-        return network_of_model(actor, inputs, outputs)
+        return copy_model(actor, inputs, outputs)
     raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")

@@ -10,8 +10,8 @@ from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.divergence import DivergedError, Divergence
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
-from jbench.policies.network import Network
-from jbench.policies.saved import Policy, policy_files
+from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import policy_files
 from jbench.settings.run import RunSettings
 from jbench.training.batch_member import Member
 from jbench.training.checkpoints import newest, read_replay, save
@@ -51,7 +51,7 @@ class TrainingGroup:
         self._clock = ProcessorClock()
         self._failures: dict[int, WorkError] = {}
         # Of the last evaluation, by index.
-        self._evaluated: dict[int, Policy | Network | None] = {}
+        self._evaluated: dict[int, SavedNetwork | None] = {}
         self._settings = settings = members[0].settings
         self._final_episodes = final_evaluation_episodes(settings, final_episodes)
         self._engine = make_trainer(

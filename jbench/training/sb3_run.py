@@ -14,11 +14,11 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from jbench.agents import sb3, sb3_classes
 from jbench.agents.algorithms import code_of
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
-from jbench.agents.sb3_policy import network_of_model
+from jbench.agents.sb3_policy import copy_model
 from jbench.encoders import Encoder
 from jbench.errors import WorkError, sentence_of_failure
-from jbench.policies.network import Network
-from jbench.policies.saved import Policy, policy_files
+from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import policy_files
 from jbench.settings.run import RunSettings
 from jbench.simulation import find
 from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
@@ -112,12 +112,12 @@ def _build(settings: RunSettings, env: VecEnv, seed: int) -> BaseAlgorithm:
     return sb3_classes.build(settings.algo, settings.hyperparameters, env, seed)
 
 
-def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> Policy | Network:
+def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> SavedNetwork:
     """Returns a copy of the agent's deterministic policy."""
     if settings.is_ours:
         return sb3.policy(agent)
     spaces: Any = agent.observation_space, agent.action_space
-    return network_of_model(agent, *(space.shape[0] for space in spaces))
+    return copy_model(agent, *(space.shape[0] for space in spaces))
 
 
 class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -234,7 +234,7 @@ class _Recorder(BaseCallback):
         until: int | None,
     ) -> None:
         super().__init__()
-        self.evaluated: Policy | Network | None = None
+        self.evaluated: SavedNetwork | None = None
         self._settings, self._log, self._clock, self._until = settings, log, clock, until
         self._evaluator, self._progress = evaluator, progress
         self._timer = CommitTimer(_COMMIT_EVERY)

@@ -21,7 +21,7 @@ from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS
-from jbench.policies.saved import Policy, policy_files
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.bases import SCRIPT
 from jbench.settings.records import OFESettings
@@ -270,7 +270,7 @@ def test_loaded_policy_equals_agent_bit_for_bit(algo, ofe):
         assert not np.array_equal(other.act(observations), before)
         np.testing.assert_array_equal(other.act(observations), engine.act(observations))
         assert other.control_steps == 60
-        wrong = dataclasses.replace(engine.policy(0), squash="none")
+        wrong = SavedNetwork(engine.policy(0).layers[:-1])
         with pytest.raises(ValueError, match="its layers are not those of its settings"):
             other.load_policy(0, wrong, 60)
 
@@ -410,8 +410,7 @@ def test_extracted_policies_equal_agents(algo, options, encoder):
     assert actions.shape == (3, 8, 1)
     assert abs(actions).max() <= 1
     for index, policy in enumerate(policies):
-        files = policy_files(policy)
-        loaded = Policy.from_files(files["policy.safetensors"], files["policy.json"])
+        loaded = SavedNetwork.from_files(*policy.files())
         seen = torch.from_numpy(observations[index])
         seen = seen if encoder is None else encoder.encode(seen)
         np.testing.assert_allclose(loaded.act(seen.numpy()), actions[index], atol=2e-6)
@@ -428,7 +427,9 @@ def test_actions_are_of_latest_policy():
             observations.append(engine.environments.observations[0, 0].clone())
         actions = engine.replay_rows(0)[0, :, -2]
     # Updates follow every 10th step, so step 11 uses an updated policy.
-    assert not np.array_equal(policies[9].weights[0], policies[10].weights[0])
+    assert not np.array_equal(
+        *(policies[step].linear_layers()[0].arrays["weight"] for step in (9, 10))
+    )
     for step, policy in enumerate(policies):
         expected = policy.act(observations[step].numpy())
         assert float(actions[step]) == pytest.approx(float(expected[0]), abs=1e-6)

@@ -9,7 +9,7 @@ import jbench
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS
-from jbench.policies.saved import Policy, policy_files
+from jbench.policies.network import SavedNetwork
 from tests.agents.small_rules import TD3, TD3_SETTINGS, TQC, TQC_SETTINGS
 from tests.agents.test_batched_engine import (
     FEW,
@@ -132,8 +132,7 @@ def test_extracted_policies_equal_agents(algo, options):
     assert actions.shape == (2, 8, ACTIONS)
     assert np.array_equal(loaded, actions[0])
     for index, policy in enumerate(policies):
-        files = policy_files(policy)
-        saved = Policy.from_files(files["policy.safetensors"], files["policy.json"])
+        saved = SavedNetwork.from_files(*policy.files())
         np.testing.assert_allclose(saved.act(observations[index]), actions[index], atol=2e-6)
 
 

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
 from jbench.names import ALGORITHMS
-from jbench.policies.saved import Policy, policy_files
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import algorithm_settings
 from jbench.tasks.gym import JitterbugEnv
 
@@ -112,8 +112,7 @@ def test_saved_policy_equals_agent(algo):
     agent = build(algo, hidden_layers=[24, 16])
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
     expected, _ = agent.predict(observations, deterministic=True)
-    files = policy_files(sb3.policy(agent))
-    policy = Policy.from_files(files["policy.safetensors"], files["policy.json"])
+    policy = SavedNetwork.from_files(*sb3.policy(agent).files())
     np.testing.assert_allclose(policy.act(observations), expected, atol=2e-6)
     np.testing.assert_allclose(policy.act(observations[3]), expected[3], atol=2e-6)
 
@@ -121,27 +120,10 @@ def test_saved_policy_equals_agent(algo):
 def test_saved_policy_is_copy():
     agent = build("td3", hidden_layers=[4])
     policy = sb3.policy(agent)
-    before = policy.weights[0].copy()
+    before = policy.layers[0].arrays["weight"].copy()
     with torch.no_grad():
         agent.actor.mu[0].weight += 1
-    np.testing.assert_array_equal(policy.weights[0], before)
-
-
-@pytest.mark.parametrize(
-    ("weights", "description"),
-    [
-        (b"not safetensors", b'{"layers": 1, "squash": "tanh"}'),
-        (None, b'{"layers": 9, "squash": "tanh"}'),
-        (None, b'{"layers": 2, "squash": "exec"}'),
-        (None, b'{"layers": 0, "squash": "tanh"}'),
-        (None, b"[]"),
-        (None, b"{"),
-    ],
-)
-def test_invalid_policy_files_are_refused(weights, description):
-    files = policy_files(sb3.policy(build("td3", hidden_layers=[4])))
-    with pytest.raises(ValueError, match=r"policy|Expecting"):
-        Policy.from_files(weights or files["policy.safetensors"], description)
+    np.testing.assert_array_equal(policy.layers[0].arrays["weight"], before)
 
 
 def test_losses_have_names_of_database():

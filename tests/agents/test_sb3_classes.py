@@ -66,7 +66,7 @@ def test_extracted_policy_equals_model(actions):
     agent = sb3_classes.build(NAME, SMALL, _env(actions), 3)
     assert isinstance(agent, TQC)
     assert type(agent.actor.latent_pi[1]).__name__ == "Tanh"
-    network = sb3_classes.network_of_model(agent, 16, actions)
+    network = sb3_classes.copy_model(agent, 16, actions)
     observations = np.random.default_rng(0).normal(size=(5, 16)).astype(np.float32)
     wanted, _ = agent.predict(observations, deterministic=True)
     assert wanted.shape == (5, actions)

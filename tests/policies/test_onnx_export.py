@@ -16,10 +16,15 @@ from jbench.encoders.registry import kind_names, make_kind, only_size
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
 from jbench.errors import RequestError
-from jbench.policies.feature_map import FeatureMap
-from jbench.policies.network import Layer, Network
+from jbench.policies.network import (
+    SavedLayer,
+    SavedNetwork,
+    feature_layers,
+    linear_layer,
+    relu_layers,
+)
 from jbench.policies.onnx_export import export_onnx
-from jbench.policies.saved import Policy, TrainedAgent, policy_files
+from jbench.policies.saved import TrainedAgent, policy_files
 from jbench.settings.base import settings_hash
 from jbench.simulation import find_task, rollout
 from jbench.store import Results
@@ -44,8 +49,9 @@ def random_matrix(*shape):
 
 def policy_of(inputs, actions=1):
     """A policy with two layers."""
-    weights = [random_matrix(8, inputs) / inputs, random_matrix(actions, 8)]
-    return Policy(weights, [random_matrix(8), random_matrix(actions)], "tanh")
+    hidden = linear_layer(random_matrix(8, inputs) / inputs, random_matrix(8))
+    output = linear_layer(random_matrix(actions, 8), random_matrix(actions))
+    return SavedNetwork(relu_layers([hidden, output], "tanh"))
 
 
 @pytest.mark.parametrize("lacking", ["task", "encoder"])
@@ -124,29 +130,29 @@ def test_encoder_is_part_of_model(kind, states, tmp_path):
 
 
 def linear(outputs, inputs):
-    return Layer("linear", {"weight": random_matrix(outputs, inputs), "bias": np.zeros(outputs)})
+    return linear_layer(random_matrix(outputs, inputs), np.zeros(outputs, "f4"))
 
 
 LAYERS = [
-    Layer("scale", {"factor": np.full(16, 0.5, "f4")}),
-    Layer("shift", {"offset": np.full(16, 0.1, "f4")}),
-    Layer("clip", {}, {"low": -0.4, "high": 0.5}),
+    SavedLayer("scale", {"factor": np.full(16, 0.5, "f4")}),
+    SavedLayer("shift", {"offset": np.full(16, 0.1, "f4")}),
+    SavedLayer("clip", {}, {"low": -0.4, "high": 0.5}),
     linear(8, 16),
-    Layer("layer_norm", {"weight": random_matrix(8), "bias": random_matrix(8)}, {"epsilon": 1e-5}),
-    *(Layer(kind) for kind in ("silu", "tanh", "sigmoid", "relu")),
-    Layer("elu", {}, {"alpha": 1.5}),
-    Layer("leaky_relu", {}, {"slope": 0.1}),
+    SavedLayer(
+        "layer_norm", dict.fromkeys(("weight", "bias"), random_matrix(8)), {"epsilon": 1e-5}
+    ),
+    *(SavedLayer(kind) for kind in ("silu", "tanh", "sigmoid", "relu")),
+    SavedLayer("elu", {}, {"alpha": 1.5}),
+    SavedLayer("leaky_relu", {}, {"slope": 0.1}),
     linear(1, 8),
 ]
 POLICIES = {
-    "a recorded network": Network(LAYERS),
-    "features learned with the agent": Policy(
-        [random_matrix(1, 21)],
-        [random_matrix(1)],
-        "clip",
-        FeatureMap(
-            np.zeros(16, "f4"), np.ones(16, "f4"), [random_matrix(5, 16)], [np.ones(5, "f4")], True
-        ),
+    "a recorded network": SavedNetwork(LAYERS),
+    "features learned with the agent": SavedNetwork(
+        [
+            *feature_layers(np.zeros(16, "f4"), np.full(16, 2, "f4"), [linear(5, 16)], True),
+            linear(1, 21),
+        ]
     ),
 }
 

@@ -12,7 +12,8 @@ import pytest
 
 from jbench.cli import main
 from jbench.policies import find
-from jbench.policies.saved import Policy, has_policy, policy_files
+from jbench.policies.network import SavedNetwork, linear_layer
+from jbench.policies.saved import has_policy, policy_files
 from jbench.settings.base import settings_hash
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results, schema
@@ -22,7 +23,7 @@ from jbench.tasks.features import TASK_SPECS
 from tests.training.small_runs import shorten_episodes
 
 ROOT = Path(__file__).parents[2]
-POLICY = Policy([np.ones((1, 16), np.float32)], [np.zeros(1, np.float32)], "tanh")
+POLICY = SavedNetwork([linear_layer(np.ones((1, 16), np.float32), np.zeros(1, np.float32))])
 
 
 @pytest.fixture(scope="module")

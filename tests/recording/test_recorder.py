@@ -19,7 +19,7 @@ from torch import nn
 import jbench
 from jbench.cli import main
 from jbench.errors import RequestError
-from jbench.policies.copied import network_of
+from jbench.policies.copied import copy_module
 from jbench.policies.saved import has_policy, load_agent
 from jbench.recording.request import plain_hyperparameters
 from jbench.registration import environment_id
@@ -463,7 +463,7 @@ def test_saved_layers_equal_torch():
     observations = 3 * np.random.default_rng(1).normal(size=(40, 16)).astype(np.float32)
     with torch.no_grad():
         wanted = module(torch.from_numpy(observations)).numpy()
-    np.testing.assert_allclose(network_of(module, 16, 1).act(observations), wanted, atol=1e-6)
+    np.testing.assert_allclose(copy_module(module, 16, 1).act(observations), wanted, atol=1e-6)
 
 
 @pytest.mark.parametrize(

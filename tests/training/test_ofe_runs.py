@@ -8,7 +8,8 @@ import pytest
 from jbench.commands.parsing import parse_overrides
 from jbench.errors import RequestError
 from jbench.policies.find import find_policy
-from jbench.policies.saved import DESCRIPTION, Policy, load_agent
+from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import load_agent
 from jbench.settings.alike import comparable
 from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
@@ -122,9 +123,8 @@ def test_ofe_run_records_prediction_loss_and_policy_with_features(tmp_path):
     observations = np.random.default_rng(0).normal(size=(5, 16)).astype(np.float32)
     actions = find_policy(results, run.id, "face_direction").act(observations)
     np.testing.assert_array_equal(actions, agent.act(observations))
-    assert json.loads(record.read_file(DESCRIPTION))["features"] == {"layers": 2, "appended": False}
-    # The policy depends on the features alone.
-    blind = Policy(agent.policy.weights, agent.policy.biases, "tanh")
-    features = agent.policy.features(observations)
-    assert features.shape == (5, 6)
-    np.testing.assert_array_equal(blind.act(features), actions)
+    # The policy depends on the six units alone.
+    kinds = [layer.kind for layer in agent.policy.layers]
+    assert kinds.count("concat") == 2
+    blind = SavedNetwork(agent.policy.layers[kinds.index("columns") + 1 :])
+    assert blind.inputs == 6

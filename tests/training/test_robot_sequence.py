@@ -44,8 +44,8 @@ def shape(env_or_model):
     return np.concatenate([robot.geom_pos.ravel(), robot.body_mass])
 
 
-def flat(weights):
-    return np.concatenate([weight.ravel() for weight in weights])
+def flat_weights(policy):
+    return np.concatenate([layer.arrays["weight"].ravel() for layer in policy.linear_layers()])
 
 
 class Watched:
@@ -59,7 +59,7 @@ class Watched:
             step = recorder.num_timesteps
             if step % EPISODE:  # otherwise the next episode has already started
                 self.shapes[step] = [shape(env) for env in recorder.training_env.envs]
-            self.weights[step] = flat(sb3.policy(recorder.model).weights)
+            self.weights[step] = flat_weights(sb3.policy(recorder.model))
             if hasattr(recorder.model, "replay_buffer"):
                 self.stored[step] = recorder.model.replay_buffer.size()
             return on_step(recorder)
@@ -192,7 +192,7 @@ def test_second_robot_starts_with_policy_of_first(two, alone):
 def test_second_robot_keeps_replay_buffer_of_first(two):
     # A transition is stored directly after the recorder's callback.
     assert [two.stored[step] for step in (100, 101, 210)] == [99, 100, 209]
-    kept = flat(load_agent(two.results, two.record.id).policy.weights)
+    kept = flat_weights(load_agent(two.results, two.record.id).policy)
     assert not np.array_equal(two.weights[101], kept)
 
 

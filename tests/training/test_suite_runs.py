@@ -75,7 +75,7 @@ def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
     changed = run.specs.model_copy(update={"model": "0" * 64})
     with pytest.raises(RequestError, match="has changed since it was recorded"):
         sb3_run.run(run.model_copy(update={"specs": changed}), results, None)
-    assert load_agent(results, run.id).policy.weights[-1].shape == (6, 8)
+    assert load_agent(results, run.id).policy.outputs == 6
     assert reproduce(results, record, 1).equal
 
 

@@ -21,9 +21,8 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OTHER_LAYERS, OffPolicyLearner
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
 from jbench.agents.batched.tensors import SeedView, flat_parts, flat_size
-from jbench.policies.copied import network_of
-from jbench.policies.network import Network
-from jbench.policies.saved import Policy
+from jbench.policies.copied import copy_module
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.store.schema import LOSSES
 
@@ -82,18 +81,14 @@ class AutogradLearner(OffPolicyLearner):
         """See `OffPolicyLearner.explore`."""
         return self._call("explore", observations, noise)
 
-    def policy(self) -> Network:
+    def policy(self) -> SavedNetwork:
         """See `Learner.policy`."""
         sizes = self._rule.observation_size, self.action_size
-        return network_of(mean_actor(self._rule), *sizes)
+        return copy_module(mean_actor(self._rule), *sizes)
 
-    def load_policy(self, policy: Policy | Network) -> None:
+    def load_policy(self, policy: SavedNetwork) -> None:
         """See `Learner.load_policy`."""
-        arrays = (
-            [array for layer in policy.layers for array in layer.arrays.values()]
-            if isinstance(policy, Network)
-            else []
-        )
+        arrays = [array for layer in policy.layers for array in layer.arrays.values()]
         actor: Any = self._rule.actor
         # None for what a layer lacks, such as its bias: the policy has a constant array there.
         *inner, weight, bias = (

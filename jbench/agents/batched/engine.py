@@ -14,8 +14,7 @@ from jbench.agents.batched.learner import LOSS_SUMS, Learner
 from jbench.agents.batched.team import Team
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.closing import Closing
-from jbench.policies.network import Network
-from jbench.policies.saved import Policy
+from jbench.policies.network import SavedNetwork
 
 _AGENT, _LOOP = "agent/", "loop/"
 WORLD = "environments/"
@@ -136,11 +135,11 @@ class Engine(Closing):
         )
         return robot_actions
 
-    def policy(self, seed: int) -> Policy | Network:
+    def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the deterministic policy of the seed with this index."""
         return self._team.policy(seed)
 
-    def load_policy(self, seed: int, policy: Policy | Network, control_steps: int) -> None:
+    def load_policy(self, seed: int, policy: SavedNetwork, control_steps: int) -> None:
         """Sets the deterministic policy of one seed, for `act`.
 
         Args:
@@ -148,7 +147,7 @@ class Engine(Closing):
             control_steps: after which it was copied.
 
         Raises:
-            ValueError: if it has other layers or features than the seed's agent.
+            ValueError: if it has other layers than the seed's agent.
         """
         self._team.load_policy(seed, policy)
         self.control_steps = control_steps

@@ -4,6 +4,7 @@ Source: Ota et al. (2020), "Can Increasing Input Dimensionality Improve Deep Rei
 Learning?", arXiv:2003.01629. `docs/features.md` lists the differences.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,11 @@ from jbench.agents.batched.dense import DenseLayers
 from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.network import Affine, Layer, Network, affine_count, affine_views
 from jbench.agents.batched.tensors import SeedView
-from jbench.policies.feature_map import MAX_INPUT, MIN_DEVIATION, FeatureMap
+from jbench.policies.network import MAX_INPUT, SavedLayer, feature_layers, linear_layer
 from jbench.settings.records import OFESettings
+
+MIN_DEVIATION = 1e-3
+"""Its square is added to a variance, so that constant observations can be standardized."""
 
 
 class Features:
@@ -126,40 +130,28 @@ class Features:
         self._adam.step()
         return errors.square_()
 
-    def to_map(self) -> FeatureMap:
+    def saved_layers(self) -> list[SavedLayer]:
         """Returns a copy of phi_o for a saved policy; requires a single seed."""
-        layers = self.layers[: self._layers_of_phi_o]
-        return FeatureMap(
-            _array(self._mean),
-            _array(self._deviation()),
-            [_array(layer.weight.mT) for layer in layers],
-            [_array(layer.bias) for layer in layers],
-            self._appended,
-        )
+        linear = [
+            linear_layer(_array(layer.weight.mT), _array(layer.bias))
+            for layer in self.layers[: self._layers_of_phi_o]
+        ]
+        deviation = _array(self._deviation())
+        return feature_layers(_array(self._mean), deviation, linear, self._appended)
 
-    def load_map(self, feature_map: FeatureMap) -> None:
-        """Sets phi_o and the standardization; inverts `to_map`, bit for bit.
+    def load_saved(self, layers: Sequence[SavedLayer]) -> None:
+        """Sets phi_o and the standardization; inverts `saved_layers`, bit for bit.
 
-        Raises:
-            ValueError: if the map has other layers.
+        Args:
+            layers: begin with those of `saved_layers`.
         """
-        layers = self.layers[: self._layers_of_phi_o]
-        shapes = [tuple(layer.weight.mT.shape) for layer in layers]
-        if (
-            [weight.shape for weight in feature_map.weights] != shapes
-            or [bias.shape for bias in feature_map.biases] != [shape[:1] for shape in shapes]
-            or feature_map.mean.shape != self._mean.shape
-            or feature_map.deviation.shape != self._mean.shape
-            or feature_map.appended != self._appended
-        ):
-            raise ValueError("its learned features are not those of its settings")
-        for layer, weight, bias in zip(
-            layers, feature_map.weights, feature_map.biases, strict=True
-        ):
-            layer.weight.copy_(torch.from_numpy(weight).mT)
-            layer.bias.copy_(torch.from_numpy(bias))
-        self._mean.copy_(torch.from_numpy(feature_map.mean))
-        self._set_deviation(torch.from_numpy(feature_map.deviation))
+        center, scale, *others = (layer.arrays for layer in layers)
+        linear = [arrays for arrays in others if arrays]
+        for layer, arrays in zip(self.layers[: self._layers_of_phi_o], linear, strict=False):
+            layer.weight.copy_(torch.from_numpy(arrays["weight"]).mT)
+            layer.bias.copy_(torch.from_numpy(arrays["bias"]))
+        self._mean.copy_(torch.from_numpy(-center["offset"]))
+        self._set_deviation(torch.from_numpy(scale["divisor"]))
 
     def _set_deviation(self, deviation: Tensor) -> None:
         """Sets the variance to one whose deviation is this, rounding included."""

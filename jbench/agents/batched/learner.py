@@ -14,9 +14,7 @@ from jbench.agents.batched.network import Affine, Network, Sizes, affines, param
 from jbench.agents.batched.padding import weights_of
 from jbench.agents.batched.tensors import SeedView
 from jbench.agents.batched.twins import Twins
-from jbench.policies.feature_map import FeatureMap
-from jbench.policies.network import Network as SavedNetwork
-from jbench.policies.saved import Policy
+from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer, relu_layers
 from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
 LOSS_SUMS = "losses"
@@ -69,19 +67,17 @@ class Learner:
         """Returns the network of the deterministic policy, and what bounds it: "tanh" or "clip"."""
         raise NotImplementedError
 
-    def policy(self) -> Policy | SavedNetwork:
+    def policy(self) -> SavedNetwork:
         """Returns a copy of one seed's deterministic policy, as it is saved in the database."""
         network, squash = self.policy_network()
-        layers = affines(network.values.float().cpu(), network.sizes)
-        weights = [layer.weight.mT.numpy().copy() for layer in layers]
-        biases = [layer.bias.numpy().copy() for layer in layers]
+        *inner, last = [
+            (layer.weight.mT.numpy().copy(), layer.bias.numpy().copy())
+            for layer in affines(network.values.float().cpu(), network.sizes)
+        ]
         # The first outputs of a stochastic policy are the mean.
-        return Policy(
-            [*weights[:-1], weights[-1][: self.action_size]],
-            [*biases[:-1], biases[-1][: self.action_size]],
-            squash,
-            self.feature_map(),
-        )
+        mean = [parameters[: self.action_size] for parameters in last]
+        linear = [linear_layer(*parameters) for parameters in (*inner, mean)]
+        return SavedNetwork([*self.feature_layers(), *relu_layers(linear, squash)])
 
     def input_weights(self, inputs: slice) -> dict[str, list[slice]]:
         """Returns where the saved tensors have the weights of some observed numbers, by name."""
@@ -91,39 +87,32 @@ class Learner:
             for name in (network, *(f"{network}.{moment}" for moment in MOMENTS))
         }
 
-    def load_policy(self, policy: Policy | SavedNetwork) -> None:
+    def load_policy(self, policy: SavedNetwork) -> None:
         """Sets the deterministic policy of one seed; inverts `policy`, bit for bit.
 
         Raises:
-            ValueError: if the policy has other layers or features than the learner.
+            ValueError: if the policy has other layers than the learner.
         """
-        network, squash = self.policy_network()
-        layers = affines(network.values, network.sizes)
-        inputs, units = network.sizes[:-1], (*network.sizes[1:-1], self.action_size)
-        if (
-            not isinstance(policy, Policy)
-            or [weight.shape for weight in policy.weights] != list(zip(units, inputs, strict=True))
-            or [bias.shape for bias in policy.biases] != [(count,) for count in units]
-            or policy.squash != squash
-        ):
+        if policy.structure() != self.policy().structure():
             raise ValueError(OTHER_LAYERS)
-        for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
+        network, _ = self.policy_network()
+        layers = affines(network.values, network.sizes)
+        for layer, saved in zip(layers, policy.linear_layers()[-len(layers) :], strict=True):
+            weight, bias = saved.arrays["weight"], saved.arrays["bias"]
             layer.weight[:, : len(weight)] = torch.from_numpy(weight).mT
             layer.bias[: len(bias)] = torch.from_numpy(bias)
-        self.load_feature_map(policy.features)
+        self.load_feature_layers(policy.layers)
 
-    def feature_map(self) -> FeatureMap | None:
-        """Returns a copy of the policy's learned input features; None if it takes observations."""
-        return None
+    def feature_layers(self) -> list[SavedLayer]:
+        """Returns the layers of learned features, which the policy takes; none for observations."""
+        return []
 
-    def load_feature_map(self, feature_map: FeatureMap | None) -> None:
-        """Sets the policy's learned input features; inverts `feature_map`, bit for bit.
+    def load_feature_layers(self, layers: Sequence[SavedLayer]) -> None:
+        """Sets learned features; inverts `feature_layers`, bit for bit.
 
-        Raises:
-            ValueError: if the policy does not have such features.
+        Args:
+            layers: of a policy, which begin with those of the features.
         """
-        if feature_map is not None:
-            raise ValueError("it has learned features, unlike its settings")
 
     def reset_losses(self, delayed: Sequence[bool]) -> None:
         """Resets the mean losses.

@@ -18,7 +18,7 @@ from jbench.agents.batched.network import Network
 from jbench.agents.batched.sac import SAC
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import SeedView
-from jbench.policies.feature_map import FeatureMap
+from jbench.policies.network import SavedLayer
 from jbench.settings.records import OFESettings
 
 _LOSS = "prediction_loss"
@@ -61,15 +61,13 @@ class OnFeatures(OffPolicyLearner):
         """See `OffPolicyLearner.explore`."""
         return super().explore(self._encode(observations), noise)
 
-    def feature_map(self) -> FeatureMap:
-        """See `Learner.feature_map`."""
-        return self.features.to_map()
+    def feature_layers(self) -> list[SavedLayer]:
+        """See `Learner.feature_layers`."""
+        return self.features.saved_layers()
 
-    def load_feature_map(self, feature_map: FeatureMap | None) -> None:
-        """See `Learner.load_feature_map`."""
-        if feature_map is None:
-            raise ValueError("it has no learned features, unlike its settings")
-        self.features.load_map(feature_map)
+    def load_feature_layers(self, layers: Sequence[SavedLayer]) -> None:
+        """See `Learner.load_feature_layers`."""
+        self.features.load_saved(layers)
 
     def pretraining(self, control_steps: int) -> int:
         """See `OffPolicyLearner.pretraining`."""

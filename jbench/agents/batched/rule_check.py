@@ -10,7 +10,7 @@ from jbench.agents.batched.autograd import call_stack, differentiate_stack
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
 from jbench.errors import WorkError
-from jbench.policies.copied import network_of
+from jbench.policies.copied import copy_module
 from jbench.settings.algorithms import OffPolicySettings
 
 
@@ -32,7 +32,7 @@ def checked_rule(
         fault = next(_faults(rule, again, action_size), None)
     if fault is not None:
         raise WorkError(f"The rule {kind.__name__} can't be trained: {fault}.")
-    network_of(mean_actor(rule), *sizes)
+    copy_module(mean_actor(rule), *sizes)
     return rule
 
 

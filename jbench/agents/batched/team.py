@@ -15,8 +15,7 @@ from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.tensors import SeedView, Tensors
-from jbench.policies.network import Network
-from jbench.policies.saved import Policy
+from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
 
 _Learner = TypeVar("_Learner", bound=Learner)
@@ -115,12 +114,12 @@ class Team(Generic[_Learner]):
             with self._unpadded(seed) as learner:
                 learner.initialize(own.weights())
 
-    def policy(self, seed: int) -> Policy | Network:
+    def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the deterministic policy of a seed."""
         with self._unpadded(seed) as learner:
             return learner.policy()
 
-    def load_policy(self, seed: int, policy: Policy | Network) -> None:
+    def load_policy(self, seed: int, policy: SavedNetwork) -> None:
         """Sets the deterministic policy of a seed; see `Learner.load_policy`."""
         with self._unpadded(seed) as learner:
             learner.load_policy(policy)

@@ -21,6 +21,18 @@ def are(count: int) -> str:
     return "is" if count == 1 else "are"
 
 
+def duration(seconds: float) -> str:
+    """Returns a duration in its two largest units, such as `3 d 4 h` or `12 min 5 s`."""
+    for size, unit, part, smaller in (
+        (86400, "d", 3600, "h"),
+        (3600, "h", 60, "min"),
+        (60, "min", 1, "s"),
+    ):
+        if seconds >= size:
+            return f"{seconds // size:.0f} {unit} {seconds % size // part:.0f} {smaller}"
+    return f"{seconds:.0f} s"
+
+
 def with_results(command: str, results: Path) -> str:
     """Returns a command that a message suggests, with `--results` unless it is the default."""
     if results == Path(RESULTS):

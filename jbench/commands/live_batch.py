@@ -7,9 +7,9 @@ from functools import cache
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from jbench.commands.output import duration
 from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
+from jbench.wording import duration
 
 if TYPE_CHECKING:
     import pandas as pd

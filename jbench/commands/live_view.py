@@ -2,8 +2,9 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from typing import Self
 
 from rich import box
 from rich.console import Console, ConsoleOptions, JustifyMethod
@@ -12,12 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from jbench.commands.live_batch import Batch
-from jbench.commands.output import Output, duration, printable
+from jbench.commands.output import Output, printable
 from jbench.settings.run import RunSettings
-from jbench.sweeps.cell_status import CellStatus, seconds_left
-from jbench.sweeps.executors import Message
-from jbench.sweeps.watcher import Watcher
-from jbench.wording import counted
+from jbench.training.events import Event
+from jbench.wording import counted, duration
 
 _COLUMNS = ("running", "steps", "steps/s", "learning curve", "training return", "left")
 _NUMBERS, _WRAPPED = ("steps", "steps/s", "left"), ("running", "training return")
@@ -28,99 +27,85 @@ _GAP = 3  # characters between columns
 _PLAIN_EVERY = 60.0  # s between plain lines if stderr is not a terminal
 
 
-class TrainingView(Watcher):
-    """Prints the events of a sweep, and shows its processes during training."""
+class TrainingView:
+    """Prints the events of a sweep, and shows its processes until it is closed."""
 
     def __init__(self, output: Output) -> None:
         self._output, self._live = output, sys.stderr.isatty()
+        self._shown, self._making = ExitStack(), ""
         self._reset([])
 
     def _reset(self, runs: Sequence[RunSettings]) -> None:
-        self._runs, self._ended = len(runs), set[str]()
+        self._runs, self._ended = {run.id: run for run in runs}, set[str]()
         self._total = sum(run.last_step for run in runs)
         self._done, self._gained = dict.fromkeys((run.id for run in runs), 0), 0
         self._batches: list[Batch] = []
         self._began = self._printed = time.monotonic()
 
-    def note(self, sentence: str) -> None:
-        """Prints a sentence."""
-        self._output.say(sentence)
+    def __enter__(self) -> Self:
+        return self
 
-    def warn(self, sentence: str) -> None:
-        """Prints a warning."""
-        self._output.warn(sentence)
+    def __exit__(self, *_: object) -> None:
+        self._shown.close()
 
-    def progress(
-        self, label: str, total: int, unit: str
-    ) -> AbstractContextManager[Callable[[int], None]]:
-        """Shows the progress of a dataset or an encoder."""
-        return self._output.progress(label, total, unit)
+    def show(self, event: Event) -> None:
+        """Shows an event of a sweep."""
+        if event.kind == "note":
+            self._output.say(event.text)
+        elif event.kind == "warning":
+            self._output.warn(event.text)
+        elif event.kind == "progress":
+            self._show_progress(event)
+        elif event.kind == "training":
+            self._show_training(event.runs)
+        elif event.kind == "started":
+            self._batches.append(Batch(event.runs))
+        elif event.kind == "ended":
+            self._remove_batches({run.id for run in event.runs})
+        else:
+            self._update(event)
 
-    def forecast(self, statuses: Sequence[CellStatus], jobs: int) -> None:
-        """Prints the estimated time left."""
-        seconds, steps = seconds_left(statuses, jobs), sum(each.steps_left for each in statuses)
-        if not seconds:
-            return
-        runs = [run for each in statuses for run in each.cell.runs]
-        hints = {
-            "fewer --steps (such as 300000)": max(run.steps for run in runs) > 300_000,
-            "fewer --seeds (such as 0-2)": len({run.seed for run in runs}) > 3,
-        }
-        fewer = ", or ".join(hint for hint, applies in hints.items() if applies)
-        less = f" For less: {fewer}." if fewer and seconds > 600 else ""
-        parts = [(each.evaluating, each.seconds_left or 0.0) for each in statuses]
-        share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
-        most = (
-            " (most of the time: fewer with --evaluate-episodes, or episodes of [evaluation] in a "
-            "matrix)"
-        )
-        self._output.say(
-            f"{counted(len(runs), 'run')} with {steps:,} control steps left at about "
-            f"{steps / seconds:,.0f} steps/s, evaluations included{most if share > 0.5 else ''}, "
-            f"{counted(jobs, 'process', 'processes')} at a time: about "
-            f"{duration(seconds)}.{less}"
-        )
+    def _show_progress(self, event: Event) -> None:
+        """Shows how much of a dataset or an encoder is made."""
+        if event.text != self._making:
+            self._shown.close()
+            bar = self._output.progress(event.text, event.total, event.unit)
+            self._making, self._progress = event.text, self._shown.enter_context(bar)
+        self._progress(event.steps)
 
-    @contextmanager
-    def training(self, runs: Sequence[RunSettings]) -> Iterator[None]:
-        """Shows the processes of the runs on stderr inside the `with` block."""
+    def _show_training(self, runs: Sequence[RunSettings]) -> None:
+        """Shows the processes of the runs on stderr until the view is closed."""
+        self._shown.close()
         self._reset(runs)
-        if not self._live:
-            yield
-            return
-        with Live(
-            self,
-            console=Console(stderr=True),
-            refresh_per_second=2,
-            # Lines printed meanwhile appear above the table, unless stdout is a pipe.
-            redirect_stdout=sys.stdout.isatty(),
-        ):
-            yield
+        if self._live:
+            live = Live(
+                self,
+                console=Console(stderr=True),
+                refresh_per_second=2,
+                # Lines printed meanwhile appear above the table, unless stdout is a pipe.
+                redirect_stdout=sys.stdout.isatty(),
+            )
+            self._shown.enter_context(live)
 
-    def started(self, runs: Sequence[RunSettings]) -> None:
-        """Adds the row of a process."""
-        self._batches.append(Batch(runs))
-
-    def message(self, run: RunSettings, message: Message) -> None:
+    def _update(self, event: Event) -> None:
         """Shows the progress of a run."""
-        if "finished" in message or "failed" in message:
-            self._ended.add(run.id)
-        steps = message.get("control_steps", message.get("resumed_at"))
-        if "finished" in message:
+        run, steps = self._runs[event.run], event.steps
+        if event.kind == "finished":
             steps = run.last_step
-        if steps is not None:
+        if event.is_last:
+            self._ended.add(run.id)
+        if event.kind != "failed":
             self._done[run.id] = min(steps, run.last_step)
-        batch = next((each for each in self._batches if run.id in each.done), None)
-        if batch is not None and steps is not None:
-            batch.update(run, steps, resumed="resumed_at" in message)
-            if message.get("episode_return") is not None:
-                batch.add_return(run, message["episode_return"])
+            batch = next((batch for batch in self._batches if run.id in batch.done), None)
+            if batch is not None:
+                batch.update(run, steps, resumed=event.kind == "resumed")
+                if event.kind == "episode":
+                    batch.add_return(run, event.episode_return)
         self._print_if_due()
 
-    def ended(self, runs: Sequence[RunSettings]) -> None:
-        """Removes the row of a process."""
-        ids = {run.id for run in runs}
-        for batch in [each for each in self._batches if ids & each.done.keys()]:
+    def _remove_batches(self, ids: set[str]) -> None:
+        """Removes the row of a process that has ended."""
+        for batch in [batch for batch in self._batches if ids & batch.done.keys()]:
             self._gained += batch.gained
             self._batches.remove(batch)
             if not self._live:
@@ -145,7 +130,7 @@ class TrainingView(Watcher):
         yield table
 
     def _summary(self) -> str:
-        parts = [f"{len(self._ended)} of {counted(self._runs, 'run')} ended"]
+        parts = [f"{len(self._ended)} of {counted(len(self._runs), 'run')} ended"]
         done = sum(self._done.values())
         gained = self._gained + sum(batch.gained for batch in self._batches)
         if gained and done < self._total:

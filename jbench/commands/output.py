@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from jbench.errors import WorkError
 from jbench.json_text import json_text
-from jbench.wording import are, counted
+from jbench.wording import are, counted, duration
 
 _PLAIN_EVERY = 10.0  # s between plain lines of progress, where there is no terminal
 
@@ -163,18 +163,6 @@ def _bar(what: str, total: int, then: str) -> Iterator[Callable[[int], None]]:
         yield lambda done: bars.update(
             task, completed=done, description=then if then and done >= total else what
         )
-
-
-def duration(seconds: float) -> str:
-    """Returns a duration in its two largest units, such as `3 d 4 h` or `12 min 5 s`."""
-    for size, unit, part, smaller in (
-        (86400, "d", 3600, "h"),
-        (3600, "h", 60, "min"),
-        (60, "min", 1, "s"),
-    ):
-        if seconds >= size:
-            return f"{seconds // size:.0f} {unit} {seconds % size // part:.0f} {smaller}"
-    return f"{seconds:.0f} s"
 
 
 def printable(text: str) -> str:

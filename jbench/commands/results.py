@@ -22,9 +22,9 @@ from jbench.commands.options import (
     SomeSeedsOption,
     path,
 )
-from jbench.commands.output import Output, duration, short
+from jbench.commands.output import Output, short
 from jbench.errors import RequestError, WorkError
-from jbench.wording import are, counted, done_of, repair_hint, with_results
+from jbench.wording import are, counted, done_of, duration, repair_hint, with_results
 
 FilesOption = Annotated[
     int, typer.Option(min=0, help="Number of files read at a time (0: one per core).")

@@ -158,12 +158,13 @@ def sweep(
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.
         stdout = redirect_stdout(sys.stderr) if json else nullcontext()
-        with stdout, logged(log, database, list(all_runs(cells)), output):
+        runs = list(all_runs(cells))
+        with stdout, logged(log, database, runs, output), TrainingView(output) as view:
             return scheduler.sweep(
                 cells,
                 database,
                 make,
-                TrainingView(output),
+                view.show,
                 device=device,
                 retry_failed=retry_failed,
             )

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-from jbench.commands.output import Output, duration
+from jbench.commands.output import Output
 from jbench.store import Results
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
 from jbench.sweeps.prepare import missing_datasets, missing_encoders
-from jbench.wording import counted
+from jbench.wording import counted, duration
 
 
 def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> list[str]:

@@ -17,9 +17,9 @@ from jbench.commands.options import (
     ReadResultsOption,
     SomeSeedsOption,
 )
-from jbench.commands.output import Output, duration
+from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
-from jbench.wording import are, counted
+from jbench.wording import are, counted, duration
 
 if TYPE_CHECKING:
     from jbench.store.follow import Change, Row

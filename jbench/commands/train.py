@@ -198,12 +198,12 @@ def train(
         show_dry_run(cells, database, processes, train_on, output)
         return
     options = checkpoint_every, final_episodes, keep_state
-    with logged(log, database, runs, output):
+    with logged(log, database, runs, output), TrainingView(output) as view:
         failures = sweep(
             cells,
             database,
             lambda: Local(database, processes, train_on, *options),
-            TrainingView(output),
+            view.show,
             retry_failed=retry_failed,
             wait=False,
         )

@@ -13,6 +13,7 @@ from jbench.store import Record, Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell
 from jbench.training.status import run_status
+from jbench.wording import counted, duration
 
 
 class CellStatus(NamedTuple):
@@ -89,6 +90,32 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
             return None
         work += each.seconds_left * _at_once(each.cell, jobs)
     return work / jobs
+
+
+def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
+    """Returns a sentence on the time left with `jobs` processes at a time, if it is known."""
+    seconds, steps = seconds_left(statuses, jobs), sum(each.steps_left for each in statuses)
+    if not seconds:
+        return None
+    runs = [run for each in statuses for run in each.cell.runs]
+    hints = {
+        "fewer --steps (such as 300000)": max(run.steps for run in runs) > 300_000,
+        "fewer --seeds (such as 0-2)": len({run.seed for run in runs}) > 3,
+    }
+    fewer = ", or ".join(hint for hint, applies in hints.items() if applies)
+    less = f" For less: {fewer}." if fewer and seconds > 600 else ""
+    parts = [(each.evaluating, each.seconds_left or 0.0) for each in statuses]
+    share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
+    most = (
+        " (most of the time: fewer with --evaluate-episodes, or episodes of [evaluation] in a "
+        "matrix)"
+    )
+    return (
+        f"{counted(len(runs), 'run')} with {steps:,} control steps left at about "
+        f"{steps / seconds:,.0f} steps/s, evaluations included{most if share > 0.5 else ''}, "
+        f"{counted(jobs, 'process', 'processes')} at a time: about "
+        f"{duration(seconds)}.{less}"
+    )
 
 
 def _at_once(cell: Cell, jobs: int) -> int:

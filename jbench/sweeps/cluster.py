@@ -20,7 +20,8 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
-from jbench.sweeps.executors import Local, Message, worker_request
+from jbench.sweeps.executors import Local, worker_request
+from jbench.training.events import Event
 from jbench.training.status import run_status
 
 _ANSWERS_WITHIN = 10.0  # s; timeout of the connection to a cluster
@@ -79,7 +80,7 @@ class Ray:
         options = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
         self._task = self._ray.remote(num_gpus=gpus_per_task, **options)(train_batch)
 
-    def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
         """Trains runs in a task; see `Executor`. Their progress is read from the results."""
         request = worker_request(runs, self._results, self.device, **self._options)
         task = self._task.remote(request)
@@ -135,7 +136,7 @@ class Ray:
             room = min(room, int(gpus / gpus_per_task))
         return max(1, room)
 
-    def _progress(self, runs: Sequence[RunSettings], seen: dict[str, str]) -> Iterator[Message]:
+    def _progress(self, runs: Sequence[RunSettings], seen: dict[str, str]) -> Iterator[Event]:
         """Yields the last committed episode of each run, if there is a new one."""
         for run in runs:
             with contextlib.suppress(WorkError):
@@ -150,28 +151,28 @@ class Ray:
                         .slice(parts[-1].rows - 1)
                         .to_pylist()
                     )
-                    episode = {name: last[name] for name in ("control_steps", "episode_return")}
-                    yield {"run": run.id, **episode}
+                    steps, episode_return = last["control_steps"], last["episode_return"]
+                    yield Event("episode", run.id, steps=steps, episode_return=episode_return)
 
-    def _outcome(self, runs: Sequence[RunSettings], task: Any) -> Iterator[Message]:
-        """Yields the last messages of a task; none if the task was lost."""
+    def _outcome(self, runs: Sequence[RunSettings], task: Any) -> Iterator[Event]:
+        """Yields the last events of a task; none if the task was lost."""
         try:
-            ended: list[Message] = json.loads(self._ray.get(task))
+            ended = [Event(**content) for content in json.loads(self._ray.get(task))]
         except self._ray.exceptions.RayTaskError as error:
             reason = (str(error.cause).splitlines() or [""])[0]
-            ended = [{"run": run.id, "failed": f"its task failed: {reason}"} for run in runs]
+            ended = [Event("failed", run.id, f"its task failed: {reason}") for run in runs]
         except self._ray.exceptions.RayError:
             return
         by_id = {run.id: run for run in runs}
-        for message in ended:
-            if "finished" in message and not self._arrived(by_id[message["run"]]):
-                yield {
-                    "run": message["run"],
-                    "failed": f"it is finished where it ran, but not in {self._results.path} here; "
-                    "all nodes must share that directory",
-                }
+        for event in ended:
+            if event.kind == "finished" and not self._arrived(by_id[event.run]):
+                reason = (
+                    f"it is finished where it ran, but not in {self._results.path} here; all nodes "
+                    "must share that directory"
+                )
+                yield Event("failed", event.run, reason)
             else:
-                yield message
+                yield event
 
     def _arrived(self, run: RunSettings) -> bool:
         """Waits until the results show a run as finished; returns whether they do."""
@@ -203,7 +204,7 @@ def train_batch(request: str) -> str:
         request: JSON, see `worker_request`.
 
     Returns:
-        JSON: the last message of each run that had one.
+        JSON: the last event of each run that had one.
     """
     content = json.loads(request)
     path = Path(content["results"])
@@ -215,9 +216,11 @@ def train_batch(request: str) -> str:
             f"on the node {platform.node()}, {path} is not the sweep's, or its locks are not seen "
             "there: all nodes must share it, with flock (docs/cluster.md)"
         )
-        return json.dumps([{"run": run.id, "failed": reason} for run in runs])
-    messages = Local(Results(path), device=content["device"]).run(request)
-    return json.dumps([m for m in messages if "failed" in m or "finished" in m])
+        ended = [Event("failed", run.id, reason) for run in runs]
+    else:
+        events = Local(Results(path), device=content["device"]).run(request)
+        ended = [event for event in events if event.is_last]
+    return f"[{', '.join(event.to_json() for event in ended)}]"
 
 
 def _imported() -> Any:

@@ -18,12 +18,10 @@ from jbench.settings.alike import SEED, alike, stack_of
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.antiphase import divided
+from jbench.training.events import Event
 from jbench.training.memory import stacks_for_memory
 
 _MAX_STACK = 500  # runs of a process, which holds a lock file of each; many systems allow 1024
-
-Message = dict[str, Any]
-"""Message of a worker; see `jbench.training.worker`."""
 
 
 class Executor(Protocol):
@@ -37,10 +35,10 @@ class Executor(Protocol):
     def device(self) -> str:
         """Device of the batched engine: `cpu`, `cuda` or such as `cuda:1`."""
 
-    def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
-        """Trains runs that may share a process, and yields the messages of their worker.
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
+        """Trains runs that may share a process, and yields the events of their worker.
 
-        If their process dies, it ends without a last message for some of the runs.
+        If their process dies, it ends without the last event of some of the runs.
         """
 
     def stop(self) -> None:
@@ -83,12 +81,12 @@ class Local:
         self._processes: set[subprocess.Popen[str]] = set()
         self._stopped = False
 
-    def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
         """Trains runs in one process; see `Executor`."""
         return self.run(worker_request(runs, self._results, self.device, **self._options))
 
-    def run(self, request: str) -> Iterator[Message]:
-        """Starts a worker and yields its messages as they arrive; none after `stop`.
+    def run(self, request: str) -> Iterator[Event]:
+        """Starts a worker and yields its events as they arrive; none after `stop`.
 
         Args:
             request: see `worker_request`.
@@ -105,12 +103,12 @@ class Local:
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            with contextlib.suppress(BrokenPipeError):  # it has died: it sends no messages
+            with contextlib.suppress(BrokenPipeError):  # it has died: it reports nothing
                 process.stdin.write(f"{request}\n")
                 process.stdin.flush()
             for line in process.stdout:
                 if line.endswith("\n"):  # else the worker was killed while it wrote
-                    yield json.loads(line)
+                    yield Event(**json.loads(line))
             process.wait()
         finally:
             process.kill()

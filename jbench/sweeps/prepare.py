@@ -18,7 +18,7 @@ from jbench.store import Results
 from jbench.store.locks import HeldError
 from jbench.store.manifest import Kind
 from jbench.sweeps.cell import Cell
-from jbench.sweeps.watcher import Watcher
+from jbench.training.events import Event, Report
 
 _LOOK_EVERY = 2.0  # s between two looks at what another process is making
 
@@ -53,7 +53,7 @@ def prepare(
     runs: Sequence[RunSettings],
     results: Results,
     device: str,
-    watcher: Watcher,
+    report: Report,
 ) -> dict[str, str]:
     """Makes the missing encoders of runs, and first the datasets on which they are trained.
 
@@ -73,9 +73,9 @@ def prepare(
     for dataset in _datasets(cells).values():
         its = [encoder for encoder in encoders if encoder.dataset == dataset.id]
         if its:
-            failures |= _make(its, dataset, results, device, watcher)
+            failures |= _make(its, dataset, results, device, report)
     for encoder, reason in failures.items():
-        watcher.warn(f"the runs on {encoder} are left out: {reason}")
+        report(Event("warning", text=f"the runs on {encoder} are left out: {reason}"))
     return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}
 
 
@@ -84,33 +84,41 @@ def _make(
     dataset: DatasetSettings,
     results: Results,
     device: str,
-    watcher: Watcher,
+    report: Report,
 ) -> dict[str, str]:
     """Makes encoders of a dataset; returns a sentence for each that can't be made, by id."""
     try:
         if not _is_finished(results, "dataset", dataset.id):
-            with watcher.progress("collect", dataset.steps, "control steps") as progress:
-                _when_free(lambda: collect(dataset, results, cores(), progress), watcher)
+            progress = _progress("collect", dataset.steps, "control steps", report)
+            _when_free(lambda: collect(dataset, results, cores(), progress), report)
     except (RequestError, WorkError) as error:
         return {settings.id: f"its dataset can't be collected: {error}" for settings in encoders}
     failures = {}
     for settings, states in _with_states(encoders, dataset, results):
         try:
-            _train(settings, states, results, device, watcher)
+            _train(settings, states, results, device, report)
         except (RequestError, WorkError) as error:
             failures[settings.id] = f"its encoder can't be trained: {error}"
     return failures
 
 
 def _train(
-    settings: EncoderSettings, states: States, results: Results, device: str, watcher: Watcher
+    settings: EncoderSettings, states: States, results: Results, device: str, report: Report
 ) -> None:
     train_on = find_device(device)
     label, epochs = f"{settings.representation} {settings.task}", settings.options.get("epochs", 1)
-    with watcher.progress(label, epochs, "epochs") as progress:
-        _when_free(
-            lambda: train_encoder(settings, states, results, progress, device=train_on), watcher
-        )
+    progress = _progress(label, epochs, "epochs", report)
+    _when_free(lambda: train_encoder(settings, states, results, progress, device=train_on), report)
+
+
+def _progress(what: str, total: int, unit: str, report: Report) -> Callable[[int], None]:
+    """Returns a function that reports how much of the total is done; nothing is done yet."""
+
+    def progress(done: int) -> None:
+        report(Event("progress", text=what, steps=done, total=total, unit=unit))
+
+    progress(0)
+    return progress
 
 
 def _with_states(
@@ -129,7 +137,7 @@ def _with_states(
             yield settings, states
 
 
-def _when_free(make: Callable[[], object], watcher: Watcher) -> None:
+def _when_free(make: Callable[[], object], report: Report) -> None:
     """Makes a record; waits while another process is making it."""
     noted = False
     while True:
@@ -137,7 +145,8 @@ def _when_free(make: Callable[[], object], watcher: Watcher) -> None:
             make()
         except HeldError as error:
             if not noted:
-                watcher.note(f"{str(error).partition(';')[0]}; waiting for it.")
+                sentence = f"{str(error).partition(';')[0]}; waiting for it."
+                report(Event("note", text=sentence))
                 noted = True
             time.sleep(_LOOK_EVERY)
         else:

@@ -10,7 +10,7 @@ In Python, a sweep is:
     results = Results(Path("results"))
     failures = sweep(matrix_cells(read_matrix("smoke"), results), results)
 
-It reports to a `Watcher` (`jbench.sweeps.watcher`), which does nothing by default.
+It reports what happens as an `Event` (`jbench.training.events`).
 
 Processes coordinate only through the results: a run belongs to the process that holds its lock, and
 its manifest has its status. Several sweeps of the same matrix, on one machine or on several, thus
@@ -20,7 +20,7 @@ share the work.
 import queue
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 
@@ -29,11 +29,11 @@ from jbench.simulation.find import checked_task
 from jbench.store import Results
 from jbench.store.files import check_writable
 from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.cell_status import cell_statuses
-from jbench.sweeps.executors import Executor, Local, Message, batches
+from jbench.sweeps.cell_status import cell_statuses, forecast
+from jbench.sweeps.executors import Executor, Local, batches
 from jbench.sweeps.prepare import clean, prepare
-from jbench.sweeps.watcher import Watcher
 from jbench.training.continuation import new_beginnings
+from jbench.training.events import Event, Report, ignore
 from jbench.training.memory import memory_sentence
 from jbench.training.status import is_being_trained, plan, record_failure, run_status
 
@@ -45,7 +45,7 @@ def sweep(
     cells: Sequence[Cell],
     results: Results,
     make_executor: Callable[[], Executor] | None = None,
-    watcher: Watcher | None = None,
+    report: Report = ignore,
     *,
     device: str = "auto",
     retry_failed: bool = False,
@@ -61,6 +61,7 @@ def sweep(
         cells: cells of a matrix, or a single one.
         results: where datasets, encoders and runs are written.
         make_executor: called if there are runs to train; None for `Local`, a process per core.
+        report: takes what happens, in the thread that called this.
         device: device for training encoders, see `jbench.devices.find_device`.
         retry_failed: whether to retry runs that failed before.
         wait: whether to wait for runs that another process is training, and to resume them if
@@ -74,53 +75,50 @@ def sweep(
             can't use the task of a new run.
         WorkError: if a process can't be started.
     """
-    watcher = watcher or Watcher()
     clean(cells, results)
     planned = plan(list(all_runs(cells)), results)
     to_do = planned.to_do(retry_failed)
     new = [run for run in to_do if planned.statuses[run.id].state == "missing"]
     for sentence in (*planned.sentences(retry_failed), *new_beginnings(new, results)):
-        watcher.note(sentence)
+        report(Event("note", text=sentence))
     if not to_do:
         return {}
     for run in new:
         checked_task(run.task)
     check_writable(results.record("run", to_do[0].id).path)
     with closing(make_executor() if make_executor else Local(results)) as executor:
-        failures = prepare(cells, to_do, results, device, watcher)
+        failures = prepare(cells, to_do, results, device, report)
         runs = [run for run in to_do if run.id not in failures]
         if not runs:
             return failures
         if isinstance(executor, Local):
-            _forecast(cells, runs, results, executor, watcher)
-        scheduler = _Scheduler(results, executor, watcher, planned.ids("failed"), wait)
-        with watcher.training(runs):
-            return failures | scheduler.train(runs)
+            for sentence in filter(None, _forecasts(cells, runs, results, executor)):
+                report(Event("note", text=sentence))
+        report(Event("training", runs=runs))
+        scheduler = _Scheduler(results, executor, report, planned.ids("failed"), wait)
+        return failures | scheduler.train(runs)
 
 
-def _forecast(
+def _forecasts(
     cells: Sequence[Cell],
     runs: Sequence[RunSettings],
     results: Results,
     executor: Local,
-    watcher: Watcher,
-) -> None:
-    """Reports the expected memory and time of runs on this machine."""
+) -> Iterator[str | None]:
+    """Yields sentences on the expected memory and time of runs on this machine, if known."""
     waiting = batches(runs, executor.jobs, executor.device)
     jobs = min(executor.jobs, len(waiting))
-    memory = memory_sentence([r for batch in waiting[:jobs] for r in batch], executor.device)
-    if memory is not None:
-        watcher.note(memory)
+    yield memory_sentence([r for batch in waiting[:jobs] for r in batch], executor.device)
     ids = {run.id for run in runs}
     left = [cell._replace(runs=[run for run in cell.runs if run.id in ids]) for cell in cells]
     left = [cell for cell in left if cell.runs]
-    watcher.forecast(cell_statuses(left, results, jobs, executor.device), jobs)
+    yield forecast(cell_statuses(left, results, jobs, executor.device), jobs)
 
 
 class _Scheduler:
     """Gives batches of runs to an executor.
 
-    Each batch has a thread that only forwards the messages of its worker. All decisions are made in
+    Each batch has a thread that only forwards the events of its worker. All decisions are made in
     the thread that called `train`.
     """
 
@@ -128,18 +126,18 @@ class _Scheduler:
         self,
         results: Results,
         executor: Executor,
-        watcher: Watcher,
+        report: Report,
         retry: Collection[str],
         wait: bool,
     ) -> None:
-        self._results, self._executor, self._watcher = results, executor, watcher
+        self._results, self._executor, self._report = results, executor, report
         self._retry, self._wait = set(retry), wait
         self._waiting: deque[list[RunSettings]] = deque()
         self._workers = 0
         # Given to a worker, and neither finished nor failed.
         self._open: dict[str, RunSettings] = {}
         self._elsewhere: dict[str, RunSettings] = {}
-        self._events: queue.SimpleQueue[tuple[list[RunSettings], Message | Future[None]]] = (
+        self._events: queue.SimpleQueue[tuple[list[RunSettings], Event | Future[None]]] = (
             queue.SimpleQueue()
         )
         self._looked = time.monotonic()
@@ -176,13 +174,13 @@ class _Scheduler:
             return
         self._workers += 1
         self._open |= {run.id: run for run in runs}
-        self._watcher.started(runs)
-        ended = pool.submit(self._forward_messages, runs)
+        self._report(Event("started", runs=runs))
+        ended = pool.submit(self._forward_events, runs)
         ended.add_done_callback(lambda future: self._events.put((runs, future)))
 
-    def _forward_messages(self, runs: list[RunSettings]) -> None:
-        for message in self._executor.train(runs):
-            self._events.put((runs, message))
+    def _forward_events(self, runs: list[RunSettings]) -> None:
+        for event in self._executor.train(runs):
+            self._events.put((runs, event))
 
     def _to_do(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
         """Returns the runs that no process has finished or is training."""
@@ -192,7 +190,7 @@ class _Scheduler:
             if status.state == "failed" and run.id not in self._retry:
                 self._fail(run, status.error)
             elif status.state == "finished":
-                self._watcher.message(run, {"run": run.id, "finished": True})
+                self._report(Event("finished", run.id))
             elif is_being_trained(run, self._results):
                 others.append(run)
             else:
@@ -203,31 +201,31 @@ class _Scheduler:
         return mine
 
     def _handle_event(self) -> None:
-        """Handles the next message or end of a worker; returns after `_LOOK_EVERY` without one."""
+        """Handles the next event or end of a worker; returns after `_LOOK_EVERY` without one."""
         with suppress(queue.Empty):
             runs, event = self._events.get(timeout=_LOOK_EVERY)
             if isinstance(event, Future):
                 self._end(runs, event)
             else:
-                self._report(next(run for run in runs if run.id == event["run"]), event)
+                self._handle(next(run for run in runs if run.id == event.run), event)
 
-    def _report(self, run: RunSettings, message: Message) -> None:
-        """Handles a message on a run."""
-        if "finished" in message or "failed" in message:
+    def _handle(self, run: RunSettings, event: Event) -> None:
+        """Handles the event of a worker."""
+        if event.is_last:
             self._open.pop(run.id, None)
-        if message.get("held"):
+        if event.kind == "held":
             self._leave([run])
-        elif "failed" in message:
-            self._fail(run, message["failed"], message.get("traceback", ""))
+        elif event.kind == "failed":
+            self._fail(run, event.text, event.traceback)
         else:
-            self._watcher.message(run, message)
-        if "resumed_at" in message:
-            self._watcher.note(_resume_sentence(run, message))
+            self._report(event)
+        if event.kind == "resumed":
+            self._note(_resume_sentence(event))
 
     def _end(self, runs: Sequence[RunSettings], worker: Future[None]) -> None:
         """Handles the end of a worker; runs without an outcome are trained again."""
         self._workers -= 1
-        self._watcher.ended(runs)
+        self._report(Event("ended", runs=runs))
         worker.result()
         again = []
         for run in (run for run in runs if self._open.pop(run.id, None)):
@@ -245,7 +243,7 @@ class _Scheduler:
             alone = len(again) > 1 and max(self._deaths[run.id] for run in again) == _MAX_DEATHS - 1
             self._waiting.extend([[run] for run in again] if alone else [again])
             how = "each is tried again in a process of its own" if alone else "they are tried again"
-            self._watcher.note(f"The process of {_named(again)} died; {how}.")
+            self._note(f"The process of {_named(again)} died; {how}.")
 
     def _leave(self, runs: Sequence[RunSettings]) -> None:
         """Leaves runs to the process that is training them."""
@@ -255,7 +253,7 @@ class _Scheduler:
             self._elsewhere |= {run.id: run for run in runs}
         then = "waited for at the end" if self._wait else "left out here"
         verb = "it is" if len(runs) == 1 else "they are"
-        self._watcher.note(f"Another process is training {_named(runs)}; {verb} {then}.")
+        self._note(f"Another process is training {_named(runs)}; {verb} {then}.")
 
     def _take_back(self) -> None:
         """Takes back runs that another process has finished, failed or abandoned."""
@@ -270,21 +268,24 @@ class _Scheduler:
 
     def _fail(self, run: RunSettings, reason: str, traceback: str = "") -> None:
         self._failures[run.id] = reason
-        self._watcher.message(run, {"run": run.id, "failed": reason})
+        self._report(Event("failed", run.id, reason))
         # Runs often fail for the same reason, whose traceback is shown once.
         details = "" if traceback in self._tracebacks else f"\n{traceback}"
         self._tracebacks.add(traceback)
-        self._watcher.warn(f"the run {run.id} failed: {reason}{details}")
+        self._report(Event("warning", text=f"the run {run.id} failed: {reason}{details}"))
+
+    def _note(self, sentence: str) -> None:
+        self._report(Event("note", text=sentence))
 
 
-def _resume_sentence(run: RunSettings, message: Message) -> str:
-    steps, other = message["resumed_at"], message.get("continues")
-    if other is None:
+def _resume_sentence(event: Event) -> str:
+    steps, other = event.steps, event.continues
+    if not other:
         how = "was interrupted or failed; it " + ("resumes at" if steps else "starts again from")
     else:
         how = f"continues {other} from" if steps else f"can't continue {other}; it trains from"
     where = f"control step {steps:,}" if steps else "the beginning"
-    return f"The run {run.id} {how} {where}. {message['reason']}".rstrip()
+    return f"The run {event.run} {how} {where}. {event.text}".rstrip()
 
 
 def _named(runs: Sequence[RunSettings]) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
@@ -13,20 +12,8 @@ from jbench.store.provenance import provenance, sentence_of
 from jbench.training.checkpoints import Checkpoint, copied, load
 from jbench.training.continuation import kept_runs
 from jbench.training.engines import restart_reason
+from jbench.training.events import Event, Report
 from jbench.training.log import RunLog
-
-
-class Notice(Protocol):
-    """Called for each run that does not simply begin."""
-
-    def __call__(self, run: RunSettings, steps: int, sentence: str, continues: str = "") -> None:
-        """Reports a run.
-
-        Args:
-            steps: control steps of the checkpoint from which it resumes; 0 without one.
-            sentence: what else there is to say, or empty.
-            continues: id of the finished run with this checkpoint; empty if it is the run's own.
-        """
 
 
 @dataclass
@@ -55,7 +42,7 @@ def begin(
     record: Record | None,
     results: Results,
     made_on: Mapping[str, str | None],
-    notice: Notice,
+    report: Report,
 ) -> Member | None:
     """Returns a run to train from a checkpoint or from scratch; None if it is finished.
 
@@ -65,17 +52,18 @@ def begin(
         return None
     refused: list[str] = []
     if record is not None:
-        member = _resumed(run, encoder, record, made_on, notice, refused)
+        member = _resumed(run, encoder, record, made_on, report, refused)
         if member is not None:
             return member
     shorter = kept_runs(run, results)
     for other in shorter:
         copy = _copy(run, other, results, refused)
         if copy is not None:
-            return _resumed(run, encoder, copy, made_on, notice, refused, other.id)
+            return _resumed(run, encoder, copy, made_on, report, refused, other.id)
     if record is not None or refused:
         sentence = " ".join([*refused, *restart_reason(run)])
-        notice(run, 0, sentence, *(other.id for other in shorter[:1] if record is None))
+        continues = shorter[0].id if shorter and record is None else ""
+        report(Event("resumed", run.id, sentence, continues=continues))
     record = results.create("run", run.id, run.values, made_on)
     return Member(run, encoder, record, RunLog(record))
 
@@ -85,7 +73,7 @@ def _resumed(
     encoder: Encoder | None,
     record: Record,
     made_on: Mapping[str, str | None],
-    notice: Notice,
+    report: Report,
     refused: list[str],
     continues: str = "",
 ) -> Member | None:
@@ -93,7 +81,7 @@ def _resumed(
 
     Args:
         refused: sentences on checkpoints that can't be used, to which this adds.
-        continues: see `Notice`.
+        continues: id of the finished run with this checkpoint; empty if it is its own.
     """
     checkpoint, damaged = load(record)
     refused += damaged
@@ -114,7 +102,7 @@ def _resumed(
             f"Since it began, {sentence_of(changed)}: results may differ from those of an "
             "uninterrupted run."
         )
-    notice(run, steps, " ".join(refused), *other_run.values())
+    report(Event("resumed", run.id, " ".join(refused), steps, continues=continues))
     return Member(run, encoder, record, log, checkpoint, steps)
 
 

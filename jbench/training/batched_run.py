@@ -16,8 +16,9 @@ from jbench.simulation import find
 from jbench.store import Results
 from jbench.store.provenance import device_provenance
 from jbench.training.antiphase import divided, number_of_groups, take_turns
-from jbench.training.batch_member import Member, Notice, begin
-from jbench.training.group import Progress, TrainingGroup
+from jbench.training.batch_member import Member, begin
+from jbench.training.events import Report, ignore
+from jbench.training.group import TrainingGroup
 
 
 def run_batch(
@@ -31,8 +32,7 @@ def run_batch(
     until: int | None = None,
     groups: int | None = None,
     final_episodes: int | None = None,
-    progress: Progress = lambda run, steps, episode_return: None,
-    notice: Notice = lambda run, steps, sentence, continues="": None,
+    report: Report = ignore,
 ) -> dict[str, WorkError]:
     """Trains and evaluates an agent for each run, and saves the results.
 
@@ -56,7 +56,7 @@ def run_batch(
         groups: number of groups that are trained in antiphase, with the same results as in one;
             None for what suits the device.
         final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
-        progress: called after each training episode.
+        report: takes an event of each run that resumes, and one after each training episode.
 
     Returns:
         The error of each failed run by id; a failure does not stop the others.
@@ -67,10 +67,10 @@ def run_batch(
     """
     found = find_device(device)
     with contextlib.ExitStack() as locks:
-        members, failures = _begin_all(runs, results, encoder, found, notice, locks)
+        members, failures = _begin_all(runs, results, encoder, found, report, locks)
         sharing = len(members)
         trainer = _Trainer(
-            device, checkpoint_every, keep_state, groups, progress, sharing, final_episodes
+            device, checkpoint_every, keep_state, groups, report, sharing, final_episodes
         )
         while members := [member for member in members if member.is_behind(until)]:
             with _failed_on_error(members):
@@ -83,7 +83,7 @@ def _begin_all(
     results: Results,
     encoder: Encoder | Sequence[Encoder | None] | None,
     device: torch.device,
-    notice: Notice,
+    report: Report,
     locks: contextlib.ExitStack,
 ) -> tuple[list[Member], dict[str, WorkError]]:
     """Locks the runs and loads their checkpoints.
@@ -99,7 +99,7 @@ def _begin_all(
     for run, own_encoder in zip(runs, encoders, strict=True):
         try:
             record = locks.enter_context(results.locked("run", run.id))
-            member = begin(run, own_encoder, record, results, made_on, notice)
+            member = begin(run, own_encoder, record, results, made_on, report)
         except WorkError as error:
             failures[run.id] = error
         else:
@@ -139,7 +139,7 @@ class _Trainer(NamedTuple):
     checkpoint_every: float
     keep_state: bool
     groups: int | None
-    progress: Progress
+    report: Report
     sharing: int
     final_episodes: int | None
 
@@ -165,4 +165,4 @@ class _Trainer(NamedTuple):
             self.final_episodes,
             keep_state=self.keep_state,
         )
-        return (yield from group.train(until, self.progress, in_turns=in_turns))
+        return (yield from group.train(until, self.report, in_turns=in_turns))

@@ -1,7 +1,7 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +12,12 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.network import SavedNetwork
 from jbench.policies.saved import policy_files
-from jbench.settings.run import RunSettings
 from jbench.training.batch_member import Member
 from jbench.training.checkpoints import newest, read_replay, save
 from jbench.training.engines import make_trainer
 from jbench.training.evaluation import Evaluator, final_evaluation_episodes, seeds_of
+from jbench.training.events import Event, Report
 from jbench.training.log import CommitTimer, Position, ProcessorClock
-
-Progress = Callable[[RunSettings, int, float], None]
-"""Called after each training episode with the run, its control steps so far, and the return."""
 
 
 class TrainingGroup:
@@ -62,7 +59,7 @@ class TrainingGroup:
             self._restore(members[0].checkpoint.position)
 
     def train(
-        self, until: int | None, progress: Progress, *, in_turns: bool
+        self, until: int | None, report: Report, *, in_turns: bool
     ) -> Generator[None, None, dict[str, WorkError]]:
         """Trains to a control step (None: to the end), or until all runs have failed.
 
@@ -81,7 +78,7 @@ class TrainingGroup:
                 if not self._active():
                     break
                 if returns is not None:
-                    self._note_episodes(returns, progress)
+                    self._note_episodes(returns, report)
                 if self._evaluator.advance(engine.control_steps):
                     self._evaluate()
                 if engine.control_steps == until:
@@ -118,7 +115,7 @@ class TrainingGroup:
             if not checkpoint.newest:
                 self._save_one(index, only=True)
 
-    def _note_episodes(self, returns: NDArray[np.float64], progress: Progress) -> None:
+    def _note_episodes(self, returns: NDArray[np.float64], report: Report) -> None:
         """Records the returns (seeds, environments) of the episodes that have just ended."""
         steps = self._engine.control_steps
         self._share_processor_time()
@@ -129,7 +126,8 @@ class TrainingGroup:
             losses = self._engine.losses(index)
             for episode_return in returns[index].tolist():
                 self._members[index].log.episode(steps, episode_return, EPISODE_STEPS, losses)
-                progress(self._members[index].settings, steps, episode_return)
+                run = self._members[index].settings.id
+                report(Event("episode", run, steps=steps, episode_return=episode_return))
 
     def _evaluate(self) -> None:
         self._fail_diverged(weights=True)

@@ -221,7 +221,7 @@ def _train(
     if settings.engine == "sb3":
         from jbench.training import sb3_run  # stable-baselines3 takes a second to import
 
-        sb3_run.run(settings, temporary, encoder, lambda steps, _: progress(steps), until=stop)
+        sb3_run.run(settings, temporary, encoder, lambda event: progress(event.steps), until=stop)
     else:
         failures = run_batch(
             [settings],
@@ -229,7 +229,7 @@ def _train(
             encoder,
             device=device_for(record.manifest.provenance),
             until=stop,
-            progress=lambda run, steps, episode_return: progress(steps),
+            report=lambda event: progress(event.steps),
         )
         for failure in failures.values():
             raise failure

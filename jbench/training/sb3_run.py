@@ -25,6 +25,7 @@ from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.store import Record, Results
 from jbench.training.environment import make_env
 from jbench.training.evaluation import EvaluationSchedule, final_evaluation_episodes, seeds_of
+from jbench.training.events import Event, Report, ignore
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
@@ -34,7 +35,7 @@ def run(
     settings: RunSettings,
     results: Results,
     encoder: Encoder | None,
-    progress: Callable[[int, float], None] = lambda steps, episode_return: None,
+    report: Report = ignore,
     until: int | None = None,
     final_episodes: int | None = None,
 ) -> Record:
@@ -45,7 +46,7 @@ def run(
     Args:
         results: where the run is written.
         encoder: of the observations; None for the full observation.
-        progress: called after each training episode with the control steps so far and its return.
+        report: takes an event if the run starts again, and one after each training episode.
         until: control step at the end of an episode, where training stops and the run remains
             unfinished; None to finish it.
         final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
@@ -58,11 +59,13 @@ def run(
     with results.locked("run", settings.id) as existing:
         if existing is not None and existing.status == "finished":
             return existing
+        if existing is not None:
+            report(Event("resumed", settings.id))
         find.check_specs(settings.task, settings.specs)
         made_on = {"device": "cpu", **code_of(settings.algo), **find.code_of(settings.task)}
         record = results.create("run", settings.id, settings.values, made_on)
         try:
-            _train(settings, record, encoder, progress, until, final_episodes)
+            _train(settings, record, encoder, report, until, final_episodes)
         except DivergedError as error:
             record.fail(str(error), error.divergence.to_summary())
             raise
@@ -77,7 +80,7 @@ def _train(
     settings: RunSettings,
     record: Record,
     encoder: Encoder | None,
-    progress: Callable[[int, float], None],
+    report: Report,
     until: int | None,
     final_episodes: int | None,
 ) -> None:
@@ -87,7 +90,7 @@ def _train(
     agent = _build(settings, env, agent_seed)
     evaluator = SB3Evaluator(settings, encoder, evaluation_seed)
     evaluator.final_episodes = final_evaluation_episodes(settings, final_episodes)
-    recorder = _Recorder(settings, log, clock, evaluator, progress, until)
+    recorder = _Recorder(settings, log, clock, evaluator, report, until)
     try:
         agent.learn(settings.steps, recorder, log_interval=None)  # type: ignore[arg-type]
         recorder.check_agent()
@@ -230,13 +233,13 @@ class _Recorder(BaseCallback):
         log: RunLog,
         clock: ProcessorClock,
         evaluator: SB3Evaluator,
-        progress: Callable[[int, float], None],
+        report: Report,
         until: int | None,
     ) -> None:
         super().__init__()
         self.evaluated: SavedNetwork | None = None
         self._settings, self._log, self._clock, self._until = settings, log, clock, until
-        self._evaluator, self._progress = evaluator, progress
+        self._evaluator, self._report = evaluator, report
         self._timer = CommitTimer(_COMMIT_EVERY)
 
     def evaluate(self) -> None:
@@ -281,7 +284,8 @@ class _Recorder(BaseCallback):
                 self._log.episode(
                     self.num_timesteps, episode_return, length, sb3.losses(self.model)
                 )
-                self._progress(self.num_timesteps, episode_return)
+                run, steps = self._settings.id, self.num_timesteps
+                self._report(Event("episode", run, steps=steps, episode_return=episode_return))
                 if self._timer.is_due():
                     self._timer.restart(self._log.commit())
         if self._evaluator.advance(self.num_timesteps):

@@ -1,15 +1,10 @@
 """Trains runs in a separate process, which ends when its parent does.
 
 `python -m jbench.training.worker` reads a request (one line of JSON, see `worker_request`) from
-standard input, and writes messages (one line of JSON each) to standard output. multiprocessing is
-not used because it pickles. The process exits when its standard input is closed. Runs of the
-batched engine are those that `run_batch` takes; with the other engines there is one run.
-
-Messages: for a resumed run, {"run": id, "resumed_at": control steps, "reason": sentence or ""}, and
-if it is a longer run of a finished one, {"continues": id of that run};
-then for each run {"run": id} with {"control_steps": n, "episode_return": r}, and finally
-{"finished": true} or {"failed": reason, "traceback": text}, the text empty if the reason says all,
-or {"failed": reason, "held": true} if another process is training it.
+standard input, and writes an `Event` of a run (one line of JSON each) to standard output, the last
+one of each run when it has finished, failed, or is held by another process. multiprocessing is not
+used because it pickles. The process exits when its standard input is closed. Runs of the batched
+engine are those that `run_batch` takes; with the other engines there is one run.
 """
 
 import json
@@ -18,16 +13,14 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jbench.settings.run import RunSettings
     from jbench.store import Results
-
-_Send = Callable[[dict[str, Any]], None]
+    from jbench.training.events import Event, Report
 
 
 def main() -> int:
@@ -56,24 +49,25 @@ def main() -> int:
     except Exception as error:
         failures = dict.fromkeys((run.id for run in runs), error)
     for run in runs:
-        send({"run": run.id, **_ended(run, results, failures.get(run.id))})
+        send(_ended(run, results, failures.get(run.id)))
     return 1 if failures else 0
 
 
-def _ended(run: "RunSettings", results: "Results", failure: Exception | None) -> dict[str, Any]:
-    """Returns the last message of a run; records a failure that is not recorded yet."""
+def _ended(run: "RunSettings", results: "Results", failure: Exception | None) -> "Event":
+    """Returns the last event of a run; records a failure that is not recorded yet."""
     from jbench.errors import sentence_of_failure
     from jbench.store.locks import HeldError
+    from jbench.training.events import Event
     from jbench.training.status import record_failure, run_status
 
     # An error that ends the batch may occur after some of its runs were finished.
     if failure is None or run_status(run, results).state == "finished":
-        return {"finished": True}
+        return Event("finished", run.id)
     if isinstance(failure, HeldError):
-        return {"failed": str(failure), "held": True}
+        return Event("held", run.id, str(failure))
     reason = sentence_of_failure(failure)
     record_failure(run, results, reason)
-    return {"failed": reason, "traceback": _traceback(failure)}
+    return Event("failed", run.id, reason, traceback=_traceback(failure))
 
 
 def _traceback(failure: Exception) -> str:
@@ -86,7 +80,7 @@ def _traceback(failure: Exception) -> str:
 
 
 def _train(
-    runs: Sequence["RunSettings"], results: "Results", request: dict[str, Any], send: _Send
+    runs: Sequence["RunSettings"], results: "Results", request: dict[str, Any], send: "Report"
 ) -> dict[str, Exception]:
     """Trains all runs; returns the error of each failed run by id."""
     from jbench.training.batched_run import run_batch
@@ -98,13 +92,6 @@ def _train(
     if not runs:
         return failures
 
-    def report(run: "RunSettings", steps: int, episode_return: float) -> None:
-        send({"run": run.id, "control_steps": steps, "episode_return": episode_return})
-
-    def report_resumed(run: "RunSettings", steps: int, sentence: str, continues: str = "") -> None:
-        resumed = {"run": run.id, "resumed_at": steps, "reason": sentence}
-        send({**resumed, **({"continues": continues} if continues else {})})
-
     if runs[0].engine != "sb3":
         return failures | run_batch(
             runs,
@@ -114,34 +101,20 @@ def _train(
             checkpoint_every=request["checkpoint_every"],
             final_episodes=request["final_episodes"],
             keep_state=request["keep_state"],
-            progress=report,
-            notice=report_resumed,
+            report=send,
         )
     from jbench.training import sb3_run
 
     (run,) = runs
-    record = results.find("run", run.id)
-    if record is not None and record.status != "finished":
-        report_resumed(run, 0, "")
-    sb3_run.run(
-        run,
-        results,
-        encoders[run.encoder],
-        partial(report, run),
-        final_episodes=request["final_episodes"],
-    )
+    sb3_run.run(run, results, encoders[run.encoder], send, final_episodes=request["final_episodes"])
     return failures
 
 
-def _sender() -> _Send:
-    """Returns a function that writes messages to stdout; other output is redirected to stderr."""
-    messages = os.fdopen(os.dup(1), "w", buffering=1)
+def _sender() -> "Report":
+    """Returns a function that writes events to stdout; other output is redirected to stderr."""
+    events = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
-
-    def send(message: dict[str, Any]) -> None:
-        messages.write(json.dumps(message) + "\n")
-
-    return send
+    return lambda event: events.write(event.to_json() + "\n")
 
 
 def _end_with_parent() -> None:

@@ -25,8 +25,8 @@ def stack_seeds(set_attribute=setattr):
 
 
 def main(path, run, device, after, stacked=True):
-    def kill(run, steps, episode_return):
-        if steps > after:
+    def kill(event):
+        if event.kind == "episode" and event.steps > after:
             os.kill(os.getpid(), signal.SIGKILL)
 
     shorten_episodes()
@@ -34,7 +34,7 @@ def main(path, run, device, after, stacked=True):
         stack_seeds()
     runs = [RunSettings(**run)]
     batched_run.run_batch(
-        runs, Results(Path(path)), None, device=device, checkpoint_every=0, progress=kill
+        runs, Results(Path(path)), None, device=device, checkpoint_every=0, report=kill
     )
 
 

@@ -32,7 +32,7 @@ from tests.agents.test_batched_engine import (
     round_trip,
     trajectory,
 )
-from tests.training.small_runs import shorten_episodes
+from tests.training.small_runs import resumed, shorten_episodes
 from tests.training.test_resume import outcome, settings
 
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
@@ -236,17 +236,17 @@ def test_killed_run_resumes_bit_for_bit(device, tmp_path, monkeypatch):
     command = [sys.executable, "-m", "tests.agents.killed_run"]
     done = subprocess.run([*command, json.dumps({**asked, "device": device})], cwd=ROOT)
     assert done.returncode == -signal.SIGKILL
-    resumed_at = []
+    events = []
     for name in ("whole", "killed"):
         failures = batched_run.run_batch(
             [run],
             Results(tmp_path / name),
             None,
             device=device,
-            notice=lambda run, steps, sentence: resumed_at.append(steps),
+            report=events.append,
         )
         assert failures == {}
-    assert resumed_at == [200]
+    assert resumed(events, [run]) == [(1, 200, "")]
     assert outcome(tmp_path / "killed", run) == outcome(tmp_path / "whole", run)
 
 
@@ -271,11 +271,12 @@ class Stopped(BaseException):
 @on_each_device
 def test_run_resumes_on_other_device_and_back(device, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
-    run, notices = settings("sac", 1), []
+    run, events = settings("sac", 1), []
 
     def train(device, until):
-        def stop(run, steps, episode_return):
-            if steps > until:
+        def stop(event):
+            events.append(event)
+            if event.kind == "episode" and event.steps > until:
                 raise Stopped
 
         batched_run.run_batch(
@@ -284,8 +285,7 @@ def test_run_resumes_on_other_device_and_back(device, tmp_path, monkeypatch):
             None,
             device=device,
             checkpoint_every=0,
-            progress=stop,
-            notice=lambda run, steps, sentence: notices.append((steps, sentence)),
+            report=stop,
         )
 
     for each, until in (("cpu", 100), (device, 250)):
@@ -295,8 +295,9 @@ def test_run_resumes_on_other_device_and_back(device, tmp_path, monkeypatch):
             with pytest.raises(Stopped):
                 train(each, until)
     train("cpu", 1000)
-    assert [steps for steps, _ in notices] == [100, 250]
+    (_, *first), (_, *second) = resumed(events, [run])
+    assert (first[0], second[0]) == (100, 250)
     changed = f"Since it began, device cpu is now {device}" if device != "cpu" else ""
-    assert notices[0][1].startswith(changed)
+    assert first[1].startswith(changed)
     found, *_ = outcome(tmp_path, run)
     assert max(row["control_steps"] for row in found) == 400

@@ -22,7 +22,7 @@ from tests.commands.distributions import (
     make_importable,
     train_and_sweep,
 )
-from tests.training.small_runs import rows, shorten_episodes
+from tests.training.small_runs import resumed, rows, shorten_episodes
 
 PACKAGE = "random-search-agent"
 NAME = "random_search:RandomSearch"
@@ -177,17 +177,17 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
     shorten_episodes(monkeypatch.setattr)
     run, results = settings("without-state"), Results(tmp_path)
 
-    def stop(run, steps, episode_return):
-        if steps == 200:
+    def stop(event):
+        if event.steps == 200:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_batch([run], results, None, checkpoint_every=0, progress=stop)
+        run_batch([run], results, None, checkpoint_every=0, report=stop)
     assert results.find("run", run.id).rows("episodes") == 3
-    notices = []
-    run_batch([run], results, None, notice=lambda *printed: notices.append(printed))
+    events = []
+    run_batch([run], results, None, report=events.append)
     reason = "The agent without-state has no state and restore, so its runs can't be resumed."
-    assert notices == [(run, 0, reason)]
+    assert resumed(events, [run]) == [(run.seed, 0, reason)]
     record = results.find("run", run.id)
     assert record.read("episodes")["episode"].to_pylist() == list(range(8))
 
@@ -198,9 +198,9 @@ def test_run_of_agent_with_state_is_continued(installed, tmp_path, monkeypatch):
     short = whole.model_copy(update={"steps": 225})
     assert run_batch([whole], Results(tmp_path / "once"), None) == {}
     assert run_batch([short], Results(tmp_path), None, keep_state=True) == {}
-    notices = []
-    run_batch([whole], Results(tmp_path), None, notice=lambda *printed: notices.append(printed))
-    assert notices == [(whole, 225, "", short.id)]
+    events = []
+    run_batch([whole], Results(tmp_path), None, report=events.append)
+    assert resumed(events, [whole]) == [(whole.seed, 225, "", short.id)]
     once, twice = (Results(path).find("run", whole.id) for path in (tmp_path / "once", tmp_path))
     assert rows(twice) == rows(once)
     assert twice.read_file(WEIGHTS) == once.read_file(WEIGHTS)

@@ -1,4 +1,4 @@
-"""Tests of the live table of training processes, and of the forecast before training."""
+"""Tests of the live table of training processes."""
 
 import io
 from contextlib import contextmanager
@@ -9,8 +9,7 @@ from rich.console import Console
 from jbench.commands.live_batch import published_median, sparkline
 from jbench.commands.live_view import TrainingView
 from jbench.commands.output import Output
-from jbench.sweeps.cell import Cell
-from jbench.sweeps.cell_status import CellStatus
+from jbench.training.events import Event
 from tests.sweep_matrices import runs_of_matrix, write_matrix
 
 
@@ -27,24 +26,24 @@ def shown(view):
 
 
 def episode(run, steps, episode_return):
-    return {"run": run.id, "control_steps": steps, "episode_return": episode_return}
+    return Event("episode", run.id, steps=steps, episode_return=episode_return)
 
 
 @contextmanager
 def trained(runs):
     """A view during training; standard error is not a terminal."""
-    view = TrainingView(Output())
-    with view.training(runs):
+    with TrainingView(Output()) as view:
+        view.show(Event("training", runs=runs))
         yield view
 
 
 def test_each_process_has_line_with_steps_and_last_returns(runs):
     with trained(runs) as view:
-        view.started(runs[:2])
-        view.started(runs[2:3])
+        view.show(Event("started", runs=runs[:2]))
+        view.show(Event("started", runs=runs[2:3]))
         assert any(line == "face_direction td3 full seed 0,1 0/20,000" for line in shown(view))
         for run, steps, episode_return in ((0, 1000, 12.4), (1, 1000, 7.0), (0, 2000, 99.6)):
-            view.message(runs[run], episode(runs[run], steps, episode_return))
+            view.show(episode(runs[run], steps, episode_return))
         lines = shown(view)
         (td3,) = (line for line in lines if "td3" in line)
         assert td3.startswith("face_direction td3 full seed 0,1 3,000/20,000 ")
@@ -56,9 +55,9 @@ def test_each_process_has_line_with_steps_and_last_returns(runs):
 
 def test_narrow_terminal_keeps_steps_and_returns_and_breaks_no_word(runs):
     with trained(runs) as view:
-        view.started(runs[:2])
-        view.message(runs[0], episode(runs[0], 1000, 12.4))
-        view.message(runs[0], episode(runs[0], 2000, 12.4))
+        view.show(Event("started", runs=runs[:2]))
+        view.show(episode(runs[0], 1000, 12.4))
+        view.show(episode(runs[0], 2000, 12.4))
         headers = {}
         for width in (60, 80, 120):
             console = Console(file=io.StringIO(), width=width)
@@ -84,9 +83,9 @@ def test_narrow_terminal_keeps_steps_and_returns_and_breaks_no_word(runs):
 def test_published_median_at_same_step_follows_last_returns(tmp_path):
     runs = runs_of_matrix(write_matrix(tmp_path, steps=2_000_000), tmp_path)
     with trained(runs) as view:
-        view.started(runs)
-        view.message(runs[0], episode(runs[0], 1_500_000, 12.4))
-        view.message(runs[1], episode(runs[1], 500_000, 999.6))
+        view.show(Event("started", runs=runs))
+        view.show(episode(runs[0], 1_500_000, 12.4))
+        view.show(episode(runs[1], 500_000, 999.6))
         # The mean of both is a million steps.
         assert any("▁█ 12 1000 (published 953)" in line for line in shown(view))
 
@@ -107,11 +106,11 @@ def test_sparkline_shows_means_of_returns_between_0_and_1000():
 
 def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
     with trained(runs) as view:
-        view.started(runs[:2])
-        view.message(runs[0], episode(runs[0], 10_000, 50.0))
-        view.message(runs[0], {"run": runs[0].id, "finished": True})
-        view.message(runs[1], {"run": runs[1].id, "failed": "no luck"})
-        view.ended(runs[:2])
+        view.show(Event("started", runs=runs[:2]))
+        view.show(episode(runs[0], 10_000, 50.0))
+        view.show(Event("finished", runs[0].id))
+        view.show(Event("failed", runs[1].id, "no luck"))
+        view.show(Event("ended", runs=runs[:2]))
         assert not any("td3" in line for line in shown(view))
         printed = capsys.readouterr()
         assert printed.out == ""
@@ -123,8 +122,8 @@ def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
 
 def test_speed_of_resumed_run_counts_from_its_checkpoint(runs):
     with trained(runs) as view:
-        view.started(runs[:1])
-        view.message(runs[0], {"run": runs[0].id, "resumed_at": 6000, "reason": ""})
+        view.show(Event("started", runs=runs[:1]))
+        view.show(Event("resumed", runs[0].id, steps=6000))
         # There is no speed before the first step.
         assert "face_direction td3 full seed 0 6,000/10,000" in shown(view)
 
@@ -132,51 +131,18 @@ def test_speed_of_resumed_run_counts_from_its_checkpoint(runs):
 def test_many_seeds_are_shown_by_mean_and_extremes(tmp_path):
     runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-7"), tmp_path)
     with trained(runs) as view:
-        view.started(runs)
+        view.show(Event("started", runs=runs))
         for run in runs:
-            view.message(run, episode(run, 1000, 10.0 * run.seed))
+            view.show(episode(run, 1000, 10.0 * run.seed))
         assert any("mean 35 [0, 70]" in line for line in shown(view))
-
-
-def test_forecast_sums_steps_and_time_over_cells(runs, capsys):
-    # Two cells of 20,000 steps, each 40 s on 2 processes: 500 steps/s, 80 s.
-    cells = [Cell("face_direction", run.algo, "full", [run], "published") for run in runs[1:3]]
-    statuses = [CellStatus(cell, 0, 1, 0, 0, 20_000, 80.0, "measured runs") for cell in cells]
-    TrainingView(Output()).forecast(statuses, 2)
-    assert capsys.readouterr().out == (
-        "2 runs with 40,000 control steps left at about 500 steps/s, evaluations included, "
-        "2 processes at a time: about 1 min 20 s.\n"
-    )
-    # 60% and 50% of the same time are 55%.
-    evaluating = [one._replace(evaluating=s) for one, s in zip(statuses, (0.6, 0.5), strict=True)]
-    TrainingView(Output()).forecast(evaluating, 2)
-    assert "included (most of the time: fewer with --evaluate-ep" in capsys.readouterr().out
-    TrainingView(Output()).forecast([statuses[0]._replace(seconds_left=None)], 2)
-    assert capsys.readouterr().out == ""
-
-
-def test_long_forecast_names_options_that_shorten_it(tmp_path, capsys):
-    runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-3", steps=400_000), tmp_path)
-    status = CellStatus(
-        Cell("face_direction", "td3", "full", runs, "published"),
-        *(0, 0, 0, 4, 1_600_000, 700.0, "measured runs"),
-    )
-    TrainingView(Output()).forecast([status], 2)
-    printed = capsys.readouterr().out
-    # Four seeds share the two processes, so the sweep takes the 700 s of the cell.
-    assert "about 2,286 steps/s" in printed
-    assert printed.endswith(
-        "about 11 min 40 s. For less: fewer --steps (such as 300000), or fewer --seeds (such as "
-        "0-2).\n"
-    )
 
 
 def test_process_of_several_cells_shows_their_number(tmp_path):
     runs = runs_of_matrix(write_matrix(tmp_path, steps=2_000_000), tmp_path)
     other = [run.model_copy(update={"task": "move_to_pose"}) for run in runs]
     with trained([*runs, *other]) as view:
-        view.started([*runs, *other])
-        view.message(runs[0], episode(runs[0], 2_000_000, 12.4))
+        view.show(Event("started", runs=[*runs, *other]))
+        view.show(episode(runs[0], 2_000_000, 12.4))
         (line,) = (line for line in shown(view) if "td3" in line)
     assert line.startswith("td3 4 runs of 2 configurations 2,000,000/8,000,000 ")
     assert " 12" in line

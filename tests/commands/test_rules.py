@@ -169,13 +169,12 @@ def test_killed_run_resumes_bit_for_bit(installed, stacked, tmp_path, monkeypatc
     request = (str(tmp_path / "killed"), run.model_dump(mode="json"), "cpu", 200, stacked)
     done = Process("tests.agents.killed_run:main", *request, short=True).finished()
     assert done.returncode == -signal.SIGKILL
-    resumed_at, records = [], []
+    events, records = [], []
     for name in ("whole", "killed"):
         results = Results(tmp_path / name)
-        notices = {"notice": lambda run, steps, sentence: resumed_at.append(steps)}
-        assert run_batch([run], results, None, **notices) == {}
+        assert run_batch([run], results, None, report=events.append) == {}
         records.append(results.find("run", run.id))
-    assert resumed_at == [200]
+    assert [event.steps for event in events if event.kind == "resumed"] == [200]
     assert rows(records[0]) == rows(records[1])
     assert len(rows(records[0])) == 8 + 3
     assert records[0].read_file(WEIGHTS) == records[1].read_file(WEIGHTS)

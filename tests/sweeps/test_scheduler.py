@@ -14,55 +14,28 @@ from jbench.sweeps.cell import all_runs
 from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.sweeps.scheduler import sweep
-from jbench.sweeps.watcher import Watcher
+from jbench.training.events import Event
 from tests.command_line import SHORT, short_episodes
 from tests.sweep_matrices import runs_of_matrix, states, write_matrix
 
-# A sweep with a watcher, and the same sweep again without one.
+# A sweep whose events are kept, and the same sweep again.
 PROGRAM = """
 import json, sys, threading
-from contextlib import contextmanager
 from pathlib import Path
 from jbench.sweeps.executors import Local
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.sweeps.scheduler import sweep
-from jbench.sweeps.watcher import Watcher
 from jbench.store import Results
 
 matrix, results = sys.argv[1], Results(Path(sys.argv[2]))
 events = []
 
-def event(name):
+def keep(event):
     assert threading.current_thread() is threading.main_thread()
-    if events[-1:] != [name]:
-        events.append(name)
-
-class Recorder(Watcher):
-    @contextmanager
-    def progress(self, label, total, unit):
-        event(label)
-        yield lambda done: event(label)
-
-    @contextmanager
-    def training(self, runs):
-        event(f"training {len(runs)}")
-        yield
-        event("done")
-
-    def forecast(self, statuses, jobs):
-        event(f"{sum(each.steps_left for each in statuses)} steps in {jobs} process")
-
-    def started(self, runs):
-        event("started")
-
-    def message(self, run, message):
-        event("finished" if "finished" in message else message["control_steps"])
-
-    def ended(self, runs):
-        event("ended")
+    events.append([event.kind, event.text, event.steps, len(event.runs)])
 
 cells = matrix_cells(read_matrix(matrix), results)
-assert sweep(cells, results, lambda: Local(results, jobs=1), Recorder()) == {}
+assert sweep(cells, results, lambda: Local(results, jobs=1), keep) == {}
 assert sweep(cells, results) == {}
 commands = ("jbench.cli", "jbench.commands.display", "jbench.commands.output")
 of_the_command_line = [name for name in sys.modules if name.startswith(commands)]
@@ -82,13 +55,23 @@ def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
     assert done.returncode == 0, done.stderr
     events, of_the_command_line = json.loads(done.stdout)
     assert of_the_command_line == []
-    assert events == [
-        *("collect", "pca3 face_direction"),
-        *("1000 steps in 1 process", "training 1", "started"),
-        *range(SHORT, 1001, SHORT),
-        *("finished", "ended", "done"),
+    sentences = [text for kind, text, *_ in events if kind == "note"]
+    assert sentences[-1].startswith("1 run with 1,000 control steps left at about ")
+    progress = [(text, steps) for kind, text, steps, _ in events if kind == "progress"]
+    assert list(dict.fromkeys(what for what, _ in progress)) == ["collect", "pca3 face_direction"]
+    assert progress[0] == ("collect", 0)
+    assert progress[-1] == ("pca3 face_direction", 1)
+    rest = [(kind, steps, runs) for kind, _, steps, runs in events]
+    assert [event for event in rest if event[0] not in ("note", "progress")] == [
+        *(("training", 0, 1), ("started", 0, 1)),
+        *(("episode", steps, 0) for steps in range(SHORT, 1001, SHORT)),
+        *(("finished", 0, 0), ("ended", 0, 1)),
     ]
     assert states(runs_of_matrix(matrix, results), results) == ["finished"]
+
+
+def texts(events, kind):
+    return [event.text for event in events if event.kind == kind]
 
 
 class Gpu:
@@ -105,7 +88,7 @@ class Gpu:
 
     def train(self, runs):
         self.given.append(runs)
-        yield from [] if len(self.given) == 1 else [{"run": r.id, "finished": True} for r in runs]
+        yield from [] if len(self.given) == 1 else [Event("finished", r.id) for r in runs]
 
     def stop(self):
         """Does nothing."""
@@ -113,17 +96,18 @@ class Gpu:
     close = stop
 
 
-def test_gpu_trains_all_cells_of_algorithm_in_one_process(tmp_path, monkeypatch):
-    matrix, notes, gpu = write_matrix(tmp_path, algos='"td3", "ppo"'), [], Gpu()
+def test_gpu_trains_all_cells_of_algorithm_in_one_process(tmp_path):
+    matrix, events, gpu = write_matrix(tmp_path, algos='"td3", "ppo"'), [], Gpu()
     text = Path(matrix).read_text()
     Path(matrix).write_text(text.replace('"face_direction"', '"face_direction", "move_to_pose"'))
     cells = matrix_cells(read_matrix(matrix), Results(tmp_path))
-    monkeypatch.setattr(Watcher, "note", lambda _, sentence: notes.append(sentence))
-    assert sweep(cells, Results(tmp_path), lambda: gpu) == {}
+    assert sweep(cells, Results(tmp_path), lambda: gpu, events.append) == {}
     td3, ppo = ([run for run in all_runs(cells) if run.algo == algo] for algo in ("td3", "ppo"))
     assert len(td3) == len(ppo) == 4
     assert gpu.given == [td3, ppo, td3]
-    assert notes == ["The process of 4 runs of td3 in 2 configurations died; they are tried again."]
+    assert texts(events, "note") == [
+        "The process of 4 runs of td3 in 2 configurations died; they are tried again."
+    ]
 
 
 class Crashing(Gpu):
@@ -134,18 +118,17 @@ class Crashing(Gpu):
     def train(self, runs):
         self.given.append([run.seed for run in runs])
         dies = any(run.seed == 0 for run in runs)
-        yield from [] if dies else [{"run": r.id, "finished": True} for r in runs]
+        yield from [] if dies else [Event("finished", r.id) for r in runs]
 
 
-def test_run_that_kills_its_process_fails_no_other_run(tmp_path, monkeypatch):
-    matrix, notes, executor = write_matrix(tmp_path, seeds="0-2"), [], Crashing()
+def test_run_that_kills_its_process_fails_no_other_run(tmp_path):
+    matrix, events, executor = write_matrix(tmp_path, seeds="0-2"), [], Crashing()
     cells = matrix_cells(read_matrix(matrix), Results(tmp_path))
-    monkeypatch.setattr(Watcher, "note", lambda _, sentence: notes.append(sentence))
-    failures = sweep(cells, Results(tmp_path), lambda: executor)
+    failures = sweep(cells, Results(tmp_path), lambda: executor, events.append)
     assert failures == {cells[0].runs[0].id: "its process died without a message, 3 times"}
     assert executor.given == [[0, 1, 2], [0, 1, 2], [0], [1], [2]]
     died = "The process of seeds 0, 1, 2 of td3 face_direction full died;"
-    assert notes == [
+    assert texts(events, "note") == [
         f"{died} they are tried again.",
         f"{died} each is tried again in a process of its own.",
     ]
@@ -175,18 +158,15 @@ def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
     )
     (tmp_path / "datasets").mkdir()
     (tmp_path / "datasets" / "random").write_text("a file where a directory belongs")
-    warnings = []
-    monkeypatch.setattr(Watcher, "warn", lambda _, sentence: warnings.append(sentence))
+    events = []
     monkeypatch.setattr("jbench.sweeps.executors._start", lambda: pytest.fail("it started"))
-    failures = sweep(cells, Results(tmp_path))
+    failures = sweep(cells, Results(tmp_path), report=events.append)
     assert list(failures) == [run.id for run in cells[0].runs]
     assert {reason.partition(":")[0] for reason in failures.values()} == {
         "its dataset can't be collected"
     }
-    assert len(warnings) == 1
-    assert warnings[0].startswith(
-        f"the runs on {cells[0].encoders[0].id} are left out: its dataset"
-    )
+    (warning,) = texts(events, "warning")
+    assert warning.startswith(f"the runs on {cells[0].encoders[0].id} are left out: its dataset")
 
 
 def test_task_is_tried_only_if_a_run_of_it_is_new(tmp_path):

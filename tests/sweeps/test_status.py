@@ -5,7 +5,8 @@ import pytest
 
 from jbench.simulation import find_task
 from jbench.store import Results, schema
-from jbench.sweeps.cell_status import cell_statuses, seconds_left
+from jbench.sweeps.cell import Cell
+from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, seconds_left
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.training.status import (
     failures_among,
@@ -14,7 +15,7 @@ from jbench.training.status import (
     run_status,
     run_statuses,
 )
-from tests.sweep_matrices import write_matrix
+from tests.sweep_matrices import runs_of_matrix, write_matrix
 
 
 @pytest.fixture
@@ -161,3 +162,33 @@ def test_failure_is_recorded_once_and_never_for_finished_run(results, cell):
         ("missing", ""),
     ]
     assert results.find("run", new.id).settings == new.model_dump(mode="json")
+
+
+def test_forecast_sums_steps_and_time_over_cells(tmp_path):
+    runs = runs_of_matrix(write_matrix(tmp_path, algos='"td3", "ppo"', steps=10_000), tmp_path)
+    # Two cells of 20,000 steps, each 40 s on 2 processes: 500 steps/s, 80 s.
+    cells = [Cell("face_direction", run.algo, "full", [run], "published") for run in runs[1:3]]
+    statuses = [CellStatus(cell, 0, 1, 0, 0, 20_000, 80.0, "measured runs") for cell in cells]
+    assert forecast(statuses, 2) == (
+        "2 runs with 40,000 control steps left at about 500 steps/s, evaluations included, "
+        "2 processes at a time: about 1 min 20 s."
+    )
+    # 60% and 50% of the same time are 55%.
+    evaluating = [one._replace(evaluating=s) for one, s in zip(statuses, (0.6, 0.5), strict=True)]
+    assert "included (most of the time: fewer with --evaluate-ep" in forecast(evaluating, 2)
+    assert forecast([statuses[0]._replace(seconds_left=None)], 2) is None
+
+
+def test_long_forecast_names_options_that_shorten_it(tmp_path):
+    runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-3", steps=400_000), tmp_path)
+    status = CellStatus(
+        Cell("face_direction", "td3", "full", runs, "published"),
+        *(0, 0, 0, 4, 1_600_000, 700.0, "measured runs"),
+    )
+    sentence = forecast([status], 2)
+    # Four seeds share the two processes, so the sweep takes the 700 s of the cell.
+    assert "about 2,286 steps/s" in sentence
+    assert sentence.endswith(
+        "about 11 min 40 s. For less: fewer --steps (such as 300000), or fewer --seeds (such as "
+        "0-2)."
+    )

@@ -55,6 +55,16 @@ def paths(record):
     return dict(Counter((row["evaluation"], row["control_steps"]) for row in found))
 
 
+def resumed(events, runs):
+    """Returns seed, control steps and reason of resumed runs, and the id of one they continue."""
+    seeds = {run.id: run.seed for run in runs}
+    return [
+        (seeds[event.run], event.steps, event.text, *filter(None, [event.continues]))
+        for event in events
+        if event.kind == "resumed"
+    ]
+
+
 def rows(record):
     """Returns all rows of a run, without times."""
     return [

@@ -18,6 +18,7 @@ from jbench.sweeps.executors import batches
 from jbench.training import engines, evaluation, group, speed
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import evaluate_policy, seeds_of
+from jbench.training.events import Event
 from jbench.training.reevaluate import reevaluate
 from jbench.training.request import training_device
 from jbench.training.speed import _short_schedule, seconds_per_step
@@ -64,7 +65,7 @@ def test_run_in_batch_equals_run_alone(algo, tmp_path):
 def test_rows_are_written_at_scheduled_steps(tmp_path):
     results, reported = Results(tmp_path), []
     run = settings(steps=150, evaluate_every=100)
-    run_batch([run], results, None, progress=lambda *now: reported.append(now))
+    run_batch([run], results, None, report=reported.append)
     record = results.find("run", run.id)
     episodes = record.read("episodes").to_pylist()
     assert [(row["episode"], row["control_steps"]) for row in episodes] == [
@@ -72,7 +73,10 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
         (1, 100),
         (2, 150),
     ]
-    assert reported == [(run, row["control_steps"], row["episode_return"]) for row in episodes]
+    assert reported == [
+        Event("episode", run.id, steps=row["control_steps"], episode_return=row["episode_return"])
+        for row in episodes
+    ]
     # Learning starts at the end of the first episode.
     assert [row["critic_loss"] is None for row in episodes] == [True, False, False]
     assert all(row["critic_loss"] > 0 for row in episodes[1:])

@@ -13,7 +13,7 @@ from jbench.store import Results
 from jbench.training import checkpoints, log
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import _next_piece, _Piece, load
-from tests.training.small_runs import shorten_episodes
+from tests.training.small_runs import resumed, shorten_episodes
 from tests.training.test_resume import outcome, settings
 
 
@@ -25,40 +25,27 @@ pytestmark = pytest.mark.usefixtures("short_episodes")
 
 
 def do(path, runs, **more):
-    """Trains runs; returns the notices on resumed runs."""
-    notices = []
-    more.setdefault("checkpoint_every", 0)
-    failures = run_batch(
-        runs,
-        Results(path),
-        None,
-        notice=lambda run, *rest: notices.append((run.seed, *rest)),
-        **more,
-    )
-    assert failures == {}
-    return notices
+    """Trains runs; returns those that were resumed, see `resumed`."""
+    events = []
+    options = {"checkpoint_every": 0, "report": events.append, **more}
+    assert run_batch(runs, Results(path), None, **options) == {}
+    return resumed(events, runs)
 
 
-def stop_at(path, runs, steps):
+def stop_at(path, runs, steps, **more):
     """Trains runs until one of them passes the given control step."""
 
-    def stop(run, now, episode_return):
-        if now > steps:
+    def stop(event):
+        if event.kind == "episode" and event.steps > steps:
             raise Stopped
 
     with pytest.raises(Stopped):
-        do(path, runs, progress=stop)
+        do(path, runs, report=stop, **more)
 
 
 def test_first_episode_is_committed_at_once(tmp_path):
     runs = [settings("td3", 1, steps=400)]
-
-    def stop(run, now, episode_return):
-        if now == 200:
-            raise Stopped
-
-    with pytest.raises(Stopped):
-        do(tmp_path, runs, progress=stop, checkpoint_every=1000)
+    stop_at(tmp_path, runs, 199, checkpoint_every=1000)
     assert only(tmp_path, runs[0]).rows("episodes") == 1
 
 

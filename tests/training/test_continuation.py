@@ -12,7 +12,7 @@ from jbench.store.verify import verify
 from jbench.training.batched_run import run_batch
 from jbench.training.continuation import check_state_can_be_kept, new_beginnings
 from jbench.training.status import run_status
-from tests.training.small_runs import paths, rows
+from tests.training.small_runs import paths, resumed, rows
 from tests.training.test_checkpoints import file_of
 from tests.training.test_resume import settings
 
@@ -22,18 +22,11 @@ SHORT, LONG = 300, 500
 
 
 def train(path, runs, keep_state=True, **more):
-    """Trains runs and keeps their states; returns the notices."""
-    notices = []
-    failures = run_batch(
-        runs,
-        Results(path),
-        None,
-        keep_state=keep_state,
-        notice=lambda run, *rest: notices.append((run.seed, *rest)),
-        **more,
-    )
-    assert failures == {}
-    return notices
+    """Trains runs and keeps their states; returns those that were resumed, see `resumed`."""
+    events = []
+    more |= {"keep_state": keep_state, "report": events.append}
+    assert run_batch(runs, Results(path), None, **more) == {}
+    return resumed(events, runs)
 
 
 def outcome(path, run):

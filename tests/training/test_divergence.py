@@ -12,7 +12,7 @@ from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from jbench.training.log import RunLog
 from jbench.training.sb3_run import run as run_sb3
-from tests.training.small_runs import EPISODE, rows
+from tests.training.small_runs import EPISODE, resumed, rows
 from tests.training.test_checkpoints import only
 from tests.training.test_resume import outcome, settings
 from tests.training.test_sb3_run import settings as sb3_settings
@@ -42,16 +42,11 @@ def engines(monkeypatch):
 
 
 def train(path, runs, **more):
-    notices = []
-    failures = run_batch(
-        runs,
-        Results(path),
-        None,
-        checkpoint_every=0,
-        notice=lambda run, *rest: notices.append(rest),
-        **more,
-    )
-    return failures, notices
+    """Trains runs; returns their failures and those that were resumed, see `resumed`."""
+    events = []
+    options = {"checkpoint_every": 0, "report": events.append, **more}
+    failures = run_batch(runs, Results(path), None, **options)
+    return failures, resumed(events, runs)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
@@ -93,8 +88,8 @@ def test_retried_run_resumes_at_last_finite_checkpoint_and_diverges(tmp_path):
     run = diverging("td3")
     train(tmp_path, [run])
     record = only(tmp_path, run)
-    failures, notices = train(tmp_path, [run])
-    assert notices == [(150, "")]
+    failures, restarted = train(tmp_path, [run])
+    assert restarted == [(run.seed, 150, "")]
     again = only(tmp_path, run)
     assert list(failures) == [run.id]
     assert again.manifest.summary == record.manifest.summary
@@ -106,11 +101,11 @@ def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
     runs = [settings("td3", seed, steps=250) for seed in (0, 3)]
     assert train(tmp_path / "alone", runs[1:]) == ({}, [])
 
-    def poison(run, steps, episode_return):
-        if (run.seed, steps) == (0, 200):
+    def poison(event):
+        if (event.run, event.steps) == (runs[0].id, 200):
             engines[-1]._team.tensors.saved["critic1"][0, 0] = math.nan
 
-    failures, _ = train(tmp_path / "both", runs, progress=poison)
+    failures, _ = train(tmp_path / "both", runs, report=poison)
     assert list(failures) == [runs[0].id]
     assert outcome(tmp_path / "both", runs[1]) == outcome(tmp_path / "alone", runs[1])
     failed = only(tmp_path / "both", runs[0])
@@ -127,11 +122,11 @@ def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
 def test_final_weights_are_checked_before_policy_is_saved(tmp_path, engines):
     run = settings("ddpg", 0, steps=100, evaluate_every=1000)
 
-    def poison(run, steps, episode_return):
-        if steps == 100:
+    def poison(event):
+        if event.steps == 100:
             engines[-1]._team.tensors.saved["critic_target"][0, 0] = math.inf
 
-    failures, _ = train(tmp_path, [run], progress=poison)
+    failures, _ = train(tmp_path, [run], report=poison)
     assert list(failures) == [run.id]
     record = only(tmp_path, run)
     assert record.rows("evaluations") == 0
@@ -169,14 +164,14 @@ def test_losses_without_column_are_refused(tmp_path):
 def test_later_error_does_not_hide_divergence(tmp_path, engines):
     runs = [settings("ddpg", seed, steps=200, evaluate_episodes=0) for seed in (0, 3)]
 
-    def disturb(run, steps, episode_return):
-        if (run.seed, steps) == (0, 50):
+    def disturb(event):
+        if (event.run, event.steps) == (runs[0].id, 50):
             engines[-1]._team.tensors.saved["critic"][0, 0] = math.nan
-        if steps == 150:
+        if event.steps == 150:
             raise ValueError("something else")
 
     with pytest.raises(ValueError, match="something else"):
-        train(tmp_path, runs, progress=disturb)
+        train(tmp_path, runs, report=disturb)
     summaries = [only(tmp_path, run).manifest.summary for run in runs]
     assert "diverged" in summaries[0]
     assert summaries[1] == {"error": "ValueError: something else"}

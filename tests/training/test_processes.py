@@ -11,6 +11,7 @@ from jbench.commands.sweep import sweep
 from jbench.commands.train import train
 from jbench.store import Results
 from jbench.sweeps.executors import Local
+from jbench.training.events import Event
 from jbench.training.status import plan
 from tests.sweep_matrices import write_matrix
 from tests.training.small_runs import small_run
@@ -50,8 +51,8 @@ def test_request_of_many_seeds_may_exceed_argument_limit(tmp_path):
     assert sum(len(run.model_dump_json()) for run in runs) > 2**17
     for run in runs:
         results.create("run", run.id, run.model_dump(mode="json")).finish({})
-    messages = list(Local(results, 1).train(runs))
-    assert messages == [{"run": run.id, "finished": True} for run in runs]
+    events = list(Local(results, 1).train(runs))
+    assert events == [Event("finished", run.id) for run in runs]
 
 
 @pytest.mark.parametrize("verb", ["train", pytest.param("sweep", marks=pytest.mark.slow)])

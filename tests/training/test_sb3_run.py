@@ -11,6 +11,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.training.environment import make_env
+from jbench.training.events import Event
 from jbench.training.sb3_run import run
 from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
@@ -36,7 +37,7 @@ def _short_episodes():
 def finished(tmp_path_factory):
     results = Results(tmp_path_factory.mktemp("results"))
     reported = []
-    record = run(settings(), results, None, lambda *now: reported.append(now))
+    record = run(settings(), results, None, reported.append)
     return results, record, reported
 
 
@@ -76,7 +77,10 @@ def test_evaluations_are_made_at_interval_and_end(finished):
 def test_progress_is_reported_after_each_episode(finished):
     _, record, reported = finished
     returns = record.read("episodes")["episode_return"].to_pylist()
-    assert reported == list(zip([50, 100, 150], returns, strict=True))
+    assert reported == [
+        Event("episode", record.id, steps=steps, episode_return=episode_return)
+        for steps, episode_return in zip([50, 100, 150], returns, strict=True)
+    ]
 
 
 def test_finished_run_is_not_repeated(finished):

@@ -16,7 +16,7 @@ from jbench.training.environment import load_encoders_of
 from jbench.training.memory import memory_sentence, stacks_for_memory
 from tests.agents.killed_run import stack_seeds
 from tests.agents.test_batched_engine import TanhEncoder
-from tests.training.small_runs import EPISODE, paths, rows
+from tests.training.small_runs import EPISODE, paths, resumed, rows
 from tests.training.test_batched_run import settings
 from tests.training.test_memory import run as large_run
 
@@ -54,15 +54,12 @@ def test_runs_resume_across_stacks_of_different_cells(algo, tmp_path, monkeypatc
     first, second, third = cells_of(algo, **changes)
     cells = [first[:1], second[1:], third[:1]]
     runs, encoders = flat(cells), [None, None, ENCODER]
-    moved, whole, resumed = Results(tmp_path / "moved"), Results(tmp_path / "whole"), []
-
-    def note(run, *steps_and_sentence):
-        resumed.append(steps_and_sentence)
+    moved, whole, events = Results(tmp_path / "moved"), Results(tmp_path / "whole"), []
 
     def together(**options):
         with monkeypatch.context() as patch:
             stack_seeds(patch.setattr)
-            failures = run_batch(runs, moved, encoders, notice=note, **options)
+            failures = run_batch(runs, moved, encoders, report=events.append, **options)
             assert failures == {}
 
     together(until=EPISODE)
@@ -71,7 +68,7 @@ def test_runs_resume_across_stacks_of_different_cells(algo, tmp_path, monkeypatc
         assert run_batch(cell, moved, encoder, until=2 * EPISODE) == {}
         assert run_batch(cell, whole, encoder) == {}
     together()
-    assert resumed == [(2 * EPISODE, "")] * 3
+    assert resumed(events, runs) == [(run.seed, 2 * EPISODE, "") for run in runs]
     for run, size in zip(runs, (16, 15, 5), strict=True):
         record = moved.find("run", run.id)
         assert (record.status, record.manifest.summary["together"]) == ("finished", 3)

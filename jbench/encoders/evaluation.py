@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import ClosedForm, Kind
-from jbench.encoders.kinds.pca import PrincipalComponents
-from jbench.encoders.kinds.random_projection import RandomProjection
+from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.moments import FloatArray, Moments, affine_errors
-from jbench.encoders.states import Shard, States
+from jbench.encoders.pairs import Shard
+from jbench.encoders.states import States
 from jbench.names import TASKS
 from jbench.simulation import find_task, rollout
 from jbench.store import encoder_schema

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from jbench.encoders import latent_scaling
-from jbench.encoders.batch import Batch
 from jbench.encoders.moments import Moments
+from jbench.encoders.pairs import StatePairs
+from jbench.encoders.scaling import not_rescaled, rescaled
 from jbench.encoders.states import Scale, States
 from jbench.settings.base import Settings, omissible
 from jbench.simulation import find_task
@@ -55,7 +55,7 @@ class Kind(Settings):
 
     @property
     def steps_ahead(self) -> int:
-        """Control steps from `Batch.now` to `Batch.later`."""
+        """Control steps from `StatePairs.now` to `StatePairs.later`."""
         return 0
 
     @classmethod
@@ -77,12 +77,12 @@ class Kind(Settings):
     def to_latents(self, weights: Weights, scaled: Array) -> Array:
         """Returns the latents (..., latents) of an encoder; see `encode`."""
         latents = self.encode(weights, scaled)
-        return latents if self.rescale is None else latent_scaling.apply(weights, latents)
+        return latents if self.rescale is None else rescaled(weights, latents)
 
     def from_latents(self, weights: Weights, latents: Array) -> Array:
         """Returns the decoded states (..., size) of an encoder's latents; see `decode`."""
         if self.rescale is not None:
-            latents = latent_scaling.invert(weights, latents)
+            latents = not_rescaled(weights, latents)
         return self.decode(weights, latents)
 
     def action_signs(self, weights: Weights, scaled: Array) -> Array | None:
@@ -137,19 +137,19 @@ class Learned(Kind):
         """
         return {}
 
-    def prepare(self, batch: Batch, latents: int, random: torch.Generator) -> Batch:
-        """Returns a batch with the noise of an epoch added; see `Batch`.
+    def prepare(self, batch: StatePairs, latents: int, random: torch.Generator) -> StatePairs:
+        """Returns a batch with the noise of an epoch added; see `StatePairs`.
 
         The batch is on the training device and the generator on the CPU: use `standard_normal`.
         """
         return batch
 
-    def loss(self, weights: Weights, batch: Batch) -> Tensor:
+    def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
         """Returns the loss, a mean over the rows of a prepared batch."""
         raise NotImplementedError
 
     def gradient(
-        self, weights: Mapping[str, Tensor], gradients: Mapping[str, Tensor], batch: Batch
+        self, weights: Mapping[str, Tensor], gradients: Mapping[str, Tensor], batch: StatePairs
     ) -> Tensor:
         """Writes the gradient of the loss to `gradients`, by name of the weight; returns the loss.
 

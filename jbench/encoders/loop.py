@@ -15,8 +15,8 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from jbench.encoders.batch import Batch
 from jbench.encoders.kind import Learned
+from jbench.encoders.pairs import StatePairs
 from jbench.encoders.states import States
 from jbench.errors import WorkError
 
@@ -105,12 +105,12 @@ class EncoderLearner:
                 "train it from the beginning."
             ) from None
 
-    def _batches(self, states: States) -> Iterator[Batch]:
+    def _batches(self, states: States) -> Iterator[StatePairs]:
         """Yields the batches of an epoch."""
         for batch in _prefetch(self._prepared(states)):
             yield from batch.split(self.kind.batch)
 
-    def _prepared(self, states: States) -> Iterator[Batch]:
+    def _prepared(self, states: States) -> Iterator[StatePairs]:
         """Yields an epoch's rows in random order, several batches at a time."""
         kind, ahead = self.kind, self.kind.steps_ahead
         for shard in states.learn(self.random):

@@ -60,6 +60,16 @@ class Moments(NamedTuple):
             np.outer(gain, gain).astype(np.float64) * self.covariance,
         )
 
+    def regression(self, inputs: int) -> tuple[FloatArray, FloatArray]:
+        """Returns the least squares slopes (inputs, others) and offset (others,).
+
+        Args:
+            inputs: number of the columns from which the others are predicted.
+        """
+        within, across = self.covariance[:inputs, :inputs], self.covariance[:inputs, inputs:]
+        slopes = np.linalg.pinv(within, rcond=1e-12, hermitian=True) @ across
+        return slopes, self.mean[inputs:] - self.mean[:inputs] @ slopes
+
     @property
     def variance(self) -> FloatArray:
         """(size,) variance of each column."""
@@ -93,3 +103,10 @@ def affine_errors(matrix: FloatArray, shift: FloatArray, moments: Moments) -> Fl
         np.einsum("ij,jk,ik->i", difference, moments.covariance, difference) + bias**2
     )
     return np.maximum(errors, 0)
+
+
+def with_positive_largest(directions: FloatArray) -> FloatArray:
+    """Returns rows, whose signs are arbitrary, with a positive largest component each."""
+    largest = np.argmax(np.abs(directions), axis=1)
+    signs = np.sign(directions[np.arange(len(directions)), largest])
+    return directions * np.where(signs, signs, 1)[:, None]

@@ -15,15 +15,19 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import Kind, Weights
-from jbench.encoders.kinds.planar import physical_scaling, to_planar
+from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
 from jbench.encoders.moments import Moments
-from jbench.encoders.states import Shard, States
+from jbench.encoders.pairs import Shard
+from jbench.encoders.scaling import physical_scaling
+from jbench.encoders.states import States
 from jbench.names import TASKS
 from jbench.simulation import find_task
 
 TARGETS = ("yaw_rate", "tilt_rate", "forward_speed", "reward")
 """Predicted quantities of the Jitterbug's next control step, defined in `docs/encoders.md`; of
 another robot these are the change of each part of the observation, and the reward."""
+
+_RATES = ("rate_z", "rate_x", "rate_y", "velocity_y")
 
 # The probe has two hidden ReLU layers. Larger values of these do not change the order of kinds.
 _LEARNED_ROWS, _TEST_ROWS = 60_000, 30_000
@@ -80,8 +84,8 @@ def probe(kind: Kind, weights: Weights, states: States) -> Probe:
         weights: numpy arrays in float32.
         states: the encoder's training data.
     """
-    learned = _rows_of(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
-    test = _rows_of(kind, weights, states, next(states.test()), _TEST_ROWS)
+    learned = _rows(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
+    test = _rows(kind, weights, states, next(states.test()), _TEST_ROWS)
     columns = _columns(states.task)
     latents = learned.inputs.shape[1] - states.action_size
     rank = effective_rank(test.inputs[:, :latents].numpy())
@@ -129,11 +133,7 @@ def _columns(task: str) -> dict[str, list[int]]:
     return columns
 
 
-_MIRROR_SIGNS = (-1, 1, -1, 1)
-"""Of yaw rate, tilt rates and forward speed."""
-
-
-def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int) -> _Rows:
+def _rows(kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int) -> _Rows:
     """Returns up to `max_rows` random rows of a shard."""
     shard = shard.to(torch.device("cpu"))
     pairs = shard.pairs(1)
@@ -146,13 +146,15 @@ def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, max_row
         changes = torch.cat([batch.later - batch.now, batch.rewards], 1)
         return _Rows(torch.cat([torch.from_numpy(latents), batch.actions], 1), changes)
     gain, offset = physical_scaling(states.task, states.scaling)
-    later = to_planar(states.task, batch.later.double().numpy() * gain + offset)
-    # Rates in the heading frame, in which the robot faces -y.
-    rates = np.stack([later[:, 8], later[:, 6], later[:, 7], -later[:, 4]], axis=1)
+    physical = batch.later.double().numpy() * gain + offset
+    later = PlanarReduction().numbers(states.task, physical)
+    # In the heading frame the robot faces -y.
+    rates = np.stack([later[name] for name in _RATES], axis=1) * (1, 1, 1, -1)
     actions = batch.actions.numpy()
     signs = kind.action_signs(weights, batch.now.numpy())
     if signs is not None:  # these latents are predicted what the mirrored robot does
-        actions, rates = actions * signs, np.where(signs < 0, rates * _MIRROR_SIGNS, rates)
+        mirror = [SIGNS[name] for name in _RATES]
+        actions, rates = actions * signs, np.where(signs < 0, rates * mirror, rates)
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
     inputs = np.concatenate([latents, actions], axis=1)
     return _Rows(torch.from_numpy(inputs), torch.from_numpy(targets))
@@ -166,13 +168,9 @@ def _regression(rows: _Rows, latents: int) -> tuple[Callable[[Tensor], Tensor], 
     """
     inputs, targets = (part.double() for part in rows)
     moments = Moments.of(torch.cat([inputs, targets], 1).numpy())
-    size = inputs.shape[1]
-    covariance = moments.covariance
-    weights = np.linalg.pinv(covariance[:size, :size], rcond=1e-12, hermitian=True)
-    slopes = weights @ covariance[:size, size:]
-    offset = moments.mean[size:] - moments.mean[:size] @ slopes
-    along, of_latents = slopes[:latents], covariance[:latents, :latents]
-    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, of_latents, along), 0))
+    slopes, offset = moments.regression(inputs.shape[1])
+    along, spread = slopes[:latents], moments.covariance[:latents, :latents]
+    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, spread, along), 0))
     norms = np.linalg.norm(along, axis=0)
     amplitudes = np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0)
     slope, shift = (torch.from_numpy(value) for value in (slopes, offset))

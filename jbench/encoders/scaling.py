@@ -1,11 +1,20 @@
-"""The scaling of an encoder's inputs, saved with the encoder."""
+"""The scaling of an encoder's inputs, and the option `rescale` of its latents."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.encoders.moments import Moments
+from jbench.encoders.moments import FloatArray, Moments, with_positive_largest
+from jbench.tasks.features import Array, denormalize
+
+_CENTER, _MATRIX, _INVERSE = "rescale.center", "rescale.matrix", "rescale.inverse"
+
+_SD = 1 / 3  # of whitened latents: most values are in [-1, 1], as those of scaled features
+_MIN_VARIANCE = 1e-10  # relative to the largest; directions of smaller variance become 0
 
 
 @dataclass(frozen=True)
@@ -66,3 +75,43 @@ class Scaling:
         low, high = self.minimum.astype(np.float64), self.maximum.astype(np.float64)
         width = high - low
         return low, width, width > 1e-5 * np.maximum(np.abs(low), np.abs(high))
+
+
+def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArray]:
+    """Returns (dim(O),) gain and offset: features in SI units = gain * scaled + offset."""
+    gain, offset = scaling.half_width_and_center()
+    center = denormalize(task, offset)
+    return denormalize(task, offset + gain) - center, center
+
+
+def rescaled(weights: Mapping[str, Any], latents: Array) -> Array:
+    """Returns rescaled latents (..., latents)."""
+    return (latents - weights[_CENTER]) @ weights[_MATRIX].T
+
+
+def not_rescaled(weights: Mapping[str, Any], latents: Array) -> Array:
+    """Returns the latents (..., latents) before rescaling."""
+    return latents @ weights[_INVERSE].T + weights[_CENTER]
+
+
+def rescaling(option: str, blocks: Iterable[NDArray[np.float32]]) -> dict[str, NDArray[np.float32]]:
+    """Returns the weights of `rescaled` for latents, given in blocks (rows, latents).
+
+    Args:
+        option: "whitened" scales every principal direction to a standard deviation of 1/3;
+            "extremes" maps the extremes of every latent to -1 and 1.
+    """
+    if option == "whitened":
+        moments = reduce(Moments.merged, map(Moments.of, blocks))
+        variance, vectors = np.linalg.eigh(moments.covariance)
+        variance, vectors = variance[::-1], with_positive_largest(vectors[:, ::-1].T).T
+        varies = variance > _MIN_VARIANCE * variance[0]
+        sd = np.sqrt(np.where(varies, variance, 1))
+        center, matrix = moments.mean, (vectors * (varies * _SD / sd)).T
+        inverse = vectors * (varies * sd / _SD)
+    else:
+        half_width, center = reduce(Scaling.merged, map(Scaling.of, blocks)).half_width_and_center()
+        gain = np.divide(1, half_width, out=np.zeros_like(half_width), where=half_width > 0)
+        matrix, inverse = np.diag(gain), np.diag(half_width)
+    weights = {_CENTER: center, _MATRIX: matrix, _INVERSE: inverse}
+    return {name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}

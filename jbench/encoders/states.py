@@ -6,16 +6,15 @@ that does not fit in memory is read in each epoch, file by file in random order.
 
 from collections.abc import Iterator
 from functools import reduce
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from jbench.datasets import Dataset
-from jbench.encoders.batch import Batch
 from jbench.encoders.moments import Moments
+from jbench.encoders.pairs import STATES, Shard
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
@@ -28,9 +27,6 @@ SAMPLE_EPISODES = 128
 """Maximum number of held-out episodes whose error is measured after each epoch."""
 
 _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
-_STATES = EPISODE_STEPS + 1  # per episode: one before each action, and the last
-
-_MAX_PAIRS = 65536  # in a block
 
 Scale = Literal["dataset", "observation", "sd"]
 """Scale of the features: extremes over the dataset to [-1, 1], as observed, or unit variance."""
@@ -44,48 +40,6 @@ def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[
     order = np.random.default_rng(np.random.SeedSequence(seed)).permutation(episodes)
     held_out = max(1, round(_TEST_SHARE * episodes))
     return np.sort(order[held_out:]), np.sort(order[:held_out])
-
-
-class Shard(NamedTuple):
-    """Whole episodes.
-
-    Attributes:
-        states: (episodes, 1001, size) scaled.
-        actions: (episodes, 1000), or (episodes, 1000, action_size) of another robot.
-        rewards: (episodes, 1000) of the actions.
-    """
-
-    states: Tensor
-    actions: Tensor
-    rewards: Tensor
-
-    def pairs(self, ahead: int) -> int:
-        """Returns the number of pairs of states `ahead` steps apart."""
-        return len(self.states) * (_STATES - ahead)
-
-    def take(self, indices: Tensor, ahead: int, with_actions: bool = False) -> Batch:
-        """Returns pairs of states by index (rows,), counted through all episodes."""
-        states = self.states.view(-1, self.states.shape[-1])
-        if not ahead:
-            now = states.index_select(0, indices)
-            return Batch(now, now)
-        episode = indices // (_STATES - ahead)
-        rows = indices + episode * ahead
-        batch = Batch(states.index_select(0, rows), states.index_select(0, rows + ahead))
-        if not with_actions:
-            return batch
-        steps = (rows - episode)[:, None] + torch.arange(ahead, device=rows.device)
-        actions = self.actions.flatten(0, 1)[steps].flatten(1)
-        return batch._replace(actions=actions, rewards=self.rewards.view(-1)[steps])
-
-    def blocks(self, ahead: int, with_actions: bool = False) -> Iterator[Batch]:
-        """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
-        for indices in torch.arange(self.pairs(ahead), device=self.states.device).split(_MAX_PAIRS):
-            yield self.take(indices, ahead, with_actions)
-
-    def to(self, device: torch.device) -> "Shard":
-        """Returns a copy on a device."""
-        return Shard(*(part.to(device) for part in self))
 
 
 class States:
@@ -147,7 +101,7 @@ class States:
     @property
     def in_memory(self) -> bool:
         """Whether all states fit in memory."""
-        return self.dataset.episodes * _STATES * self.size * 4 <= self._memory
+        return self.dataset.episodes * STATES * self.size * 4 <= self._memory
 
     def read(self, device: torch.device) -> None:
         """Reads the dataset if necessary, and moves it to a device.
@@ -193,7 +147,7 @@ class States:
         # All states, or only the sample, which is the beginning of the held-out episodes.
         first = 0 if self.in_memory else first_held_out
         last = len(order) if self.in_memory else min(len(order), first + SAMPLE_EPISODES)
-        states = np.empty((last - first, _STATES, self.size), np.float32)
+        states = np.empty((last - first, STATES, self.size), np.float32)
         actions = np.empty((last - first, EPISODE_STEPS, *self._actions), np.float32)
         rewards = np.empty((last - first, EPISODE_STEPS), np.float32)
         moments = [Moments.none(self.size), Moments.none(self.size)]
@@ -230,7 +184,7 @@ class States:
             parts = torch.randperm(len(parts), generator=random).tolist()
         blocks = self.dataset.blocks(self.task, parts)
         # A third of the memory: a shard is joined while the previous one is still in use.
-        max_episodes = max(1, self._memory // (3 * _STATES * self.size * 4))
+        max_episodes = max(1, self._memory // (3 * STATES * self.size * 4))
         gathered: list[_Arrays] = []
         held = 0
         for part, block in zip(parts, blocks, strict=True):

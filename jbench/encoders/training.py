@@ -13,15 +13,15 @@ import torch
 from numpy.typing import NDArray
 
 from jbench.cores import one_thread
-from jbench.encoders.batch import Batch
 from jbench.encoders.evaluation import error_tables, evaluate_encoder
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.encoders.kind_check import check_kind
-from jbench.encoders.latent_scaling import RESCALINGS
 from jbench.encoders.loop import EncoderLearner
+from jbench.encoders.pairs import StatePairs
 from jbench.encoders.predictions import Probe, probe
 from jbench.encoders.registry import code_of, make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
+from jbench.encoders.scaling import rescaling
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.errors import WorkError
@@ -80,7 +80,7 @@ def train_encoder(
             if weights is None:
                 weights = _weights(kind, settings, states, record, device, progress, commit_every)
             if kind.rescale is not None:
-                weights |= RESCALINGS[kind.rescale](_latents(kind, weights, states))
+                weights |= rescaling(kind.rescale, _latents(kind, weights, states))
             try:
                 SavedEncoder(kind, weights, states.scaling, settings.latents)
             except ValueError as error:
@@ -195,7 +195,7 @@ def _error_measure(
     corrupted = kind.prepare(clean, learner.latents, torch.Generator().manual_seed(0))
 
     @torch.no_grad()
-    def error(batch: Batch) -> float:
+    def error(batch: StatePairs) -> float:
         rebuilt = kind.decode(learner.weights, kind.encode(learner.weights, batch.now))
         target = clean.later if kind.decodes_later else clean.now
         return float((rebuilt - target).square().mean(dtype=torch.float64))

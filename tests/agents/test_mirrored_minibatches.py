@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from jbench.agents.batched.batch import Batch
-from jbench.encoders.kinds.pca import PrincipalComponents
+from jbench.encoders.kinds.linear import PrincipalComponents
 from jbench.encoders.kinds.planar import PlanarReduction
-from jbench.encoders.kinds.planar_mirror import PlanarMirror
+from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 
 from jbench.datasets import Dataset, layout
-from jbench.encoders.kinds.planar import planar_size, planar_weights
+from jbench.encoders.kinds.planar import planar_weights
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.store import schema
@@ -73,7 +73,7 @@ def planar_encoder(task, kind, inputs=None):
         low, high = -random.uniform(0.2, 1, (2, size)).astype(np.float32)
         return Scaling(low, high + 2)
 
-    size = planar_size(task)
+    size = len(kind.columns(task))
     inputs = inputs or scaling(TASK_SPECS[task].observation_size)
     weights = planar_weights(task, inputs, scaling(size), np.array([0.001, -0.002, 0.004]))
     weights = {name: value.astype(np.float32) for name, value in weights.items()}

@@ -13,7 +13,7 @@ import safetensors.numpy
 import torch
 
 from jbench.encoders import find_encoder, load_encoder
-from jbench.encoders.kinds.ae import Autoencoder
+from jbench.encoders.kinds.autoencoders import Autoencoder
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.encoders.settings import encoder_settings

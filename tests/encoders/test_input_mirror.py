@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.encoders.kinds.pca import PrincipalComponents
+from jbench.encoders.kinds.linear import PrincipalComponents, Scaled
 from jbench.encoders.kinds.planar import PlanarReduction
-from jbench.encoders.kinds.planar_mirror import PlanarMirror
-from jbench.encoders.kinds.scaled import Scaled
+from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.mirror import input_mirror
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling

@@ -5,17 +5,19 @@ import pytest
 import torch
 from torch.distributions import Independent, MultivariateNormal, Normal, kl_divergence
 
-from jbench.encoders.batch import Batch
 from jbench.encoders.kind import Learned, glorot
-from jbench.encoders.kinds.ae import Autoencoder
-from jbench.encoders.kinds.dae import DenoisingAutoencoder
-from jbench.encoders.kinds.ddae import DynamicDenoisingAutoencoder
-from jbench.encoders.kinds.lld_vae import (
+from jbench.encoders.kinds.autoencoders import (
+    Autoencoder,
+    DenoisingAutoencoder,
+    DynamicDenoisingAutoencoder,
+)
+from jbench.encoders.kinds.variational import (
+    LocalDynamics,
     LocallyLinearVariationalAutoencoder,
-    Transition,
+    VariationalAutoencoder,
     divergence,
 )
-from jbench.encoders.kinds.vae import VariationalAutoencoder
+from jbench.encoders.pairs import StatePairs
 
 SIZE, LATENTS, ROWS = 7, 3, 50
 LEARNED = [
@@ -39,7 +41,7 @@ def prepared(kind, seed=3):
     """A batch prepared as in the training loop."""
     later = rows_of(2) if kind.steps_ahead else rows_of(1)
     actions = rows_of(5, size=1) if kind.uses_actions else None
-    return kind.prepare(Batch(rows_of(1), later, actions), LATENTS, generator(seed))
+    return kind.prepare(StatePairs(rows_of(1), later, actions), LATENTS, generator(seed))
 
 
 def initial(kind, seed=4):
@@ -53,7 +55,7 @@ def initial(kind, seed=4):
 @pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
 def test_gradient_equals_finite_differences(kind):
     weights = {n: v.detach().double().requires_grad_() for n, v in initial(kind).items()}
-    batch = Batch(*(None if part is None else part.double() for part in prepared(kind)))
+    batch = StatePairs(*(None if part is None else part.double() for part in prepared(kind)))
 
     def loss(*values):
         return kind.loss(dict(zip(weights, values, strict=True)), batch)
@@ -112,18 +114,18 @@ def test_glorot_matrix_is_uniform_within_limit():
 
 def test_input_noise_has_requested_standard_deviation():
     clean = rows_of(rows=20_000)
-    batch = DenoisingAutoencoder(noise=0.3).prepare(Batch(clean, clean), LATENTS, generator())
+    batch = DenoisingAutoencoder(noise=0.3).prepare(StatePairs(clean, clean), LATENTS, generator())
     assert batch.later is clean
     noise = batch.now - clean
     assert noise.std().item() == pytest.approx(0.3, rel=0.02)
     assert noise.mean().item() == pytest.approx(0, abs=0.005)
     assert torch.equal(
-        DenoisingAutoencoder(noise=0.0).prepare(Batch(clean, clean), 3, generator()).now, clean
+        DenoisingAutoencoder(noise=0.0).prepare(StatePairs(clean, clean), 3, generator()).now, clean
     )
 
 
 def test_autoencoder_has_no_noise():
-    batch = Batch(rows_of(), rows_of())
+    batch = StatePairs(rows_of(), rows_of())
     assert Autoencoder().prepare(batch, LATENTS, generator()) is batch
     assert "noise" not in Autoencoder.model_fields
 
@@ -153,7 +155,7 @@ def test_variational_loss_is_negative_bound_without_constant():
 
 
 def test_variational_noise_is_standard_normal():
-    batch = Batch(rows_of(rows=20_000), rows_of(rows=20_000))
+    batch = StatePairs(rows_of(rows=20_000), rows_of(rows=20_000))
     noise = VariationalAutoencoder().prepare(batch, 4, generator()).noise
     assert noise.shape == (20_000, 4)
     assert noise.std().item() == pytest.approx(1, rel=0.02)
@@ -166,7 +168,7 @@ def test_divergence_of_predicted_latents_equals_torch():
         torch.randn(ROWS, LATENTS, generator=draw) - 1 for _ in range(2)
     )
     actions = torch.randn(ROWS, 1, generator=draw)
-    dynamics = Transition(v, r, B, o)
+    dynamics = LocalDynamics(v, r, B, o)
     matrix = torch.eye(LATENTS) + v[:, :, None] * r[:, None, :]
     predicted = (matrix @ mean[:, :, None])[:, :, 0] + B * actions + o
     torch.testing.assert_close(dynamics(mean, actions), predicted)

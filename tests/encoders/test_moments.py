@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jbench.encoders.kinds.pca import PrincipalComponents
-from jbench.encoders.kinds.random_projection import RandomProjection
+from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.moments import Moments, affine_errors
 from jbench.encoders.scaling import Scaling
 

@@ -9,13 +9,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbench.encoders.kinds.planar import (
-    PlanarReduction,
-    features_in,
-    planar_weights,
-    to_planar,
-)
-from jbench.encoders.kinds.planar_controls import HeadingFrame, PlanarWithoutYawRate
+from jbench.encoders.kinds.planar import PlanarReduction, planar_weights
+from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarWithoutYawRate
 from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
 from jbench.tasks import features, model
@@ -98,6 +93,11 @@ robots = st.builds(
 )
 angles = st.floats(-math.pi, math.pi)
 tasks = st.sampled_from(TASKS)
+
+
+def features_in(task, state, target):
+    """Features (dim(O),) in SI units."""
+    return np.concatenate(list(features.features(task, state, target).values()))
 
 
 def weights_of(task):
@@ -184,7 +184,7 @@ def test_planar_numbers_equal_values_computed_by_hand():
         (1.0, 2.0, 0.03), quaternion, (0.1, 0.2, 0.3, 1, 2, 3), (0.5, 7), (1, 2.5, 0.0)
     )
     physical = np.concatenate(list(features.features("move_to_pose", state, target).values()))
-    found = to_planar("move_to_pose", physical)
+    found = KIND.reduce("move_to_pose", physical)
     # The heading is north, in which the velocity is 0.2 m/s and the target is 0.5 m away. The y
     # axis of the robot points up, its z axis to the right. The robot faces -y, which is down; by
     # the yaw of its x axis it faces east, and so does the target.
@@ -226,7 +226,7 @@ def next_numbers(physics, angle, shift):
     mujoco.mj_step(physics, data, nstep=50)
     state = model.state_of(data.qpos, data.qvel, model.torso_offset(physics))
     seen = features.features("face_direction", state, Target(np.zeros(3), np.array(0.0)))
-    return to_planar("face_direction", np.concatenate(list(seen.values())))[:-1]
+    return KIND.reduce("face_direction", np.concatenate(list(seen.values())))[:-1]
 
 
 @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ def test_heading_keeps_all_features_but_sign_of_quaternion(pair, task):
     physical = features_in(task, state, target)
     numbers = HeadingFrame().reduce(task, physical)
     assert len(numbers) in HeadingFrame.latent_sizes(task)
-    np.testing.assert_array_equal(numbers[: SIZES[task]], to_planar(task, physical))
+    np.testing.assert_array_equal(numbers[: SIZES[task]], KIND.reduce(task, physical))
     restored = HeadingFrame().restore(task, numbers, OFFSET)
     sign = np.sign(restored[3:7] @ physical[3:7])
     restored[3:7] *= sign
@@ -271,13 +271,13 @@ def test_heading_of_turned_robot_differs_in_heading_and_place(pair, angle):
 def test_planar_without_yaw_rate_leaves_out_only_that(pair, task):
     state, target = pair[0], at_origin(task, pair[1])
     physical = features_in(task, state, target)
-    planar = to_planar(task, physical)
+    planar = KIND.reduce(task, physical)
     numbers = PlanarWithoutYawRate().reduce(task, physical)
     np.testing.assert_array_equal(numbers, np.delete(planar, 8))
     # The rate about the vertical, whatever the tilt: that of the rotation by the heading.
     upright = state._replace(
         position=np.array([*state.position[:3], *turned_by(0.3, np.array([1.0, 0, 0, 0]))])
     )
-    assert to_planar(task, features_in(task, upright, target))[8] == pytest.approx(
+    assert KIND.reduce(task, features_in(task, upright, target))[8] == pytest.approx(
         state.velocity[5]
     )

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 
 from jbench.encoders import action_signs
 from jbench.encoders.kinds.planar import PlanarReduction
-from jbench.encoders.kinds.planar_mirror import PlanarMirror
+from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.predictions import probe
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States

@@ -11,17 +11,15 @@ from jbench.commands.display import show_encoders
 from jbench.commands.output import Output
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
-from jbench.encoders.batch import Batch
-from jbench.encoders.kinds.contrastive import Contrastive
 from jbench.encoders.kinds.dmd import DynamicModes
-from jbench.encoders.kinds.forward import ForwardModel, angle_periods, changes_of
-from jbench.encoders.kinds.random_features import RandomFeatures
-from jbench.encoders.kinds.scaled import Scaled
+from jbench.encoders.kinds.linear import RandomFeatures, Scaled
+from jbench.encoders.kinds.predictive import Contrastive, ForwardModel, angle_periods, state_changes
 from jbench.encoders.loop import EncoderLearner
+from jbench.encoders.pairs import Shard, StatePairs
 from jbench.encoders.predictions import TARGETS, effective_rank, probe
 from jbench.encoders.registry import make_kind
 from jbench.encoders.settings import encoder_settings
-from jbench.encoders.states import Shard, States
+from jbench.encoders.states import States
 from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
@@ -130,14 +128,14 @@ def test_angle_changes_are_wrapped_and_have_unit_variance(simulated):
     now, later = torch.zeros(1, 16), torch.zeros(1, 16)
     now[0, 13], later[0, 13] = float(0.99 * gain[13]), float(-0.98 * gain[13])
     now[0, 14], later[0, 14] = 0.99, -0.98
-    changes = changes_of(Batch(now, later), turns)
+    changes = state_changes(StatePairs(now, later), turns)
     assert changes[0, 13].item() == pytest.approx(0.03 * gain[13], rel=1e-4)
     assert changes[0, 14].item() == pytest.approx(-1.97, rel=1e-4)
     kind = ForwardModel(horizon=3)
     constants = kind.constants(simulated)
     (shard,) = simulated.learn()
     batch = shard.take(torch.arange(shard.pairs(3)), 3, with_actions=True)
-    scaled = changes_of(batch, turns) * constants["change.scale"]
+    scaled = state_changes(batch, turns) * constants["change.scale"]
     np.testing.assert_allclose(scaled.std(0), 1, rtol=1e-3)
     rewards = batch.rewards.mean(1) * constants["reward.scale"]
     assert rewards.std().item() == pytest.approx(1, rel=1e-3)

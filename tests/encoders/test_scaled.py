@@ -5,9 +5,8 @@ import pytest
 import torch
 
 from jbench.encoders import find_encoder, load_encoder
+from jbench.encoders.kinds.linear import Raw, Scaled
 from jbench.encoders.kinds.planar import PlanarReduction
-from jbench.encoders.kinds.raw import Raw
-from jbench.encoders.kinds.scaled import Scaled
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import MEMORY, States
 from jbench.errors import RequestError

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from jbench.encoders import find_draws, find_encoder, load_encoder
-from jbench.encoders.batch import Batch
-from jbench.encoders.kinds.dae import DenoisingAutoencoder
+from jbench.encoders.kinds.autoencoders import DenoisingAutoencoder
+from jbench.encoders.pairs import StatePairs
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
@@ -117,7 +117,7 @@ def test_ids_of_default_options_are_those_of_older_versions():
 def test_noise_of_a_batch_is_one_vector(trained):
     rows = torch.zeros(7, 4)
     kind = DenoisingAutoencoder(batch=3, noise=0.5, noise_per="batch")
-    noisy = kind.prepare(Batch(rows, rows), 2, torch.Generator().manual_seed(0)).now
+    noisy = kind.prepare(StatePairs(rows, rows), 2, torch.Generator().manual_seed(0)).now
     assert [len({tuple(row) for row in part.tolist()}) for part in noisy.split(3)] == [1, 1, 1]
     assert len({tuple(row) for row in noisy.tolist()}) == 3
 

@@ -12,14 +12,14 @@ import torch
 
 from jbench.encoders import load_encoder
 from jbench.encoders.kind import Learned
-from jbench.encoders.kinds.ae import Autoencoder
-from jbench.encoders.kinds.dae import DenoisingAutoencoder
-from jbench.encoders.kinds.pca import PrincipalComponents
+from jbench.encoders.kinds.autoencoders import Autoencoder, DenoisingAutoencoder
+from jbench.encoders.kinds.linear import PrincipalComponents
 from jbench.encoders.loop import EncoderLearner
+from jbench.encoders.pairs import Shard
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.settings import EncoderSettings, encoder_settings
-from jbench.encoders.states import Shard, States, split_episodes
+from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, encoder_schema, query

@@ -12,7 +12,7 @@ from torch import nn
 
 import jbench
 from jbench.agents.batched.environments import Cell, Environments
-from jbench.encoders.kinds.planar_mirror import PlanarMirror
+from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder

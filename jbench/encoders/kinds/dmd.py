@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from jbench.encoders.kind import Fitted, Weights
-from jbench.encoders.moments import FloatArray, Moments, linear_decoder
+from jbench.encoders.kinds.linear import Linear
+from jbench.encoders.moments import FloatArray, Moments, linear_decoder, with_positive_largest
 from jbench.names import EPISODE_STEPS
 from jbench.tasks.features import Array
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 _MIN_VARIANCE = 1e-9  # relative to the largest variance; smaller ones count as 0
 
 
-class DynamicModes(Fitted):
+class DynamicModes(Linear, Fitted):
     """Encodes the canonical directions in which the present determines the future."""
 
     horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
@@ -55,10 +56,6 @@ class DynamicModes(Fitted):
         """Returns the coordinates along the canonical directions."""
         return (scaled - weights["mean"]) @ weights["directions"].T
 
-    def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the best linear reconstruction of the present."""
-        return latents @ weights["back"] + weights["mean"]
-
     def summary(self, weights: Weights) -> dict[str, Any]:
         """Returns the singular values of the dynamics in descending order."""
         return {"singular_values": [round(float(s), 4) for s in weights["singular_values"]]}
@@ -79,11 +76,7 @@ def canonical_directions(covariance: FloatArray, size: int) -> tuple[FloatArray,
     white, later_white = _whitening(pair[:size, :size]), _whitening(pair[size:, size:])
     across = later_white @ pair[size:, :size] @ white.T
     _, correlations, rows = np.linalg.svd(across)
-    directions = rows @ white
-    # The sign of a direction is arbitrary: its largest component is made positive.
-    largest = np.argmax(np.abs(directions), axis=1)
-    signs = np.sign(directions[np.arange(size), largest])
-    return directions * np.where(signs, signs, 1)[:, None], np.clip(correlations, 0, 1)
+    return with_positive_largest(rows @ white), np.clip(correlations, 0, 1)
 
 
 def _whitening(covariance: FloatArray) -> FloatArray:

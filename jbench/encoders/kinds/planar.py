@@ -11,16 +11,7 @@ pyramid.
 
 The orientation q is split into a rotation about the vertical and a tilt (the swing-twist
 decomposition): q = (cos(h/2), 0, 0, sin(h/2)) * (c, a, b, 0) with c >= 0. The heading frame is the
-world rotated by h. The latents, in the heading frame and in this order:
-
-    height                                          1   m
-    tilt: a and b above, sin(angle / 2) of the tilt 2
-    velocity of the torso's frame                   3   m/s
-    angular velocity                                3   rad/s
-    motor angle and speed, as observed              2   rad, rad/s
-    from the robot to its target, horizontally      2   m, if the reward depends on the position
-    angle to the target, as observed                1   rad, if the task observes it
-
+world rotated by h. The latents are the `SIGNS` of a task, in this order, in the heading frame.
 `move_from_origin` has no target, but its reward depends on the distance from the origin, which
 takes the target's place: only rotations about the origin are symmetries of this task.
 """
@@ -33,8 +24,7 @@ from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
 from jbench.encoders.kind import Fitted, Weights
-from jbench.encoders.moments import FloatArray
-from jbench.encoders.scaling import Scaling
+from jbench.encoders.scaling import Scaling, physical_scaling
 from jbench.tasks import model
 from jbench.tasks.features import (
     TARGET_HEIGHT,
@@ -43,7 +33,6 @@ from jbench.tasks.features import (
     State,
     Target,
     center_of_mass_velocity,
-    denormalize,
     features,
     heading,
     rotate,
@@ -55,8 +44,26 @@ from jbench.tasks.robots import load_model
 if TYPE_CHECKING:
     from jbench.encoders.states import States
 
-_ROBOT_SIZE = 11  # numbers that all tasks have
-_UPSIDE_DOWN = 1e-12  # squared cosine of half the tilt, at the precision of float32
+SIGNS = {
+    "height": 1,  # m
+    "tilt_a": 1,  # a and b above, sin(angle / 2) of the tilt
+    "tilt_b": -1,
+    "velocity_x": -1,  # of the torso's frame (m/s)
+    "velocity_y": 1,
+    "velocity_z": 1,
+    "rate_x": 1,  # angular velocity (rad/s)
+    "rate_y": -1,
+    "rate_z": -1,
+    "motor_angle": -1,  # as observed (rad)
+    "motor_speed": -1,  # as observed (rad/s)
+    "target_x": -1,  # from the robot to its target (m), if the reward depends on the position
+    "target_y": 1,
+    "angle": -1,  # to the target, as observed (rad), if the task observes it
+}
+"""The planar numbers, each with the factor by which the robot's mirror image has it."""
+
+Numbers = dict[str, Array]
+"""Unscaled latents (...) by name."""
 
 
 class PlanarReduction(Fitted):
@@ -67,18 +74,83 @@ class PlanarReduction(Fitted):
     """
 
     @classmethod
+    def columns(cls, task: str) -> tuple[str, ...]:
+        """Returns the names of the latents of a task, in order."""
+        spec = TASK_SPECS[task]
+        absent = {"target_x", "target_y"} if not spec.rewards_position else set()
+        absent |= {"angle"} if "angle_to_target" not in spec.features else set()
+        return tuple(name for name in SIGNS if name not in absent)
+
+    @classmethod
     def latent_sizes(cls, task: str) -> range:
-        """Returns the only possible size, 11 to 14."""
-        size = planar_size(task)
+        """Returns the number of `columns`."""
+        size = len(cls.columns(task))
         return range(size, size + 1)
 
-    def reduce(self, task: str, physical: Array) -> Array:
-        """Returns the latents (..., latents) before scaling, for features in SI units."""
-        return to_planar(task, physical)
+    def numbers(self, task: str, physical: Array) -> Numbers:
+        """Returns the latents before scaling, for features (..., dim(O)) in SI units."""
+        by_name = split(task, physical)
+        position, velocity = by_name["position"], by_name["velocity"]
+        length, a, b, cosine, sine = swing_and_twist(position[..., 3:])
+        along, across = rotated_in_plane(cosine, -sine, velocity[..., 0], velocity[..., 1])
+        numbers = [
+            *(position[..., 2], a, b, along, across, velocity[..., 2]),
+            *_tilted(length, a, b, velocity[..., 3:]),
+            *(by_name["motor_position"][..., 0], by_name["motor_velocity"][..., 0]),
+        ]
+        if "target_in_jitterbug_frame" in by_name:
+            numbers += _tilted(length, a, b, by_name["target_in_jitterbug_frame"])[:2]
+        elif TASK_SPECS[task].rewards_position:
+            numbers += rotated_in_plane(cosine, -sine, -position[..., 0], -position[..., 1])
+        if "angle_to_target" in by_name:
+            numbers.append(by_name["angle_to_target"][..., 0])
+        return dict(zip(PlanarReduction.columns(task), numbers, strict=True))
 
-    def restore(self, task: str, numbers: Array, center_of_mass: Array) -> Array:
-        """Returns features (..., dim(O)) in SI units of a robot with these latents."""
-        return features_in(task, *from_planar(task, numbers, center_of_mass))
+    def robot(self, task: str, numbers: Numbers, center_of_mass: Array) -> tuple[State, Target]:
+        """Returns a robot with these numbers, or 0 for those that lack, and its target.
+
+        Its heading h is 0, and it is at the origin; in `move_from_origin` it is where they say.
+
+        Args:
+            center_of_mass: (3,) of the torso in its own frame (m).
+        """
+        height, a, b = numbers["height"], numbers["tilt_a"], numbers["tilt_b"]
+        xp = array_namespace(height)
+        zero = xp.zeros_like(height)
+
+        def vector(name: str) -> Array:
+            return xp.stack([numbers.get(f"{name}_{axis}", zero) for axis in "xyz"], axis=-1)
+
+        place, target = [zero, zero], [numbers.get(f"target_{axis}", zero) for axis in "xy"]
+        if not TASK_SPECS[task].draws_position:
+            place, target = [-part for part in target], place
+        upright = xp.sqrt(xp.clip(1 - a * a - b * b, 0.0, 1.0))
+        position = xp.stack([*place, height, upright, a, b, zero], axis=-1)
+        back = xp.matrix_transpose(rotation_matrix(position[..., 3:]))
+        velocity = xp.concat([vector("velocity"), rotate(back, vector("rate"))], axis=-1)
+        state = State(
+            position=position,
+            velocity=velocity,
+            motor_position=numbers["motor_angle"],
+            motor_velocity=numbers["motor_speed"],
+            torso_velocity=center_of_mass_velocity(position, velocity, center_of_mass),
+        )
+        return state, Target(
+            xp.stack([*target, zero + TARGET_HEIGHT], axis=-1),
+            numbers.get("angle", zero) + heading(state),
+        )
+
+    def reduce(self, task: str, physical: Array) -> Array:
+        """Returns the `numbers` as an array (..., latents)."""
+        numbers = self.numbers(task, physical)
+        columns = [numbers[name] for name in self.columns(task)]
+        return array_namespace(physical).stack(columns, axis=-1)
+
+    def restore(self, task: str, latents: Array, center_of_mass: Array) -> Array:
+        """Returns features (..., dim(O)) in SI units of a robot with these unscaled latents."""
+        numbers = {name: latents[..., i] for i, name in enumerate(self.columns(task))}
+        values = features(task, *self.robot(task, numbers, center_of_mass))
+        return array_namespace(latents).concat(list(values.values()), axis=-1)
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
         """Returns the scalings of features and latents, and the torso's center of mass."""
@@ -92,9 +164,8 @@ class PlanarReduction(Fitted):
         )
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the scaled numbers listed in the module's docstring."""
-        task, physical = task_and_features(weights, scaled)
-        numbers = self.reduce(task, physical) - weights["latent.offset"]
+        """Returns the scaled numbers."""
+        numbers = self.reduce(*task_and_features(weights, scaled)) - weights["latent.offset"]
         return _divided(numbers, weights["latent.gain"])
 
     def decode(self, weights: Weights, latents: Array) -> Array:
@@ -103,16 +174,10 @@ class PlanarReduction(Fitted):
         It equals the encoded observation up to a motion in the plane (`move_from_origin`: a
         rotation about the origin).
         """
-        task = _task(weights)
+        (task,) = (name for name in TASK_SPECS if f"{name}.gain" in weights)
         numbers = latents * weights["latent.gain"] + weights["latent.offset"]
         physical = self.restore(task, numbers, weights["center_of_mass"])
         return _divided(physical - weights[f"{task}.offset"], weights[f"{task}.gain"])
-
-
-def planar_size(task: str) -> int:
-    """Returns the number of latents of a task."""
-    angle = "angle_to_target" in TASK_SPECS[task].features
-    return _ROBOT_SIZE + 2 * TASK_SPECS[task].rewards_position + angle
 
 
 def planar_weights(
@@ -122,95 +187,24 @@ def planar_weights(
 
     Args:
         scaling: of the observation's features.
-        extremes: (planar_size,) extremes of the unscaled latents.
+        extremes: of the unscaled latents.
         center_of_mass: (3,) of the torso in its own frame (m).
     """
     gain, offset = physical_scaling(task, scaling)
-    latent_scaling = extremes.half_width_and_center()
+    half_width, center = extremes.half_width_and_center()
     return {
         f"{task}.gain": gain,
         f"{task}.offset": offset,
-        "latent.gain": latent_scaling[0],
-        "latent.offset": latent_scaling[1],
+        "latent.gain": half_width,
+        "latent.offset": center,
         "center_of_mass": center_of_mass,
     }
 
 
-def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArray]:
-    """Returns (dim(O),) gain and offset: features in SI units = gain * scaled + offset."""
-    gain, offset = scaling.half_width_and_center()
-    center = denormalize(task, offset)
-    return denormalize(task, offset + gain) - center, center
-
-
 def task_and_features(weights: Weights, scaled: Array) -> tuple[str, Array]:
     """Returns the task of the weights, and features in SI units for scaled ones."""
-    task = _task(weights)
+    (task,) = (name for name in TASK_SPECS if f"{name}.gain" in weights)
     return task, scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]
-
-
-def to_planar(task: str, physical: Array) -> Array:
-    """Returns unscaled latents (..., planar_size) for features (..., dim(O)) in SI units."""
-    xp = array_namespace(physical)
-    by_name = split(task, physical)
-    length, a, b, cosine, sine = swing_and_twist(by_name["position"][..., 3:])
-    velocity = by_name["velocity"]
-    along, across = rotated_in_plane(cosine, -sine, velocity[..., 0], velocity[..., 1])
-    numbers = [
-        *(by_name["position"][..., 2], a, b, along, across, velocity[..., 2]),
-        *_tilted(length, a, b, velocity[..., 3:]),
-        *(by_name["motor_position"][..., 0], by_name["motor_velocity"][..., 0]),
-    ]
-    if "target_in_jitterbug_frame" in by_name:
-        numbers += _tilted(length, a, b, by_name["target_in_jitterbug_frame"])[:2]
-    elif TASK_SPECS[task].rewards_position:
-        to_origin = -by_name["position"][..., :2]
-        numbers += rotated_in_plane(cosine, -sine, to_origin[..., 0], to_origin[..., 1])
-    if "angle_to_target" in by_name:
-        numbers.append(by_name["angle_to_target"][..., 0])
-    return xp.stack(numbers, axis=-1)
-
-
-def from_planar(task: str, planar: Array, center_of_mass: Array) -> tuple[State, Target]:
-    """Returns a robot with these planar numbers, and its target.
-
-    Its heading h is 0, and it is at the origin; in `move_from_origin` it is where they say.
-
-    Args:
-        planar: (..., planar_size) as `to_planar` returns them.
-        center_of_mass: (3,) of the torso in its own frame (m).
-    """
-    xp = array_namespace(planar)
-    height, a, b = (planar[..., i] for i in range(3))
-    zero = xp.zeros_like(height)
-    rest = planar[..., _ROBOT_SIZE:]
-    target = [zero, zero]
-    if TASK_SPECS[task].rewards_position:
-        target = [rest[..., 0], rest[..., 1]]
-    place = [zero, zero]
-    if not TASK_SPECS[task].draws_position:
-        place, target = [-part for part in target], place
-    upright = xp.sqrt(xp.clip(1 - a * a - b * b, 0.0, 1.0))
-    position = xp.stack([*place, height, upright, a, b, zero], axis=-1)
-    back = xp.matrix_transpose(rotation_matrix(position[..., 3:]))
-    velocity = xp.concat([planar[..., 3:6], rotate(back, planar[..., 6:9])], axis=-1)
-    state = State(
-        position=position,
-        velocity=velocity,
-        motor_position=planar[..., 9],
-        motor_velocity=planar[..., 10],
-        torso_velocity=center_of_mass_velocity(position, velocity, center_of_mass),
-    )
-    # The last number is the angle to the target if the task observes it.
-    return state, Target(
-        xp.stack([*target, zero + TARGET_HEIGHT], axis=-1), planar[..., -1] + heading(state)
-    )
-
-
-def features_in(task: str, state: State, target: Target) -> Array:
-    """Returns features (..., dim(O)) in SI units."""
-    xp = array_namespace(state.position)
-    return xp.concat(list(features(task, state, target).values()), axis=-1)
 
 
 def swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -218,20 +212,12 @@ def swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Arra
     xp = array_namespace(quaternion)
     w, x, y, z = (quaternion[..., i] for i in range(4))
     # The heading is undefined upside down: it is set to 0.
-    has_heading = w * w + z * z > _UPSIDE_DOWN
+    has_heading = w * w + z * z > 1e-12  # at the precision of float32
     w, z = xp.where(has_heading, w, 1.0), xp.where(has_heading, z, 0.0)
     square = w * w + z * z
     c = xp.sqrt(square)
     a, b = (w * x + z * y) / c, (w * y - z * x) / c
     return c, a, b, (w * w - z * z) / square, 2 * w * z / square
-
-
-def _task(weights: Weights) -> str:
-    """Returns the task in the names of the weights."""
-    for task in TASK_SPECS:
-        if f"{task}.gain" in weights:
-            return task
-    raise KeyError("no weights of a task")
 
 
 def rotated_in_plane(cosine: Array, sine: Array, x: Array, y: Array) -> list[Array]:

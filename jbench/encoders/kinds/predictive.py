@@ -1,25 +1,30 @@
-"""The layers that `forward`, `inverse` and `contrastive` share; they differ in their loss.
-
-The encoder is one tanh layer, as in the denoising autoencoder. A hidden tanh layer sees the latents
-of a state and the actions of the next `horizon` control steps. A linear decoder reconstructs the
-state, without influence on the latents.
-"""
+"""Kinds that predict: the next state, the actions in between, or which state follows."""
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor
 
-from jbench.encoders.batch import Batch
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
+from jbench.encoders.moments import Moments
+from jbench.encoders.pairs import StatePairs
 from jbench.names import EPISODE_STEPS
-from jbench.tasks.features import Array
+from jbench.tasks.features import FEATURE_SIZES, RANGES, TASK_SPECS, Array
+
+if TYPE_CHECKING:
+    from jbench.encoders.states import States
 
 
 class Predictive(Learned):
-    """Learns latents from which the future can be predicted."""
+    """Learns latents from which the future can be predicted; its subclasses differ in the loss.
+
+    The encoder is one tanh layer, as in the denoising autoencoder. A hidden tanh layer sees the
+    latents of a state and the actions of the next `horizon` control steps. A linear decoder
+    reconstructs the state, without influence on the latents.
+    """
 
     uses_actions: ClassVar[bool] = True
 
@@ -66,13 +71,142 @@ class Predictive(Learned):
         """Returns the linear reconstruction."""
         return affine(weights, "decoder", latents)
 
-    def hidden_units(self, weights: Weights, latents: Tensor, batch: Batch) -> Tensor:
+    def hidden_units(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         """Returns the (rows, hidden) activations for the latents and actions of a batch."""
         assert batch.actions is not None
         units: Tensor = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
         return units
 
-    def reconstruction_error(self, weights: Weights, latents: Tensor, batch: Batch) -> Tensor:
+    def reconstruction_error(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         """Returns the mean squared error, whose gradient does not reach the latents."""
         rebuilt = self.decode(weights, latents.detach())
         return torch.nn.functional.mse_loss(rebuilt, batch.now)
+
+
+class ForwardModel(Predictive):
+    """Predicts the change of the state over `horizon` control steps and the mean reward.
+
+    Every target is scaled to unit variance, so that features of large variance do not dominate the
+    loss. Source: the task "predict the difference of states" of Lange et al. (arXiv:2310.04241),
+    with the reward.
+    """
+
+    def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
+        """Returns the layers that predict the changes and the reward."""
+        return {"change": (size, self.hidden), "reward": (1, self.hidden)}
+
+    def constants(self, states: "States") -> dict[str, Tensor]:
+        """Returns the scales of changes and rewards, and the periods of angles."""
+        periods = angle_periods(states)
+        change_moments, reward_moments = Moments.none(states.size), Moments.none(1)
+        for shard in states.learn():
+            for batch in shard.blocks(self.horizon, with_actions=True):
+                changes = state_changes(batch, periods.to(states.device))
+                change_moments = change_moments.merged(Moments.of(changes.cpu().numpy()))
+                assert batch.rewards is not None
+                reward_moments = reward_moments.merged(
+                    Moments.of(batch.rewards.mean(1, True).cpu().numpy())
+                )
+        constants = {
+            "change.turn": periods,
+            "change.scale": _inverse_sd(change_moments),
+            "reward.scale": _inverse_sd(reward_moments),
+        }
+        return {name: value.to(states.device) for name, value in constants.items()}
+
+    def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
+        """Returns the sum of the mean squared errors of changes, reward and reconstruction."""
+        assert batch.rewards is not None
+        latents = self.encode(weights, batch.now)
+        hidden = self.hidden_units(weights, latents, batch)
+        changes = state_changes(batch, weights["change.turn"]) * weights["change.scale"]
+        rewards = batch.rewards.mean(1, keepdim=True) * weights["reward.scale"]
+        mse = torch.nn.functional.mse_loss
+        return (
+            mse(affine(weights, "change", hidden), changes)
+            + mse(affine(weights, "reward", hidden), rewards)
+            + self.reconstruction_error(weights, latents, batch)
+        )
+
+
+class InverseModel(Predictive):
+    """Predicts the actions of `horizon` control steps from the latents before and after them.
+
+    Source: the inverse dynamics of Agrawal et al. (arXiv:1606.07419) and Pathak et al.
+    (arXiv:1705.05363), which keep what the agent controls.
+    """
+
+    def hidden_inputs(self, latents: int, actions: int) -> int:
+        """Returns the size of two states' latents."""
+        return 2 * latents
+
+    def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
+        """Returns the layer that predicts the actions."""
+        return {"action": (actions, self.hidden)}
+
+    def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
+        """Returns the sum of the mean squared errors of the actions and the reconstruction."""
+        assert batch.actions is not None
+        latents = self.encode(weights, batch.now)
+        pair = torch.cat([latents, self.encode(weights, batch.later)], 1)
+        actions = affine(weights, "action", tanh(affine(weights, "hidden", pair)))
+        return torch.nn.functional.mse_loss(actions, batch.actions) + self.reconstruction_error(
+            weights, latents, batch
+        )
+
+
+class Contrastive(Predictive):
+    """Distinguishes a state's future from the futures of others: minimizes InfoNCE.
+
+    Latents and actions are mapped to a query. Its product with the latents of the state `horizon`
+    control steps later must be larger than its products with the later states of all other rows of
+    the batch. Source: InfoNCE (van den Oord, Li and Vinyals, arXiv:1807.03748) with the actions in
+    between, as in the temporal contrastive learning of Yang and Nachum (arXiv:2102.05815).
+    """
+
+    epochs: int = Field(default=50, ge=1, description="ours: a row is compared with 512 others")
+    batch: int = Field(default=512, ge=2, description="rows in a step; ours")
+    horizon: int = Field(default=5, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
+
+    def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
+        """Returns the layer of the query."""
+        return {"query": (latents, self.hidden)}
+
+    def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
+        """Returns the InfoNCE loss (nats) plus the squared error of the reconstruction."""
+        latents = self.encode(weights, batch.now)
+        queries = affine(weights, "query", self.hidden_units(weights, latents, batch))
+        products = queries @ self.encode(weights, batch.later).T
+        labels = torch.arange(len(products), device=products.device)
+        infonce = torch.nn.functional.cross_entropy(products, labels)
+        return infonce + self.reconstruction_error(weights, latents, batch)
+
+
+def state_changes(batch: StatePairs, periods: Tensor) -> Tensor:
+    """Returns the (rows, size) changes of the scaled features; angles change the shorter way.
+
+    Args:
+        periods: (size,) from `angle_periods`.
+    """
+    change = batch.later - batch.now
+    return change - periods * torch.where(periods > 0, change / periods, 0).round()
+
+
+def angle_periods(states: "States") -> Tensor:
+    """Returns the (size,) scaled periods of the features: a full turn of an angle, otherwise 0.
+
+    Which features of another robot are angles is not known.
+    """
+    if states.task not in TASK_SPECS:
+        return torch.zeros(states.size)
+    names = TASK_SPECS[states.task].features
+    labels = [name for name in names for _ in range(FEATURE_SIZES[name])]
+    periods = np.array([2.0 * (RANGES[name][1] == (np.pi,)) for name in labels], np.float32)
+    return torch.from_numpy(periods * states.scaling.gain_and_offset()[0])
+
+
+def _inverse_sd(moments: Moments) -> Tensor:
+    """Returns 1 / standard deviation of each column; 0 for a constant column."""
+    sd = np.sqrt(moments.variance)
+    inverse = np.divide(1, sd, out=np.zeros_like(sd), where=sd > 1e-9)
+    return torch.from_numpy(inverse.astype(np.float32))

@@ -1,0 +1,159 @@
+"""Kinds without training and options: the controls that any learned encoder must beat."""
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.encoders.kind import ClosedForm, Fitted, Kind, Weights, tanh
+from jbench.encoders.moments import Moments, linear_decoder, with_positive_largest
+from jbench.encoders.scaling import physical_scaling
+from jbench.simulation import find_task
+from jbench.tasks.features import TASK_SPECS, Array
+
+if TYPE_CHECKING:
+    from jbench.encoders.states import States
+
+
+class Linear(Kind):
+    """A kind with a linear decoder.
+
+    Attributes:
+        back: name of the weights (latents, size) of the decoder, to which "mean" is added.
+    """
+
+    back: ClassVar[str] = "back"
+
+    def decode(self, weights: Weights, latents: Array) -> Array:
+        """Returns the linear reconstruction."""
+        return latents @ weights[self.back] + weights["mean"]
+
+
+class PrincipalComponents(Linear, ClosedForm):
+    """Projects on the directions of the largest variance (Pearson, 1901; Hotelling, 1933).
+
+    It is the best linear encoder and decoder.
+    """
+
+    back: ClassVar[str] = "components"
+
+    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
+        """Returns the components (latents, size) in order of decreasing variance, and the mean."""
+        _, vectors = np.linalg.eigh(moments.covariance)
+        components = with_positive_largest(vectors[:, ::-1][:, :latents].T)
+        return {"components": components, "mean": moments.mean}
+
+    def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the coordinates along the components."""
+        return (scaled - weights["mean"]) @ weights["components"].T
+
+
+class RandomProjection(Linear, ClosedForm):
+    """Projects on random orthogonal directions (Johnson and Lindenstrauss, 1984).
+
+    They do not depend on the data: they are rows of a uniformly distributed random orthogonal
+    matrix (Mezzadri, 2007). Least squares give a linear decoder, so that a reconstruction error can
+    be reported.
+    """
+
+    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
+        """Returns the projection (latents, size) and the best linear decoder."""
+        size = len(moments.mean)
+        normal = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=(size, size))
+        rotation, triangle = np.linalg.qr(normal)
+        # The first rows of one matrix, so that larger projections contain smaller ones.
+        projection = (rotation * np.sign(np.diag(triangle))).T[:latents]
+        # Constant features can leave directions without variance.
+        decoder = linear_decoder(projection, moments.covariance, 1e-12)
+        mean = moments.mean - moments.mean @ projection.T @ decoder
+        return {"projection": projection, "back": decoder, "mean": mean}
+
+    def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the projections."""
+        return scaled @ weights["projection"].T
+
+
+class RandomFeatures(Linear, Fitted):
+    """Tanh of random directions with random offsets (Rahimi and Recht, 2007).
+
+    Their number may exceed the size of the observation: they are the control for learned
+    representations that are larger, and show the effect of the number of inputs alone. The argument
+    of the tanh has unit variance on average over the directions, and an offset between -1 and 1.
+    """
+
+    @classmethod
+    def latent_sizes(cls, task: str) -> range:
+        """Returns 1 to 4096."""
+        return range(1, 4097)
+
+    def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
+        """Returns the directions (latents, size), the offsets, and the best linear decoder."""
+        random = np.random.default_rng(np.random.SeedSequence(states.seed))
+        sd = np.sqrt(np.trace(states.learned.covariance))
+        directions = random.normal(size=(latents, states.size)) / sd
+        offsets = random.uniform(-1, 1, latents) - directions @ states.learned.mean
+        weights = {"directions": directions, "offsets": offsets}
+        moments = Moments.none(latents + states.size)
+        for rows in next(states.learn()).states.cpu().numpy():
+            moments = moments.merged(Moments.of(np.hstack([self.encode(weights, rows), rows])))
+        decoder, mean = moments.regression(latents)
+        return weights | {"back": decoder, "mean": mean}
+
+    def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the features, in (-1, 1)."""
+        return tanh(scaled @ weights["directions"].T + weights["offsets"])
+
+
+class Scaled(ClosedForm):
+    """Returns the scaled features: the control for the scaling of the other kinds.
+
+    Encoders scale each feature to [-1, 1] before they reduce them, so an agent on latents and an
+    agent on observations also differ in the scale of their inputs.
+    """
+
+    @classmethod
+    def latent_sizes(cls, task: str) -> range:
+        """Returns the number of features of the task."""
+        size = find_task(task).observation_size
+        return range(size, size + 1)
+
+    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
+        """Returns no weights."""
+        return {}
+
+    def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the scaled features."""
+        return scaled
+
+    def decode(self, weights: Weights, latents: Array) -> Array:
+        """Returns the scaled features."""
+        return latents
+
+
+class Raw(Fitted):
+    """Returns the observation in SI units, without any scaling.
+
+    It is the control for the nominal scaling of the tasks' observations, which the authors'
+    environment did not have before September 2019. The motor speed then varies by 180 and the
+    quaternion by 1.
+    """
+
+    @classmethod
+    def latent_sizes(cls, task: str) -> range:
+        """Returns the number of features of the task."""
+        size = TASK_SPECS[task].observation_size
+        return range(size, size + 1)
+
+    def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
+        """Returns gain and offset of each feature."""
+        gain, offset = physical_scaling(states.task, states.scaling)
+        inverse = np.divide(1, gain, out=np.zeros_like(gain), where=gain != 0)
+        return {"gain": gain, "offset": offset, "inverse": inverse}
+
+    def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the features in SI units."""
+        return scaled * weights["gain"] + weights["offset"]
+
+    def decode(self, weights: Weights, latents: Array) -> Array:
+        """Returns the scaled features."""
+        return (latents - weights["offset"]) * weights["inverse"]

@@ -2,7 +2,8 @@
 
 import os
 from collections import Counter
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,12 +12,11 @@ from jbench.commands import parsing
 from jbench.commands.options import RESULTS, JsonOption, ReadResultsOption, complete_policies
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
-from jbench.wording import counted
+from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
     from jbench.store import Record, Results
-    from jbench.training.reevaluate import Reevaluation
-    from jbench.training.reproduce import Reproduction
+    from jbench.training.reevaluate import Repeated
 
 
 def reproduce(
@@ -44,26 +44,77 @@ def reproduce(
     The parts are its last evaluation and its first training episodes.
     """
     limit_threads()
-    from jbench.policies.find import SHIPPED
-    from jbench.training import reproduce as repeating
+    from jbench.store.provenance import sentence_of
+    from jbench.training.reevaluate import changes_since, reevaluate
+    from jbench.training.reproduce import default_episodes, retrain
 
     if episodes is not None and episodes < 0:
         raise RequestError(f"--episodes {episodes}: type 0 or more.")
     output = Output(json)
-    # A shipped run needs no results directory.
-    open_results = parsing.results_at if run.startswith(SHIPPED) else parsing.existing_results
-    database, record = repeating.find_run(open_results(results), run)
+    database, record = _find_run(results, run)
     if episodes is None:
-        episodes = repeating.default_episodes(record)
-    total = max(1, min(episodes, record.rows("episodes"))) * names.EPISODE_STEPS
-    with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
-        done = repeating.reproduce(database, record, episodes, progress)
-    _say(done, record, output)
-    output.document(_document(done))
-    if not done.equal:
-        raise WorkError(_not_equal(done))
-    if not done.compared:
-        raise WorkError(f"Nothing of {done.run} could be compared; repeat episodes (--episodes 1).")
+        episodes = default_episodes(record)
+    finished = record.status == "finished"
+    evaluation, retraining = reevaluate(database, record) if finished else None, None
+    if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
+        reason = "has not finished" if evaluation is None else "was saved without its policy"
+        raise RequestError(f"{record.id} {reason}: type --episodes 1 or more.")
+    if episodes:
+        total = max(1, min(episodes, record.rows("episodes"))) * names.EPISODE_STEPS
+        with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
+            retraining = retrain(database, record, episodes, progress)
+    changed = changes_since(record)
+    output.say(f"run {record.id}")
+    output.say(f"  evaluation: {_sentence(evaluation, record)}")
+    output.say(f"  training: {_sentence(retraining, record)}")
+    if changed:
+        output.say(f"  Since the run began, {sentence_of(changed)}.")
+    parts = [part for part in (evaluation, retraining) if part is not None]
+    equal = all(part.verdict != "different" for part in parts)
+    output.document(
+        {
+            "run": record.id,
+            "equal": equal,
+            "evaluation": None if evaluation is None else evaluation._asdict(),
+            "training": None if retraining is None else retraining._asdict(),
+            "changed": changed,
+        }
+    )
+    if not equal:
+        why = f"{', '.join(changed)} changed since then, and may round numbers differently"
+        same = "versions and processor are the same, so the record was altered or is incomplete"
+        raise WorkError(f"{record.id} was not reproduced: {why if changed else same}.")
+    if not any(part.compared for part in parts):
+        raise WorkError(
+            f"Nothing of {record.id} could be compared; repeat episodes (--episodes 1)."
+        )
+
+
+def _find_run(path: Path, name: str) -> tuple["Results", "Record"]:
+    """Returns a run and its results, by its id or the beginning, after "reference/" if shipped."""
+    from jbench.policies.find import SHIPPED
+    from jbench.store.shipped import shipped_results
+
+    # A shipped run needs no results directory.
+    results = shipped_results() if name.startswith(SHIPPED) else parsing.existing_results(path)
+    record = results.find("run", results.complete_id("run", name.removeprefix(SHIPPED)))
+    if record is None:
+        runs = with_results("jbench runs", results.name)
+        raise RequestError(f"There is no run {name} in {results.name}; {runs} lists them.")
+    return results, record
+
+
+def _sentence(part: "Repeated | None", record: "Record") -> str:
+    """Returns what became of a part of a run that was repeated."""
+    if part is None:
+        return f"not repeated; the run is {record.status}."
+    if part.verdict != "equal":
+        return f"{part.verdict}. {part.reason}"
+    episodes = counted(len(part.recorded), "episode")
+    return (
+        f"equal. The returns of {episodes}, up to control step {part.control_steps:,}, are the "
+        f"recorded ones. {part.reason}"
+    ).rstrip()
 
 
 def limit_threads() -> None:
@@ -71,13 +122,13 @@ def limit_threads() -> None:
     os.environ.update(names.ONE_THREAD)
 
 
-def reevaluate_all(database: "Results", output: Output) -> list["Reevaluation"]:
+def reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
     """Repeats the last evaluation of every finished run, and prints those that are not equal.
 
     Damaged runs are left out, and runs without a policy are only counted.
     """
-    from jbench.store.provenance import differences, provenance, sentence_of
-    from jbench.training.reevaluate import reevaluate
+    from jbench.store.provenance import sentence_of
+    from jbench.training.reevaluate import changes_since, reevaluate
 
     records = [record for record in database.scan("run")[0] if record.status == "finished"]
     outcomes = []
@@ -87,8 +138,7 @@ def reevaluate_all(database: "Results", output: Output) -> list["Reevaluation"]:
                 outcome = reevaluate(database, record)
             except WorkError:
                 continue  # reported as damaged
-            changed = differences(record.manifest.provenance, provenance())
-            if outcome.verdict == "different" and changed:
+            if outcome.verdict == "different" and (changed := changes_since(record)):
                 reason = f"{outcome.reason} Since then, {sentence_of(changed)}."
                 outcome = outcome._replace(reason=reason)
             outcomes.append(outcome)
@@ -104,58 +154,3 @@ def reevaluate_all(database: "Results", output: Output) -> list["Reevaluation"]:
     verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in counts.items())
     output.say(f"Repeated the last evaluations of finished runs: {verdicts or 'none'}.")
     return outcomes
-
-
-def _say(done: "Reproduction", record: "Record", output: Output) -> None:
-    from jbench.store.provenance import sentence_of
-
-    output.say(f"run {done.run}")
-    evaluation, retraining = done.evaluation, done.retraining
-    if evaluation is None:
-        output.say(f"  evaluation: not repeated, since the run is {record.status}.")
-    elif evaluation.verdict == "equal":
-        output.say(
-            f"  evaluation: equal. The kept policy has the recorded return in each of "
-            f"{counted(len(evaluation.recorded), 'episode')} "
-            f"(control step {evaluation.control_steps:,})."
-        )
-    else:
-        output.say(f"  evaluation: {evaluation.verdict}. {evaluation.reason}")
-    if retraining is None:
-        output.say("  training: not repeated.")
-    elif retraining.difference is not None:
-        output.say(f"  training: different. The first difference is {retraining.difference}.")
-    else:
-        output.say(
-            f"  training: equal, up to control step {retraining.control_steps:,} (rows of training "
-            f"episodes: {retraining.episodes}, of evaluations: {retraining.evaluations})."
-        )
-    if retraining is not None and not retraining.updated:
-        output.say("  Note: the agent was not updated in these episodes; repeat more of them.")
-    if done.changed:
-        output.say(f"  Since the run began, {sentence_of(done.changed)}.")
-
-
-def _not_equal(done: "Reproduction") -> str:
-    """Returns the sentence that ends the command."""
-    if not done.changed:
-        why = "versions and processor are the same, so the record was altered or is incomplete"
-    else:
-        changed = ", ".join(done.changed)
-        why = f"{changed} changed since then, and may round numbers differently"
-    return f"{done.run} was not reproduced: {why}."
-
-
-def _document(done: "Reproduction") -> dict[str, Any]:
-    retraining = None
-    if done.retraining is not None:
-        difference = done.retraining.difference
-        retraining = done.retraining._asdict()
-        retraining["difference"] = None if difference is None else difference._asdict()
-    return {
-        "run": done.run,
-        "equal": done.equal,
-        "evaluation": None if done.evaluation is None else done.evaluation._asdict(),
-        "training": retraining,
-        "changed": done.changed,
-    }

@@ -4,33 +4,36 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pandas as pd
+import torch
 from numpy.typing import NDArray
 
 from jbench.agents.batched.engine import Engine
 from jbench.cores import cores, one_thread
 from jbench.devices import find_device
 from jbench.errors import RequestError
-from jbench.policies.saved import TrainedAgent, has_policy, load_agent
+from jbench.policies.saved import has_policy, load_agent
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results
+from jbench.store.provenance import device_provenance, differences, provenance
 from jbench.training.engines import make_trainer
 from jbench.training.evaluation import Evaluator, evaluate_policy, seeds_of
 from jbench.training.log import POLICY_EVALUATION
 
 Verdict = Literal["equal", "different", "no policy", "not comparable"]
-"""Whether the returns of the kept policy are the recorded ones, bit for bit; `not comparable`:
-the record does not contain what is needed to repeat its last evaluation."""
+"""Whether returns are the recorded ones, bit for bit; `not comparable`: the record does not contain
+what is needed to repeat its last evaluation."""
 
 
-class Reevaluation(NamedTuple):
-    """Outcome for one run.
+class Repeated(NamedTuple):
+    """A part of a run that was computed again: its last evaluation, or its first episodes.
 
     Attributes:
         run: id.
         verdict: see `Verdict`.
         reason: why it is not comparable, or how it differs, as a sentence; otherwise empty.
-        control_steps: at which the evaluation was made; None if it was not repeated.
+        control_steps: at its end; None if it was not repeated.
         recorded: returns of its episodes in the database.
         computed: returns of the same episodes here.
     """
@@ -44,19 +47,11 @@ class Reevaluation(NamedTuple):
 
     @property
     def compared(self) -> bool:
-        """Whether the evaluation could be repeated and compared."""
+        """Whether it could be repeated and compared."""
         return self.verdict in ("equal", "different")
 
 
-class _Last(NamedTuple):
-    """The last evaluation of a run."""
-
-    number: int
-    control_steps: int
-    returns: NDArray[np.float64]
-
-
-def reevaluate(results: Results, record: Record) -> Reevaluation:
+def reevaluate(results: Results, record: Record) -> Repeated:
     """Repeats the last evaluation of a run: the same initial states, with the kept policy.
 
     On the same kind of processor with the same versions, the returns are the same bits.
@@ -69,41 +64,36 @@ def reevaluate(results: Results, record: Record) -> Reevaluation:
         WorkError: if a file of the run is damaged.
     """
     if not has_policy(record):
-        return Reevaluation(record.id, "no policy", "It was saved without its policy.")
-    settings, last = read_run(record.settings), _last_evaluation(record)
-    if isinstance(settings, Unreadable):
-        return _not_comparable(record, "Another program or version wrote its settings.")
-    if last is None:
-        return _not_comparable(record, "It has no evaluation.")
-    if settings.engine == "plugin":
-        return _not_comparable(
-            record,
-            "Its evaluations ran the agent's own code; the kept copy rounds its sums differently.",
-        )
-    if last.number != _evaluated_by_policy(record, settings):
-        return _not_comparable(
-            record,
-            "Its last evaluation was not made with the policy that was kept: with one before the "
-            "last updates, as in older versions of jbench, or with a function of the caller.",
-        )
-    if len(last.returns) < settings.evaluate_episodes:
-        reason = f"It has {len(last.returns)} of {settings.evaluate_episodes} episodes."
-        return Reevaluation(record.id, "different", reason, last.control_steps)
+        return Repeated(record.id, "no policy", "It was saved without its policy.")
+    settings = read_run(record.settings)
+    rows = record.read("evaluations").to_pandas(use_threads=False)
+    obstacle = _obstacle(record, settings, rows)
+    if isinstance(settings, Unreadable) or obstacle:
+        return Repeated(record.id, "not comparable", obstacle)
+    last = rows[rows["evaluation"] == rows["evaluation"].max()].sort_values("episode")
+    control_steps = int(last["control_steps"].max())
+    recorded = last["episode_return"].to_numpy(np.float64)
+    if len(recorded) < settings.evaluate_episodes:
+        reason = f"It has {len(recorded)} of {settings.evaluate_episodes} episodes."
+        return Repeated(record.id, "different", reason, control_steps)
     try:
         with one_thread():
-            computed = _returns(results, record, settings, last)
+            computed = _returns(
+                results, record, settings, int(last["evaluation"].max()), control_steps, len(last)
+            )
     except (RequestError, ValueError) as error:
-        return _not_comparable(record, f"Its policy can't be run: {str(error).rstrip('.')}.")
-    equal = np.array_equal(last.returns, computed)
-    reason = "" if equal else _difference(last.returns, computed)
-    return Reevaluation(
-        record.id,
-        "equal" if equal else "different",
-        reason,
-        last.control_steps,
-        tuple(last.returns.tolist()),
-        tuple(computed.tolist()),
-    )
+        reason = f"Its policy can't be run: {str(error).rstrip('.')}."
+        return Repeated(record.id, "not comparable", reason)
+    different, reason = np.flatnonzero(recorded != computed), ""
+    if len(different):
+        first = int(different[0])
+        reason = (
+            f"{len(different)} of {len(recorded)} episodes differ, the first of them in episode "
+            f"{first}: recorded {float(recorded[first])!r}, here {float(computed[first])!r}."
+        )
+    verdict: Verdict = "different" if reason else "equal"
+    returns = tuple(recorded.tolist()), tuple(computed.tolist())
+    return Repeated(record.id, verdict, reason, control_steps, *returns)
 
 
 def device_for(provenance: Mapping[str, Any]) -> str:
@@ -112,78 +102,74 @@ def device_for(provenance: Mapping[str, Any]) -> str:
     return find_device("auto").type if wanted else "cpu"
 
 
-def _not_comparable(record: Record, reason: str) -> Reevaluation:
-    return Reevaluation(record.id, "not comparable", reason)
+def changes_since(record: Record) -> dict[str, list[Any]]:
+    """Returns what may round numbers differently: its values when the run began, and now."""
+    recorded = record.manifest.provenance
+    device = torch.device(device_for(recorded))
+    return differences(recorded, {**provenance(), **device_provenance(device)})
 
 
-def _difference(recorded: NDArray[np.float64], computed: NDArray[np.float64]) -> str:
-    """Returns a sentence on the first episode that differs."""
-    (which,) = np.nonzero(recorded != computed)
-    first = int(which[0])
-    return (
-        f"{len(which)} of {len(recorded)} episodes differ, the first of them in episode {first}: "
-        f"recorded {float(recorded[first])!r}, here {float(computed[first])!r}."
-    )
-
-
-def _last_evaluation(record: Record) -> _Last | None:
-    rows = record.read("evaluations").to_pandas(use_threads=False)
+def _obstacle(
+    record: Record, settings: RunSettings | ExternalSettings | Unreadable, rows: pd.DataFrame
+) -> str:
+    """Returns why the kept policy can't be compared with the evaluations; "" if it can."""
+    if isinstance(settings, Unreadable):
+        return "Another program or version wrote its settings."
     if rows.empty:
-        return None
-    number = int(rows["evaluation"].max())
-    last = rows[rows["evaluation"] == number].sort_values("episode")
-    control_steps = int(last["control_steps"].max())
-    return _Last(number, control_steps, last["episode_return"].to_numpy(np.float64))
-
-
-def _evaluated_by_policy(record: Record, settings: RunSettings | ExternalSettings) -> int | None:
-    """Returns the number of the evaluation that ran the kept policy, or None.
-
-    Older versions did not record it. They kept the policy after the last updates, which was
-    evaluated only if no evaluation was due at the last control step.
-    """
-    number = record.manifest.summary.get(POLICY_EVALUATION)
-    if number is not None or isinstance(settings, ExternalSettings):
-        return number if isinstance(number, int) else None
-    rows = record.read("evaluations")
-    steps = np.unique(rows["control_steps"].to_numpy())
-    previous = int(steps[-2]) if len(steps) > 1 else 0
-    was_due = steps[-1] // settings.evaluate_every != previous // settings.evaluate_every
-    return None if was_due else int(rows["evaluation"].to_numpy().max())
+        return "It has no evaluation."
+    if settings.engine == "plugin":
+        return (
+            "Its evaluations ran the agent's own code; the kept copy rounds its sums differently."
+        )
+    evaluated = record.manifest.summary.get(POLICY_EVALUATION)
+    if evaluated is None and isinstance(settings, RunSettings):
+        # Older versions did not record it. They kept the policy after the last updates, which was
+        # evaluated only if no evaluation was due at the last control step.
+        previous, last = [0, *np.unique(rows["control_steps"]).tolist()][-2:]
+        if last // settings.evaluate_every == previous // settings.evaluate_every:
+            evaluated = rows["evaluation"].max()
+    if evaluated != rows["evaluation"].max():
+        return (
+            "Its last evaluation was not made with the policy that was kept: with one before the "
+            "last updates, as in older versions of jbench, or with a function of the caller."
+        )
+    return ""
 
 
 def _returns(
-    results: Results, record: Record, settings: RunSettings | ExternalSettings, last: _Last
+    results: Results,
+    record: Record,
+    settings: RunSettings | ExternalSettings,
+    number: int,
+    control_steps: int,
+    episodes: int,
 ) -> NDArray[np.float64]:
-    """Returns the returns (episodes,) of the last evaluation with the kept policy.
+    """Returns the returns (episodes,) of an evaluation by the kept policy.
+
+    Args:
+        number: of the evaluation.
+        control_steps: after which it was made.
 
     Raises:
         RequestError: if the encoder is missing.
         ValueError: if the policy does not have the layers of the settings.
     """
     agent = load_agent(results, record.id)
-    _, evaluation_seed = seeds_of(settings.seed)
+    _, seed = seeds_of(settings.seed)
     if isinstance(settings, ExternalSettings):
-        own = evaluate_policy(settings, evaluation_seed, last.number, agent.act, cores())
-        return own.returns
+        return evaluate_policy(settings, seed, number, agent.act, cores()).returns
     if settings.engine == "sb3":
-        return _of_sb3(settings, agent, evaluation_seed, last)
+        from jbench.training.sb3_run import SB3Evaluator  # takes a second to import
+
+        in_turns = SB3Evaluator(settings, agent.encoder, seed)
+        in_turns.skip(number)
+        in_turns.final_episodes = episodes
+        outcome, _ = in_turns(agent.policy.act, control_steps)
+        return np.array([episode_return for episode_return, _ in outcome])
     device = device_for(record.manifest.provenance)
     with make_trainer([settings], [agent.encoder], device) as engine:
         assert isinstance(engine, Engine)
-        engine.load_policy(0, agent.policy, last.control_steps)
-        evaluator = Evaluator(settings, [evaluation_seed])
-        evaluator.restore(last.number, last.control_steps)
-        return evaluator(engine, len(last.returns))[0].returns
-
-
-def _of_sb3(
-    settings: RunSettings, agent: TrainedAgent, seed: int, last: _Last
-) -> NDArray[np.float64]:
-    from jbench.training import sb3_run  # stable-baselines3 takes a second to import
-
-    evaluator = sb3_run.SB3Evaluator(settings, agent.encoder, seed)
-    evaluator.skip(last.number)
-    evaluator.final_episodes = len(last.returns)
-    outcome, _ = evaluator(agent.policy.act, last.control_steps)
-    return np.array([episode_return for episode_return, _ in outcome])
+        engine.load_policy(0, agent.policy, control_steps)
+        evaluator = Evaluator(settings, [seed])
+        evaluator.restore(number, control_steps)
+        return evaluator(engine, episodes)[0].returns

@@ -13,7 +13,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
-from jbench.training.reproduce import reproduce
+from jbench.training.reproduce import retrain
 from tests.command_line import SHORT, Process, jbench, succeed
 from tests.commands.distributions import (
     assert_fails,
@@ -215,8 +215,9 @@ def test_run_of_agent_without_state_is_reproduced(installed, tmp_path, monkeypat
     shorten_episodes(monkeypatch.setattr)
     run, results = settings("without-state"), Results(tmp_path)
     assert run_batch([run], results, None) == {}
-    done = reproduce(results, results.find("run", run.id), 2)
-    assert done.retraining == (2, 0, 100, False, None)
+    again = retrain(results, results.find("run", run.id), 2)
+    reason = "The agent was not updated in them; repeat more episodes."
+    assert (again.verdict, again.reason, again.control_steps) == ("equal", reason, 100)
 
 
 def test_classes_are_named_without_entry_points(site, tmp_path):

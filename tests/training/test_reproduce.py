@@ -3,7 +3,6 @@
 import shutil
 
 import numpy as np
-import pyarrow as pa
 import pytest
 import safetensors.numpy
 
@@ -11,13 +10,13 @@ import jbench
 from jbench.errors import RequestError
 from jbench.policies.saved import DESCRIPTION, WEIGHTS
 from jbench.store import Results
-from jbench.training import reproduce as reproducing
+from jbench.store.shipped import shipped_results
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
 from jbench.training.environment import load_encoder_of
 from jbench.training.log import POLICY_EVALUATION
-from jbench.training.reevaluate import reevaluate
-from jbench.training.reproduce import default_episodes, find_run, reproduce
+from jbench.training.reevaluate import changes_since, reevaluate
+from jbench.training.reproduce import default_episodes, retrain
 from tests.demo_results import ENCODER
 from tests.training.small_runs import EPISODE, shorten_episodes, small_run
 
@@ -59,26 +58,17 @@ def altered_copy(results, into, run, tables=None, files=None, summary=None):
     return Results(into), record
 
 
-def with_value(table, row, column, value):
-    values = table[column].to_pylist()
-    values[row] = value
-    field = table.schema.field(column)
-    return table.set_column(
-        table.schema.get_field_index(column), field, pa.array(values, field.type)
-    )
-
-
 def test_run_is_reproduced_bit_for_bit(trained):
     run, shown = settings(seed=1), []
     record = trained.find("run", run.id)
     assert record.manifest.summary[POLICY_EVALUATION] == 1
-    done = reproduce(trained, record, 1, shown.append)
-    assert done.evaluation.verdict == "equal"
-    assert done.evaluation.control_steps == 100
-    recorded = record.read("evaluations")["episode_return"].to_pylist()[2:]
-    assert list(done.evaluation.computed) == recorded
-    assert done.retraining == (1, 2, 50, True, None)
-    assert (shown, done.changed, done.equal) == ([50], {}, True)
+    again, recorded = reevaluate(trained, record), record.read("evaluations")["episode_return"]
+    assert (again.verdict, again.control_steps) == ("equal", 100)
+    assert list(again.computed) == recorded.to_pylist()[2:]
+    trained_again = retrain(trained, record, 1, shown.append)
+    assert trained_again[1:4] == ("equal", "", 50)
+    assert (len(trained_again.computed), shown) == (1, [50])
+    assert changes_since(record) == {}
 
 
 def test_stable_baselines3_run_is_reproduced_bit_for_bit(tmp_path):
@@ -87,50 +77,47 @@ def test_stable_baselines3_run_is_reproduced_bit_for_bit(tmp_path):
     results = Results(tmp_path)
     record = sb3_run.run(run, results, None)
     assert record.manifest.summary[POLICY_EVALUATION] == 1
-    done = reproduce(results, record, 1)
-    assert done.evaluation.verdict == "equal"
-    assert done.retraining == (1, 0, 50, True, None)
+    assert reevaluate(results, record).verdict == "equal"
+    assert retrain(results, record, 1)[1:4] == ("equal", "", 50)
 
 
 def test_run_with_parallel_environments_is_reproduced(tmp_path):
     run, results = settings("ppo", evaluate_every=200, steps=200), Results(tmp_path)
     run_batch([run], results, None)
     record = results.find("run", run.id)
-    done = reproduce(results, record, 3)  # with two environments: the whole run
-    assert done.retraining == (4, 2, 200, True, None)
-    assert done.evaluation.verdict == "equal"
+    again = retrain(results, record, 3)  # with two environments: the whole run
+    assert (again.verdict, len(again.computed), again.control_steps) == ("equal", 4, 200)
+    assert reevaluate(results, record).verdict == "equal"
 
 
 def test_return_altered_by_one_bit_is_reported(trained, tmp_path):
-    run = settings()
-    rows = trained.find("run", run.id).read("episodes")
-    before = rows["episode_return"][1].as_py()
-    after = float(np.nextafter(before, np.inf))
-    altered = with_value(rows, 1, "episode_return", after)
-    results, record = altered_copy(trained, tmp_path, run, {"episodes": altered})
-    assert reproduce(results, record, 1).equal
-    done = reproduce(results, record, 2)
-    assert not done.equal
-    assert done.retraining.difference == ("episodes", 1, 100, "episode_return", after, before)
-    assert str(done.retraining.difference) == (
-        f"episode_return of episode 1, at control step 100: recorded {after!r}, here {before!r}"
+    rows = trained.find("run", settings().id).read("episodes")
+    returns = rows["episode_return"].to_numpy().copy()
+    before, after = returns[1], np.nextafter(returns[1], np.inf)
+    returns[1] = after
+    at = rows.schema.get_field_index("episode_return")
+    altered = rows.set_column(at, rows.schema.field(at), [returns])
+    results, record = altered_copy(trained, tmp_path, settings(), {"episodes": altered})
+    assert retrain(results, record, 1).verdict == "equal"
+    again = retrain(results, record, 2)
+    assert (again.verdict, again.recorded[1], again.computed[1]) == ("different", after, before)
+    assert again.reason == (
+        "The first difference is episode_return of episode 1, at control step 100: recorded "
+        f"{float(after)!r}, here {float(before)!r}."
     )
 
 
 def test_missing_row_is_reported(trained, tmp_path):
-    run = settings()
-    rows = trained.find("run", run.id).read("evaluations")
-    results, record = altered_copy(trained, tmp_path, run, {"evaluations": rows.slice(1)})
-    found = reproduce(results, record, 1).retraining.difference
-    assert found[:3] == ("evaluations", 0, 50)
-    assert found.recorded is None
-    assert found.computed is not None
+    rows = trained.find("run", settings().id).read("evaluations")
+    results, record = altered_copy(trained, tmp_path, settings(), {"evaluations": rows.slice(1)})
+    reason = "A row of evaluation 0, at control step 50, is missing in the record."
+    assert retrain(results, record, 1).reason == reason
 
 
 def test_weight_altered_by_one_bit_is_detected(trained, tmp_path):
     run = settings()
     weights = safetensors.numpy.load(trained.find("run", run.id).read_file(WEIGHTS))
-    weights["1.bias"].view(np.uint32)[0] ^= 1  # the lowest bit of the output bias
+    weights["2.bias"].view(np.uint32)[0] ^= 1  # the lowest bit of the output bias
     files = {WEIGHTS: safetensors.numpy.save(weights)}
     results, record = altered_copy(trained, tmp_path, run, files=files)
     done = reevaluate(results, record)
@@ -157,9 +144,9 @@ def test_policies_of_older_versions_are_not_compared(trained, tmp_path):
     """Older versions saved the policy after the last updates but evaluated it before them."""
     run, summary = settings(), {"wall_time": 1.0}
     results, record = altered_copy(trained, tmp_path / "due", run, summary=summary)
-    done = reproduce(results, record, 1)
-    assert (done.evaluation.verdict, done.equal) == ("not comparable", True)
-    assert "before the last updates" in done.evaluation.reason
+    done = reevaluate(results, record)
+    assert done.verdict == "not comparable"
+    assert "before the last updates" in done.reason
     # If no evaluation was due at the last step, the final policy was evaluated.
     late = settings("ddpg", evaluate_every=75)
     run_batch([late], Results(tmp_path / "late"), None)
@@ -174,11 +161,12 @@ def test_run_with_encoder_needs_it(demo_results, tmp_path):
     results = Results(tmp_path)
     run = settings(encoder=ENCODER, representation="dae14", steps=50)
     assert run_batch([run], results, load_encoder_of(run, results)) == {}
-    done = reproduce(results, results.find("run", run.id), 1)
-    assert (done.evaluation.verdict, done.retraining.difference) == ("equal", None)
+    record = results.find("run", run.id)
+    assert reevaluate(results, record).verdict == retrain(results, record, 1).verdict == "equal"
     shutil.rmtree(results.path / "encoders")
+    assert ENCODER in reevaluate(results, record).reason
     with pytest.raises(RequestError, match=ENCODER):
-        reproduce(results, results.find("run", run.id), 1)
+        retrain(results, record, 1)
 
 
 def test_only_evaluation_of_recorded_loop_is_reproduced(tmp_path):
@@ -198,59 +186,22 @@ def test_only_evaluation_of_recorded_loop_is_reproduced(tmp_path):
         recording.keep_policy(actor)
     results = Results(tmp_path)
     record = results.find("run", recording.id)
-    assert reproduce(results, record, 0).evaluation.verdict == "equal"
+    assert reevaluate(results, record).verdict == "equal"
     with pytest.raises(RequestError, match="only its evaluation can be repeated; type --episodes"):
-        reproduce(results, record, 1)
+        retrain(results, record, 1)
 
 
-def test_runs_are_found_by_id_prefix(trained):
-    run = settings()
-    assert find_run(trained, run.id)[1].id == run.id
-    assert find_run(trained, "face_direction/ddpg/full/s01")[1].id == settings(seed=1).id
-    with pytest.raises(RequestError, match="Several runs begin with face_direction/ddpg: face_dir"):
-        find_run(trained, "face_direction/ddpg")
-    with pytest.raises(RequestError, match="There is no run face_direction/td3 in"):
-        find_run(trained, "face_direction/td3")
-    shipped, record = find_run(trained, "reference/face_direction/sac/full/s05")
-    assert (shipped.path.name, record.settings["seed"]) == ("reference", 5)
-    with pytest.raises(RequestError, match="in reference; jbench runs --results reference lists"):
-        find_run(trained, "reference/face_direction/none")
-
-
-def test_run_without_reproducible_data_is_refused(trained, tmp_path):
-    run = settings()
+def test_run_without_episodes_or_of_another_program_is_refused(tmp_path):
     results = Results(tmp_path)
-    record = results.create("run", run.id, run.values)
+    record = results.create("run", settings().id, settings().values)
     with pytest.raises(RequestError, match="is unfinished and has no episode to compare with"):
-        reproduce(results, record, 1)
-    rows = trained.find("run", run.id).read("episodes")
-    record.append({"episodes": rows})
-    with pytest.raises(RequestError, match="has not finished: type --episodes 1 or more"):
-        reproduce(results, record, 0)
-    record.finish({})
-    with pytest.raises(RequestError, match="was saved without its policy: type --episodes 1"):
-        reproduce(results, record, 0)
+        retrain(results, record, 1)
     unknown = results.create("run", "t/a/full/s00-00000000", {"task": "t"})
     with pytest.raises(RequestError, match="Another program or version wrote"):
-        reproduce(results, unknown, 1)
+        retrain(results, unknown, 1)
 
 
 def test_default_episodes_include_first_updates(trained):
-    record = trained.find("run", settings().id)
-    assert default_episodes(record) == 1
-    td3 = find_run(trained, "reference/face_direction/td3/full/s05-1fe5f7e8")[1]
+    assert default_episodes(trained.find("run", settings().id)) == 1
+    td3 = shipped_results().find("run", "face_direction/td3/full/s05-1fe5f7e8")
     assert default_episodes(td3) == 12  # its first update is after 11,000 control steps
-
-
-def test_differences_are_in_order_of_training():
-    recorded = {(1000, "episodes", 0, 0): {"episode_return": 1.0, "actor_loss": float("nan")}}
-    computed = {(1000, "episodes", 0, 0): {"episode_return": 1.0, "actor_loss": float("nan")}}
-    assert list(reproducing._differences(recorded, computed)) == []
-    computed[500, "evaluations", 0, 0] = {"episode_return": 3.0}
-    computed[1000, "episodes", 0, 0] = {"episode_return": 2.0, "actor_loss": None}
-    found = [one[:4] for one in reproducing._differences(recorded, computed)]
-    assert found == [
-        ("evaluations", 0, 500, "episode_return"),
-        ("episodes", 0, 1000, "episode_return"),
-        ("episodes", 0, 1000, "actor_loss"),
-    ]

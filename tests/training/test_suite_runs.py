@@ -14,7 +14,8 @@ from jbench.store import Results
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
 from jbench.training.continuation import check_state_can_be_kept
-from jbench.training.reproduce import reproduce
+from jbench.training.reevaluate import reevaluate
+from jbench.training.reproduce import retrain
 from tests.training.small_runs import EPISODE, rows
 from tests.training.test_resume import kill
 
@@ -55,8 +56,7 @@ def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path):
     run, results = settings("sac", "dmc:cheetah-run"), Results(tmp_path)
     assert run_batch([run], results, None) == {}
     record = results.find("run", run.id)
-    done = reproduce(results, record, 2)
-    assert (done.evaluation.verdict, done.equal) == ("equal", True)
+    assert reevaluate(results, record).verdict == retrain(results, record, 2).verdict == "equal"
     observations = np.random.default_rng(0).normal(size=(5, 17)).astype(np.float32)
     actions = load_agent(results, run.id).act(observations)
     assert actions.shape == (5, 6)
@@ -76,7 +76,7 @@ def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
     with pytest.raises(RequestError, match="has changed since it was recorded"):
         sb3_run.run(run.model_copy(update={"specs": changed}), results, None)
     assert load_agent(results, run.id).policy.outputs == 6
-    assert reproduce(results, record, 1).equal
+    assert reevaluate(results, record).verdict == retrain(results, record, 1).verdict == "equal"
 
 
 @pytest.mark.parametrize(

@@ -215,9 +215,9 @@ def test_deviation_of_every_configuration(returns):
     complete = [key for key, runs in returns.items() if len(runs.final) >= SEEDS[key[1]]]
     assert len(rows) == len(complete) / 2
     for first, name, *deviations in rows:
-        both = [returns[kind, *configuration(first), name] for kind in ("evaluation", "training")]
-        expected = [(np.std(one.final, ddof=1), np.sqrt(one.error.mean())) for one in both]
-        assert deviations == [f"{value:.0f}" for pair in expected for value in pair]
+        runs = returns["evaluation", *configuration(first), name]
+        expected = np.std(runs.final, ddof=1), np.sqrt(runs.error.mean())
+        assert deviations == [f"{value:.0f}" for value in expected]
 
 
 def listed(finals):

@@ -99,7 +99,7 @@ SLOW = pytest.mark.slow
     "algo", [pytest.param(algo, marks=[] if algo in ("td3", "ppo") else SLOW) for algo in TRAINING]
 )
 def test_interrupted_run_resumes_to_recorded_results(algo, results, monkeypatch, capsys):
-    monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
+    monkeypatch.setattr("jbench.sweeps.scheduler.forecasts", lambda *_: [])
     interrupted = runs(results, "unfinished")[algo]
     before = interrupted.read("episodes").drop(TIMES).to_pylist()
     assert [row["control_steps"] for row in before] == [1000]

@@ -127,7 +127,7 @@ def sweep(
     from jbench.sweeps import scheduler
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.cell_status import cell_statuses, seconds_left
-    from jbench.sweeps.executors import Local
+    from jbench.sweeps.executors import Local, WorkerOptions
     from jbench.sweeps.matrix import matrix_cells, read_matrix
     from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.status import failures_among, run_statuses
@@ -146,14 +146,14 @@ def sweep(
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = parsing.processes(jobs, train_on)
 
-    options = checkpoint_every, final_episodes, keep_state
+    options = WorkerOptions(checkpoint_every, final_episodes, keep_state)
 
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, *options)
+            return Local(database, at_a_time, train_on, options)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, *options)
+        return Ray(database, address, jobs, gpus_per_task, options)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.

@@ -153,7 +153,7 @@ def train(
     from jbench.commands.sweep_view import show_dry_run
     from jbench.settings.algorithms import base_of
     from jbench.sweeps.cell import Cell
-    from jbench.sweeps.executors import Local
+    from jbench.sweeps.executors import Local, WorkerOptions
     from jbench.sweeps.scheduler import sweep
     from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.request import request_runs, training_device
@@ -197,12 +197,12 @@ def train(
     if dry_run:
         show_dry_run(cells, database, processes, train_on, output)
         return
-    options = checkpoint_every, final_episodes, keep_state
+    options = WorkerOptions(checkpoint_every, final_episodes, keep_state)
     with logged(log, database, runs, output), TrainingView(output) as view:
         failures = sweep(
             cells,
             database,
-            lambda: Local(database, processes, train_on, *options),
+            lambda: Local(database, processes, train_on, options),
             view.show,
             retry_failed=retry_failed,
             wait=False,

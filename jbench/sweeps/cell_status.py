@@ -1,7 +1,7 @@
 """Status of the cells of a matrix, and the estimated time left."""
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from jbench.cores import cores, one_thread
@@ -12,6 +12,8 @@ from jbench.simulation.find import checked_task
 from jbench.store import Record, Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell
+from jbench.sweeps.executors import batches
+from jbench.training.memory import memory_sentence
 from jbench.training.status import run_status
 from jbench.wording import counted, duration
 
@@ -90,6 +92,19 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
             return None
         work += each.seconds_left * _at_once(each.cell, jobs)
     return work / jobs
+
+
+def forecasts(
+    cells: Sequence[Cell], runs: Sequence[RunSettings], results: Results, jobs: int, device: str
+) -> Iterator[str]:
+    """Yields sentences on the memory and time that runs of cells need on this machine, if known."""
+    waiting = batches(runs, jobs, device)
+    jobs = min(jobs, len(waiting))
+    ids = {run.id for run in runs}
+    left = [cell._replace(runs=[run for run in cell.runs if run.id in ids]) for cell in cells]
+    statuses = cell_statuses([cell for cell in left if cell.runs], results, jobs, device)
+    memory = memory_sentence([run for batch in waiting[:jobs] for run in batch], device)
+    yield from filter(None, (memory, forecast(statuses, jobs)))
 
 
 def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:

@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
-from jbench.sweeps.executors import Local, worker_request
+from jbench.sweeps.executors import DEFAULTS, Local, WorkerOptions, worker_request
 from jbench.training.events import Event
 from jbench.training.status import run_status
 
@@ -38,9 +37,7 @@ class Ray:
         address: str | None,
         jobs: int = 0,
         gpus_per_task: float = 0.0,
-        checkpoint_every: float = CHECKPOINT_EVERY,
-        final_episodes: int | None = None,
-        keep_state: bool = False,
+        options: WorkerOptions = DEFAULTS,
     ) -> None:
         """Joins a cluster, or starts one on this machine.
 
@@ -49,42 +46,43 @@ class Ray:
             address: address of the cluster; None for RAY_ADDRESS, else a cluster on this machine.
             jobs: number of tasks at a time; 0 for as many as the cluster has resources for.
             gpus_per_task: number of GPUs per task; may be a fraction.
-            checkpoint_every: minimum seconds between two checkpoints of a run.
-            final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
-            keep_state: whether longer runs can continue these.
 
         Raises:
             RequestError: if Ray is not installed, there is no such cluster, or it lacks GPUs.
             WorkError: if the results directory can't be locked.
         """
-        self._ray = _imported()
-        self._results = Results(results.path.resolve())
-        self._options = {
-            "checkpoint_every": checkpoint_every,
-            "final_episodes": final_episodes,
-            "keep_state": keep_state,
-        }
-        self._stopped = threading.Event()
-        self._tasks: set[Any] = set()
-        self._held = contextlib.ExitStack()
-        self._join(address or os.environ.get("RAY_ADDRESS"), jobs)
         try:
+            import ray
+            import ray.exceptions
+        except ImportError:
+            raise RequestError(
+                "--executor ray needs Ray; type pip install 'jbench[cluster]'."
+            ) from None
+        self._ray: Any = ray
+        self._results, self._options = Results(results.path.resolve()), options
+        self._lock, self._stopped = threading.Lock(), threading.Event()
+        self._tasks: set[Any] = set()
+        with contextlib.ExitStack() as stack:
+            self._join(address or os.environ.get("RAY_ADDRESS"), jobs)
+            stack.callback(ray.shutdown)
             room = self._room(gpus_per_task)
-            self._held.enter_context(locks.share(self._results.path))
-        except (RequestError, WorkError):
-            self.close()
-            raise
+            stack.enter_context(locks.share(self._results.path))
+            self._held = stack.pop_all()
         self.jobs = jobs or room
         self.device = "cuda" if gpus_per_task else "cpu"
         # If a node dies, Ray restarts its tasks on another one, without limit.
-        options = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
-        self._task = self._ray.remote(num_gpus=gpus_per_task, **options)(train_batch)
+        node = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
+        self._task = self._ray.remote(num_gpus=gpus_per_task, **node)(train_batch)
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
         """Trains runs in a task; see `Executor`. Their progress is read from the results."""
-        request = worker_request(runs, self._results, self.device, **self._options)
-        task = self._task.remote(request)
-        self._tasks.add(task)
+        request = worker_request(runs, self._results, self.device, self._options)
+        # `stop` waits for this lock, so that it also finds a task that is being started.
+        with self._lock:
+            if self._stopped.is_set():
+                return
+            task = self._task.remote(request)
+            self._tasks.add(task)
         try:
             seen: dict[str, str] = {}
             while not self._ray.wait([task], timeout=_LOOK_EVERY)[0]:
@@ -96,15 +94,14 @@ class Ray:
             self._tasks.discard(task)
 
     def stop(self) -> None:
-        """Cancels the tasks; their processes end with them."""
-        self._stopped.set()
+        """Cancels the tasks, whose processes end with them; leaves the cluster, or ends its own."""
+        with self._lock:
+            self._stopped.set()
         for task in list(self._tasks):
             with contextlib.suppress(Exception):
                 self._ray.cancel(task, force=True)
-
-    def close(self) -> None:
-        """Leaves the cluster, or ends it if it was started here."""
-        self._ray.shutdown()
+        while self._tasks:  # their threads may be asking Ray
+            time.sleep(0.1)
         self._held.close()
 
     def _join(self, address: str | None, jobs: int) -> None:
@@ -218,17 +215,6 @@ def train_batch(request: str) -> str:
         )
         ended = [Event("failed", run.id, reason) for run in runs]
     else:
-        events = Local(Results(path), device=content["device"]).run(request)
+        events = Local(Results(path)).run(request)
         ended = [event for event in events if event.is_last]
     return f"[{', '.join(event.to_json() for event in ended)}]"
-
-
-def _imported() -> Any:
-    try:
-        import ray
-        import ray.exceptions
-    except ImportError:
-        raise RequestError(
-            "--executor ray needs Ray; type pip install 'jbench[cluster]'."
-        ) from None
-    return ray

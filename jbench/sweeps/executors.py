@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Protocol
+from typing import NamedTuple, Protocol
 
 from jbench.cores import cores
 from jbench.errors import WorkError
@@ -24,16 +24,27 @@ from jbench.training.memory import stacks_for_memory
 _MAX_STACK = 500  # runs of a process, which holds a lock file of each; many systems allow 1024
 
 
+class WorkerOptions(NamedTuple):
+    """Options of `jbench.training.batched_run.run_batch` that a worker gets."""
+
+    checkpoint_every: float = CHECKPOINT_EVERY
+    final_episodes: int | None = None
+    keep_state: bool = False
+
+
+DEFAULTS = WorkerOptions()
+
+
 class Executor(Protocol):
-    """Trains batches of runs, several at a time, each called from its own thread."""
+    """Trains batches of runs, several at a time, each called from its own thread.
 
-    @property
-    def jobs(self) -> int:
-        """Number of batches that are trained at a time."""
+    Attributes:
+        jobs: number of batches at a time.
+        device: of the batched engine: `cpu`, `cuda` or such as `cuda:1`.
+    """
 
-    @property
-    def device(self) -> str:
-        """Device of the batched engine: `cpu`, `cuda` or such as `cuda:1`."""
+    jobs: int
+    device: str
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
         """Trains runs that may share a process, and yields the events of their worker.
@@ -44,9 +55,6 @@ class Executor(Protocol):
     def stop(self) -> None:
         """Ends all processes and starts no more; what they have not committed is lost."""
 
-    def close(self) -> None:
-        """Releases what the executor holds; called when no batch is being trained."""
-
 
 class Local:
     """Worker processes of one thread each on this machine."""
@@ -56,9 +64,7 @@ class Local:
         results: Results,
         jobs: int = 0,
         device: str = "cpu",
-        checkpoint_every: float = CHECKPOINT_EVERY,
-        final_episodes: int | None = None,
-        keep_state: bool = False,
+        options: WorkerOptions = DEFAULTS,
     ) -> None:
         """Starts no process yet.
 
@@ -66,24 +72,16 @@ class Local:
             results: where the runs are written.
             jobs: processes at a time; 0 for `default_jobs`.
             device: `cpu`, `cuda` or such as `cuda:1`.
-            checkpoint_every: minimum seconds between two checkpoints of a run.
-            final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
-            keep_state: whether longer runs can continue these.
         """
         self.jobs, self.device = jobs or default_jobs(device), device
-        self._results = results
-        self._options = {
-            "checkpoint_every": checkpoint_every,
-            "final_episodes": final_episodes,
-            "keep_state": keep_state,
-        }
+        self._results, self._options = results, options
         self._lock = threading.Lock()
         self._processes: set[subprocess.Popen[str]] = set()
         self._stopped = False
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
         """Trains runs in one process; see `Executor`."""
-        return self.run(worker_request(runs, self._results, self.device, **self._options))
+        return self.run(worker_request(runs, self._results, self.device, self._options))
 
     def run(self, request: str) -> Iterator[Event]:
         """Starts a worker and yields its events as they arrive; none after `stop`.
@@ -125,9 +123,6 @@ class Local:
             for process in list(self._processes):
                 process.kill()
 
-    def close(self) -> None:
-        """Does nothing: a process ends with its runs."""
-
 
 def default_jobs(device: str) -> int:
     """Returns the number of processes at a time: one for each core, or one for a GPU."""
@@ -166,20 +161,15 @@ def _grouped(
 
 
 def worker_request(
-    runs: Sequence[RunSettings], results: Results, device: str, **options: Any
+    runs: Sequence[RunSettings], results: Results, device: str, options: WorkerOptions
 ) -> str:
     """Returns the request to a worker as one line of JSON.
 
     It includes the command line of this process, which the worker writes into the records.
-
-    Args:
-        options: checkpoint_every, final_episodes and keep_state of
-            `jbench.training.batched_run.run_batch`.
     """
     request = {
         "results": str(results.path),
-        "device": device,
-        **options,
+        "options": {"device": device, **options._asdict()},
         "command": sys.argv,
         "runs": [run.values for run in runs],
     }

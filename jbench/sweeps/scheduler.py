@@ -10,7 +10,7 @@ In Python, a sweep is:
     results = Results(Path("results"))
     failures = sweep(matrix_cells(read_matrix("smoke"), results), results)
 
-It reports what happens as an `Event` (`jbench.training.events`).
+`report` takes what happens, as an `Event` (`jbench.training.events`).
 
 Processes coordinate only through the results: a run belongs to the process that holds its lock, and
 its manifest has its status. Several sweeps of the same matrix, on one machine or on several, thus
@@ -20,21 +20,20 @@ share the work.
 import queue
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import ExitStack, suppress
 
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Results
 from jbench.store.files import check_writable
 from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.cell_status import cell_statuses, forecast
+from jbench.sweeps.cell_status import forecasts
 from jbench.sweeps.executors import Executor, Local, batches
 from jbench.sweeps.prepare import clean, prepare
 from jbench.training.continuation import new_beginnings
 from jbench.training.events import Event, Report, ignore
-from jbench.training.memory import memory_sentence
 from jbench.training.status import is_being_trained, plan, record_failure, run_status
 
 _LOOK_EVERY = 2.0  # s between two looks at the runs that another process is training
@@ -86,101 +85,82 @@ def sweep(
     for run in new:
         checked_task(run.task)
     check_writable(results.record("run", to_do[0].id).path)
-    with closing(make_executor() if make_executor else Local(results)) as executor:
+    executor = make_executor() if make_executor else Local(results)
+    with ThreadPoolExecutor(executor.jobs) as pool, ExitStack() as stopping:
+        stopping.callback(executor.stop)  # before the pool waits for its threads
         failures = prepare(cells, to_do, results, device, report)
         runs = [run for run in to_do if run.id not in failures]
-        if not runs:
-            return failures
-        if isinstance(executor, Local):
-            for sentence in filter(None, _forecasts(cells, runs, results, executor)):
-                report(Event("note", text=sentence))
-        report(Event("training", runs=runs))
-        scheduler = _Scheduler(results, executor, report, planned.ids("failed"), wait)
-        return failures | scheduler.train(runs)
-
-
-def _forecasts(
-    cells: Sequence[Cell],
-    runs: Sequence[RunSettings],
-    results: Results,
-    executor: Local,
-) -> Iterator[str | None]:
-    """Yields sentences on the expected memory and time of runs on this machine, if known."""
-    waiting = batches(runs, executor.jobs, executor.device)
-    jobs = min(executor.jobs, len(waiting))
-    yield memory_sentence([r for batch in waiting[:jobs] for r in batch], executor.device)
-    ids = {run.id for run in runs}
-    left = [cell._replace(runs=[run for run in cell.runs if run.id in ids]) for cell in cells]
-    left = [cell for cell in left if cell.runs]
-    yield forecast(cell_statuses(left, results, jobs, executor.device), jobs)
+        if runs:
+            if isinstance(executor, Local):
+                for sentence in forecasts(cells, runs, results, executor.jobs, executor.device):
+                    report(Event("note", text=sentence))
+            report(Event("training", runs=runs))
+            scheduler = _Scheduler(results, executor, pool, report, planned.ids("failed"), wait)
+            failures |= scheduler.train(runs)
+    return failures
 
 
 class _Scheduler:
-    """Gives batches of runs to an executor.
+    """Trains batches of runs, each by a task of a pool.
 
-    Each batch has a thread that only forwards the events of its worker. All decisions are made in
-    the thread that called `train`.
+    A task only forwards events. All decisions are made in the thread that called `train`.
     """
 
     def __init__(
         self,
         results: Results,
         executor: Executor,
+        pool: ThreadPoolExecutor,
         report: Report,
         retry: Collection[str],
         wait: bool,
     ) -> None:
-        self._results, self._executor, self._report = results, executor, report
-        self._retry, self._wait = set(retry), wait
+        self._results, self._executor, self._pool = results, executor, pool
+        self._report, self._retry, self._wait = report, set(retry), wait
         self._waiting: deque[list[RunSettings]] = deque()
-        self._workers = 0
-        # Given to a worker, and neither finished nor failed.
-        self._open: dict[str, RunSettings] = {}
-        self._elsewhere: dict[str, RunSettings] = {}
-        self._events: queue.SimpleQueue[tuple[list[RunSettings], Event | Future[None]]] = (
-            queue.SimpleQueue()
-        )
-        self._looked = time.monotonic()
+        self._tasks: dict[Future[list[RunSettings]], list[RunSettings]] = {}
+        self._elsewhere: list[RunSettings] = []
+        self._events: queue.SimpleQueue[Event | Future[list[RunSettings]]] = queue.SimpleQueue()
         self._deaths: Counter[str] = Counter()
         self._failures: dict[str, str] = {}
         self._tracebacks = {""}  # those that were shown
 
     def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
         """Trains runs; returns a sentence for each that failed, by run id."""
-        jobs = max(1, min(self._executor.jobs, len(runs)))
+        self._by_id = {run.id: run for run in runs}
         self._add(runs)
-        pool = ThreadPoolExecutor(jobs)
-        try:
-            while self._waiting or self._workers or self._elsewhere:
-                while self._waiting and self._workers < jobs:
-                    self._start(self._waiting.popleft(), pool)
-                if self._workers or self._elsewhere:
-                    self._handle_event()
-                if time.monotonic() - self._looked >= _LOOK_EVERY:
-                    self._take_back()
-        finally:
-            # After Ctrl-C or an error, workers are still training.
-            self._executor.stop()
-            pool.shutdown(cancel_futures=True)
+        looked = time.monotonic()
+        while self._waiting or self._tasks or self._elsewhere:
+            while self._waiting and len(self._tasks) < self._executor.jobs:
+                self._start(self._waiting.popleft())
+            if self._tasks or self._elsewhere:
+                with suppress(queue.Empty):
+                    self._handle(self._events.get(timeout=_LOOK_EVERY))
+            if time.monotonic() - looked >= _LOOK_EVERY:
+                self._take_back()
+                looked = time.monotonic()
         return self._failures
 
     def _add(self, runs: Sequence[RunSettings]) -> None:
         self._waiting.extend(batches(runs, self._executor.jobs, self._executor.device))
 
-    def _start(self, batch: Sequence[RunSettings], pool: ThreadPoolExecutor) -> None:
-        """Starts a worker for the runs of a batch that still need training."""
-        runs = self._to_do(batch)
-        if not runs:
-            return
-        self._workers += 1
-        self._open |= {run.id: run for run in runs}
-        self._report(Event("started", runs=runs))
-        ended = pool.submit(self._forward_events, runs)
-        ended.add_done_callback(lambda future: self._events.put((runs, future)))
+    def _start(self, batch: Sequence[RunSettings]) -> None:
+        """Starts a task for the runs of a batch that still need training."""
+        if runs := self._to_do(batch):
+            self._retry -= {run.id for run in runs}  # a run is retried once
+            self._report(Event("started", runs=runs))
+            task = self._pool.submit(self._train_batch, runs)
+            self._tasks[task] = runs
+            task.add_done_callback(self._events.put)
 
-    def _forward_events(self, runs: list[RunSettings]) -> None:
+    def _train_batch(self, runs: Sequence[RunSettings]) -> list[RunSettings]:
+        """Forwards the events of runs; returns those whose process died before their last event."""
+        left = {run.id: run for run in runs}
         for event in self._executor.train(runs):
-            self._events.put((runs, event))
+            self._events.put(event)
+            if event.is_last:
+                del left[event.run]
+        return list(left.values())
 
     def _to_do(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
         """Returns the runs that no process has finished or is training."""
@@ -188,7 +168,7 @@ class _Scheduler:
         for run in batch:
             status = run_status(run, self._results)
             if status.state == "failed" and run.id not in self._retry:
-                self._fail(run, status.error)
+                self._fail(Event("failed", run.id, status.error))
             elif status.state == "finished":
                 self._report(Event("finished", run.id))
             elif is_being_trained(run, self._results):
@@ -196,46 +176,31 @@ class _Scheduler:
             else:
                 mine.append(run)
         self._leave(others)
-        # A run is retried once.
-        self._retry -= {run.id for run in mine}
         return mine
 
-    def _handle_event(self) -> None:
-        """Handles the next event or end of a worker; returns after `_LOOK_EVERY` without one."""
-        with suppress(queue.Empty):
-            runs, event = self._events.get(timeout=_LOOK_EVERY)
-            if isinstance(event, Future):
-                self._end(runs, event)
-            else:
-                self._handle(next(run for run in runs if run.id == event.run), event)
-
-    def _handle(self, run: RunSettings, event: Event) -> None:
-        """Handles the event of a worker."""
-        if event.is_last:
-            self._open.pop(run.id, None)
-        if event.kind == "held":
-            self._leave([run])
+    def _handle(self, event: Event | Future[list[RunSettings]]) -> None:
+        """Handles the event of a run, or the end of a task."""
+        if isinstance(event, Future):
+            self._report(Event("ended", runs=self._tasks.pop(event)))
+            self._try_again(event.result())
+        elif event.kind == "held":
+            self._leave([self._by_id[event.run]])
         elif event.kind == "failed":
-            self._fail(run, event.text, event.traceback)
+            self._fail(event)
         else:
             self._report(event)
-        if event.kind == "resumed":
-            self._note(_resume_sentence(event))
+            if event.kind == "resumed":
+                self._note(event.resume_sentence)
 
-    def _end(self, runs: Sequence[RunSettings], worker: Future[None]) -> None:
-        """Handles the end of a worker; runs without an outcome are trained again."""
-        self._workers -= 1
-        self._report(Event("ended", runs=runs))
-        worker.result()
-        again = []
-        for run in (run for run in runs if self._open.pop(run.id, None)):
-            self._deaths[run.id] += 1
-            if self._deaths[run.id] < _MAX_DEATHS:
-                again.append(run)
-            else:
+    def _try_again(self, runs: Sequence[RunSettings]) -> None:
+        """Trains runs again whose process died, unless that happened too often."""
+        self._deaths.update(run.id for run in runs)
+        for run in runs:
+            if self._deaths[run.id] == _MAX_DEATHS:
                 reason = f"its process died without a message, {_MAX_DEATHS} times"
                 record_failure(run, self._results, reason)
-                self._fail(run, reason)
+                self._fail(Event("failed", run.id, reason))
+        again = [run for run in runs if self._deaths[run.id] < _MAX_DEATHS]
         if again:
             # A run that failed before may have died before it was started again.
             self._retry |= {run.id for run in again}
@@ -250,42 +215,32 @@ class _Scheduler:
         if not runs:
             return
         if self._wait:
-            self._elsewhere |= {run.id: run for run in runs}
+            self._elsewhere.extend(runs)
         then = "waited for at the end" if self._wait else "left out here"
         verb = "it is" if len(runs) == 1 else "they are"
         self._note(f"Another process is training {_named(runs)}; {verb} {then}.")
 
     def _take_back(self) -> None:
         """Takes back runs that another process has finished, failed or abandoned."""
-        self._looked = time.monotonic()
-        free = [run for run in self._elsewhere.values() if self._is_free(run)]
-        for run in free:
-            del self._elsewhere[run.id]
-        self._add(free)
+        held = [
+            run
+            for run in self._elsewhere
+            if is_being_trained(run, self._results) and not run_status(run, self._results).is_ended
+        ]
+        self._add([run for run in self._elsewhere if run not in held])
+        self._elsewhere = held
 
-    def _is_free(self, run: RunSettings) -> bool:
-        return run_status(run, self._results).is_ended or not is_being_trained(run, self._results)
-
-    def _fail(self, run: RunSettings, reason: str, traceback: str = "") -> None:
-        self._failures[run.id] = reason
-        self._report(Event("failed", run.id, reason))
+    def _fail(self, event: Event) -> None:
+        self._failures[event.run] = event.text
+        self._report(event)
         # Runs often fail for the same reason, whose traceback is shown once.
-        details = "" if traceback in self._tracebacks else f"\n{traceback}"
-        self._tracebacks.add(traceback)
-        self._report(Event("warning", text=f"the run {run.id} failed: {reason}{details}"))
+        details = "" if event.traceback in self._tracebacks else f"\n{event.traceback}"
+        self._tracebacks.add(event.traceback)
+        sentence = f"the run {event.run} failed: {event.text}{details}"
+        self._report(Event("warning", text=sentence))
 
     def _note(self, sentence: str) -> None:
         self._report(Event("note", text=sentence))
-
-
-def _resume_sentence(event: Event) -> str:
-    steps, other = event.steps, event.continues
-    if not other:
-        how = "was interrupted or failed; it " + ("resumes at" if steps else "starts again from")
-    else:
-        how = f"continues {other} from" if steps else f"can't continue {other}; it trains from"
-    where = f"control step {steps:,}" if steps else "the beginning"
-    return f"The run {event.run} {how} {where}. {event.text}".rstrip()
 
 
 def _named(runs: Sequence[RunSettings]) -> str:

@@ -58,6 +58,17 @@ class Event(NamedTuple):
         """Whether a worker reports nothing more on the run."""
         return self.kind in ("finished", "failed", "held")
 
+    @property
+    def resume_sentence(self) -> str:
+        """Says how a resumed run goes on."""
+        at, other = self.steps, self.continues
+        if not other:
+            how = "was interrupted or failed; it " + ("resumes at" if at else "starts again from")
+        else:
+            how = f"continues {other} from" if at else f"can't continue {other}; it trains from"
+        where = f"control step {at:,}" if at else "the beginning"
+        return f"The run {self.run} {how} {where}. {self.text}".rstrip()
+
     def to_json(self) -> str:
         """Returns the event of a worker as one line of JSON."""
         return json.dumps({name: value for name, value in self._asdict().items() if value})

@@ -97,16 +97,14 @@ def _train(
             runs,
             results,
             [encoders[run.encoder] for run in runs],
-            device=request["device"],
-            checkpoint_every=request["checkpoint_every"],
-            final_episodes=request["final_episodes"],
-            keep_state=request["keep_state"],
             report=send,
+            **request["options"],
         )
     from jbench.training import sb3_run
 
     (run,) = runs
-    sb3_run.run(run, results, encoders[run.encoder], send, final_episodes=request["final_episodes"])
+    final_episodes = request["options"]["final_episodes"]
+    sb3_run.run(run, results, encoders[run.encoder], send, final_episodes=final_episodes)
     return failures
 
 

@@ -129,7 +129,7 @@ def test_encoders_are_trained_on_requested_device(tmp_path, results, monkeypatch
     matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", steps=1000, dataset=2000)
     # This torch may have no CUDA: computing there would fail.
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
-    monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
+    monkeypatch.setattr("jbench.sweeps.scheduler.forecasts", lambda *_: [])
     monkeypatch.setattr("jbench.sweeps.scheduler._Scheduler.train", lambda *_: {})
     assert main(["sweep", matrix, "--device", "cpu", "--results", str(results)]) == 0
     (encoder,) = Results(results).scan("encoder")[0]
@@ -221,7 +221,7 @@ def test_two_concurrent_sweeps_finish_all_runs(tmp_path, results):
 def test_gpu_has_one_process_unless_jobs_are_given(command, jobs, processes, results, monkeypatch):
     given = []
 
-    def local(database, at_a_time, device, *checkpoints):
+    def local(database, at_a_time, device, options):
         given.append((at_a_time, device))
         raise RequestError("Nothing is trained here.")
 

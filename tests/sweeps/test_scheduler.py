@@ -93,8 +93,6 @@ class Gpu:
     def stop(self):
         """Does nothing."""
 
-    close = stop
-
 
 def test_gpu_trains_all_cells_of_algorithm_in_one_process(tmp_path):
     matrix, events, gpu = write_matrix(tmp_path, algos='"td3", "ppo"'), [], Gpu()

@@ -89,7 +89,7 @@ def test_interrupt_during_start_of_worker_ends_worker(verb, tmp_path):
 
 def test_failed_runs_are_retried_only_with_option(tmp_path, capsys, monkeypatch):
     results, asked = Results(tmp_path), []
-    monkeypatch.setattr("jbench.sweeps.scheduler._forecasts", lambda *_: [])
+    monkeypatch.setattr("jbench.sweeps.scheduler.forecasts", lambda *_: [])
     monkeypatch.setattr(
         "jbench.sweeps.scheduler._Scheduler.train", lambda _, runs: asked.append(runs) or {}
     )

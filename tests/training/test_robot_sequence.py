@@ -273,7 +273,7 @@ def test_invalid_robot_options_are_refused_in_one_line(arguments, output, tmp_pa
 
 def test_train_command_requests_given_robots(tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
+    monkeypatch.setattr("jbench.sweeps.scheduler.forecasts", lambda *_: [])
     monkeypatch.setattr(
         "jbench.sweeps.scheduler._Scheduler.train", lambda _, runs: asked.extend(runs) or {}
     )

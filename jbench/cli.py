@@ -6,9 +6,10 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Annotated, Any
+from typing import Any
 
 import typer
+from typer.core import TyperCommand
 
 from jbench import __version__, names
 from jbench.commands import (
@@ -29,20 +30,17 @@ from jbench.commands import (
     tasks,
     train,
 )
-from jbench.commands.grouped_help import Command, GroupedCommands
 from jbench.errors import RequestError, WorkError
 
 app = typer.Typer(
     name="jbench",
-    cls=GroupedCommands,
     help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations, "
     "and the tasks of other robots.",
     epilog="The commands collect, train-dae, train --encoder dae12 and report, in this order, are "
     "the paper's experiment on one task; --steps and --seeds make it shorter.",
     invoke_without_command=True,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    suggest_commands=False,
+    rich_markup_mode="rich",
 )
 
 
@@ -58,16 +56,23 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(
     context: typer.Context,
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_version, is_eager=True, help="Show the version and exit."
-        ),
-    ] = False,
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Show the version and exit."
+    ),
 ) -> None:
     """Shows the help if no command is typed."""
     if context.invoked_subcommand is None:
-        print(context.get_help())
+        context.get_help()
+
+
+class _Command(TyperCommand):
+    """A command whose help has placeholders such as SEEDS instead of types."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        for parameter in self.params:
+            if parameter.metavar is None and not getattr(parameter, "is_flag", False):
+                parameter.metavar = str(parameter.name).rstrip("_").rpartition("_")[2].upper()
 
 
 _OLD_NAME = "train-agent"
@@ -113,10 +118,7 @@ for heading, commands in _COMMANDS.items():
     for command, example in commands.items():
         name = command.__name__.rstrip("_").replace("_", "-")
         add = partial(
-            app.command,
-            cls=Command,
-            epilog=f"Example: jbench {example}",
-            rich_help_panel=heading,
+            app.command, cls=_Command, epilog=f"Example: jbench {example}", rich_help_panel=heading
         )
         add(name)(command)
         if command is train.train:
@@ -156,94 +158,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _discard_unwritten()
 
 
-_OPTIONS_ELSEWHERE = {
-    **dict.fromkeys(("--total-timesteps", "--timesteps", "--n-timesteps"), "--steps"),
-    **dict.fromkeys(("--env", "--env-id", "--environment-id"), "--task"),
-    **dict.fromkeys(("--n-envs", "--num-envs"), "--environments"),
-    **dict.fromkeys(("--algorithm", "--agent"), "--algo"),
-    **dict.fromkeys(("--logdir", "--output", "--out-dir"), "--results"),
-    **dict.fromkeys(("--eval-freq", "--eval-every"), "--evaluate-every"),
-    **dict.fromkeys(("--eval-episodes", "--n-eval-episodes"), "--evaluate-episodes"),
-    **{"--cuda": "--device", "--track": "--log", "--lr": "--set learning_rate=VALUE"},
-    **{"--net-arch": "--set hidden_layers=VALUE", "--n-steps": "--set n_steps=VALUE"},
-}
-"""Options of similar tools, and what to type here."""
-
-
 _COMMANDS_ELSEWHERE = {
-    **{"enjoy": "render", "play": "render", "eval": "evaluate", "test": "evaluate"},
-    **{"list": "runs", "ls": "runs", "plot": "report", "sql": "query"},
-    **{"encoders": "query 'FROM encoders'", "watch": "tail", "resume": "train"},
+    **{"encoders": "query 'FROM encoders'", "list": "runs", "ls": "runs", "plot": "report"},
     **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in names.ENCODER_KINDS},
 }
-"""Commands of similar tools, and what to type here."""
+"""Commands that users may look for, and what to type instead."""
 
 
 def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
     """Returns what is wrong with the arguments, and the help that lists the right ones."""
+    message = " ".join(error.format_message().replace("Value error, ", "").split()).rstrip(".")
     context = getattr(error, "ctx", None)
-    message = error.format_message()
     if context is None or context.parent is None:
-        verb = arguments[0] if arguments and arguments[0] in _verbs() else ""
-        if not verb and (here := _command_here(message.partition("'")[2].partition("'")[0])):
-            message = f"{message.rstrip('.')}; type jbench {here} instead"
-    elif message.startswith("Missing") and len(missing := _missing(context, arguments)) > 1:
-        verb, message = context.info_name, f"Missing options {', '.join(missing)}: type all of them"
-    elif context.info_name == "report" and "unexpected extra argument" in message:
-        verb, message = "report", f"{message}: type --curves FILE, or --results DIR"
+        if arguments and arguments[0] in _COMMANDS_ELSEWHERE:
+            here = _COMMANDS_ELSEWHERE[arguments[0]]
+            message = f"No such command '{arguments[0]}'; type jbench {here} instead"
+        help_ = "jbench --help lists the commands."
     else:
-        verb = context.info_name
-        options = {option for each in context.command.params for option in each.opts}
-        here = _option_here(getattr(error, "option_name", ""))
-        if here.partition(" ")[0] in options:
-            message = f"{message.split(' (')[0]}; type {here} instead"
-        elif len(others := _commands_with(getattr(error, "option_name", ""))) == 1:
-            message = f"{message.split(' (')[0]}; jbench {others[0]} has it"
-    listed = "the options and shows an example" if verb else "the commands"
-    help_ = f"{f'jbench {verb}'.rstrip()} --help lists {listed}."
-    return f"{message} {help_}" if message.endswith("?") else f"{message.rstrip('.')}; {help_}"
+        from jbench.settings.algorithms import SETTINGS
 
-
-def _missing(context: Any, arguments: Sequence[str]) -> list[str]:
-    """Returns the required options of the command that were not typed."""
-    typed = {argument.partition("=")[0] for argument in arguments}
-    required = (each for each in context.command.params if each.required)
-    return [
-        each.opts[0]
-        for each in required
-        if each.param_type_name == "option" and not typed.intersection(each.opts)
-    ]
-
-
-def _verbs() -> set[str | None]:
-    return {command.name for command in app.registered_commands}
-
-
-def _commands_with(option: str) -> list[str]:
-    """Returns the commands that have an option."""
-    commands = typer.main.get_command(app).commands.items()  # type: ignore[attr-defined]
-    return [
-        name
-        for name, command in commands
-        if not command.hidden and any(option in each.opts for each in command.params)
-    ]
-
-
-def _command_here(elsewhere: str) -> str:
-    """Returns the command for one of another tool or a misspelled one; empty if there is none."""
-    shown = sorted(str(name) for name in _verbs() - {_OLD_NAME})
-    return _COMMANDS_ELSEWHERE.get(elsewhere) or names.closest(elsewhere, shown) or ""
-
-
-def _option_here(elsewhere: str) -> str:
-    """Returns the option for one of another tool or a hyperparameter; empty if there is none."""
-    if elsewhere in _OPTIONS_ELSEWHERE:
-        return _OPTIONS_ELSEWHERE[elsewhere]
-    from jbench.settings.algorithms import SETTINGS
-
-    name = elsewhere.removeprefix("--").replace("-", "_")
-    known = any(name in settings.model_fields for settings in SETTINGS.values())
-    return f"--set {name}=VALUE" if known else ""
+        name = getattr(error, "option_name", "").removeprefix("--").replace("-", "_")
+        if any(name in settings.model_fields for settings in SETTINGS.values()):
+            message += f"; type --set {name}=VALUE instead"
+        elif context.info_name == "report" and "unexpected extra argument" in message:
+            message += ": type --curves FILE, or --results DIR"
+        help_ = f"jbench {context.info_name} --help lists the options and shows an example."
+    return f"{message}{'' if message.endswith('?') else ';'} {help_}"
 
 
 def _failed(sentence: str, exit_code: int, as_json: bool) -> int:

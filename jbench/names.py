@@ -150,10 +150,11 @@ SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question", "robots")
 """The shipped matrices: a small one, the paper's figures, the comparisons that answer whether
 learning on a reduced-order observation helps, and the same question on other robots."""
 
-STATUSES = ("unfinished", "finished", "failed")
+Status = Literal["unfinished", "finished", "failed"]
+STATUSES: tuple[Status, ...] = get_args(Status)
 """Values of a run's status."""
 
-EXECUTORS = ("local", "ray")
+Executor = Literal["local", "ray"]
 """Where a sweep trains: on this machine, or on a Ray cluster."""
 
 LoggerName = Literal["tensorboard", "wandb", "trackio"]

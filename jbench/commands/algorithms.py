@@ -1,22 +1,21 @@
 """The algorithms command."""
 
 from json import dumps
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+from typer import Argument
 
-from jbench.commands.options import JsonOption
+from jbench.commands import options
 from jbench.commands.output import Output
 from jbench.errors import WorkError
 from jbench.wording import counted
 
 
 def algorithms(
-    name: Annotated[
-        str | None,
-        typer.Argument(help="Only this algorithm, or MODULE:CLASS, with its settings' meaning."),
-    ] = None,
-    json: JsonOption = False,
+    name: str | None = Argument(
+        None, help="Only this algorithm, or MODULE:CLASS, with its settings' meaning."
+    ),
+    json: bool = options.JSON,
 ) -> None:
     """List the installed algorithms with their settings."""
     from jbench.agents.algorithms import installed

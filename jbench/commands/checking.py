@@ -3,13 +3,12 @@
 import os
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import parsing
-from jbench.commands.options import RESULTS, JsonOption, ReadResultsOption, complete_policies
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.wording import counted, with_results
@@ -20,24 +19,21 @@ if TYPE_CHECKING:
 
 
 def reproduce(
-    run: Annotated[
-        str,
-        typer.Argument(
-            metavar="RUN",
-            help="The id of a run or its beginning, or reference/ID of a run that is shipped with "
-            "jbench.",
-            autocompletion=complete_policies,
-        ),
-    ],
-    episodes: Annotated[
-        int | None,
-        typer.Option(
-            help="Number of training episodes to repeat, 0 for none (default: up to the agent's "
-            "first updates)."
-        ),
-    ] = None,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    run: str = Argument(
+        ...,
+        metavar="RUN",
+        help="The id of a run or its beginning, or reference/ID of a run that is shipped with "
+        "jbench.",
+        autocompletion=options.complete_policies,
+    ),
+    episodes: int | None = Option(
+        None,
+        min=0,
+        help="Number of training episodes to repeat, 0 for none (default: up to the agent's first "
+        "updates).",
+    ),
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Repeat parts of a run and compare them bit for bit.
 
@@ -48,8 +44,6 @@ def reproduce(
     from jbench.training.reevaluate import changes_since, reevaluate
     from jbench.training.reproduce import default_episodes, retrain
 
-    if episodes is not None and episodes < 0:
-        raise RequestError(f"--episodes {episodes}: type 0 or more.")
     output = Output(json)
     database, record = _find_run(results, run)
     if episodes is None:

@@ -1,50 +1,36 @@
 """Commands for datasets: collect, datasets."""
 
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import typer
+from typer import Option
 
-from jbench.commands import parsing
-from jbench.commands.options import (
-    RESULTS,
-    AugmentOption,
-    JsonOption,
-    ReadResultsOption,
-    ResultsOption,
-    ThreadsOption,
-    complete_tasks,
-)
+from jbench import names
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
-from jbench.errors import WorkError
-from jbench.names import is_reference
-from jbench.wording import are, counted, done_of, with_results
+from jbench.settings.records import DatasetSettings
+from jbench.wording import counted, done_of, with_results
 
 if TYPE_CHECKING:
     from jbench.datasets.listing import Listed
 
 
+@options.with_settings(DatasetSettings, "steps", "seed", "augment")
 def collect(
-    steps: Annotated[
-        str, typer.Option(help="Number of control steps, a multiple of 1000.")
-    ] = "5e6",
-    seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
-    threads: ThreadsOption = 0,
-    augment: AugmentOption = None,
-    task: Annotated[
-        str | None,
-        typer.Option(
-            help="Task of another robot (default: the Jitterbug, for its five tasks).",
-            autocompletion=complete_tasks,
-        ),
-    ] = None,
-    results: ResultsOption = RESULTS,
-    json: JsonOption = False,
+    task: str | None = Option(
+        None,
+        help="Task of another robot (default: the Jitterbug, for its five tasks).",
+        autocompletion=options.complete_tasks,
+    ),
+    threads: int = options.THREADS,
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
+    **chosen: Any,
 ) -> None:
     """Collect a dataset of random actions, of the Jitterbug or another robot."""
     from jbench.commands import display
     from jbench.datasets import collect as collect_dataset
     from jbench.settings.base import validated
-    from jbench.settings.records import DatasetSettings
     from jbench.simulation.find import checked_task, dataset_robot, find_task
 
     output, database = Output(json), parsing.results_to_write(results)
@@ -53,9 +39,7 @@ def collect(
         DatasetSettings,
         "the dataset",
         **robot,
-        steps=parsing.count("--steps", steps),
-        seed=parsing.seed(seed),
-        augment=parsing.augmented(augment),
+        **chosen,
     )
     before = database.find("dataset", settings.id)
     if before is None and robot:
@@ -72,7 +56,7 @@ def collect(
     output.document(display.described(record, bytes=record.size))
 
 
-def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> None:
+def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) -> None:
     """List datasets."""
     from jbench.commands import display
     from jbench.datasets.listing import list_datasets
@@ -87,7 +71,7 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
             [_row(each) for each in listed],
         )
     else:
-        to_write = RESULTS if is_reference(results) else results
+        to_write = Path(names.RESULTS) if names.is_reference(results) else results
         small = with_results("jbench collect --steps 100000", to_write)
         output.say(f"No datasets in {results}; {small} makes a small one.")
     described = [
@@ -97,11 +81,7 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
         for each in listed
     ]
     output.document({"datasets": described, "problems": problems})
-    for problem in problems:
-        output.warn(problem)
-    if problems:
-        count = f"{counted(len(problems), 'dataset')} {are(len(problems))}"
-        raise WorkError(f"{count} unreadable and left out; see above.")
+    output.warn_of_damage(problems)
 
 
 def _row(listed: "Listed") -> tuple[str, ...]:

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from typer import Option
 
-from jbench.commands.options import ResultsOption
+from jbench.commands import options
 from jbench.commands.output import Output
 
 if TYPE_CHECKING:
@@ -34,10 +35,13 @@ COMMANDS = (
 )
 """The commands of the demo, without `jbench` and `--results`."""
 
-_RESULTS = Path("demo-results")
 
-
-def demo(context: typer.Context, results: ResultsOption = _RESULTS) -> None:
+def demo(
+    context: typer.Context,
+    results: Path = Option(
+        Path("demo-results"), parser=options.path, metavar="DIR", help="Results directory."
+    ),
+) -> None:
     """Run the whole pipeline on a small scale, in minutes.
 
     It collects a dataset, trains an encoder and agents, and writes a report.

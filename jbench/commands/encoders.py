@@ -1,20 +1,12 @@
 """Commands that train encoders: train-dae, train-encoder."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+from typer import Option
 
 from jbench import names
-from jbench.commands import parsing
-from jbench.commands.options import (
-    RESULTS,
-    DatasetOption,
-    JsonOption,
-    ResultsOption,
-    complete,
-    complete_tasks,
-)
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers, parse_seeds
@@ -31,129 +23,100 @@ _FAR_LESS = 0.1  # of the variance
 
 _TRIAL = 1000  # episodes; who collects fewer first tries what comes next
 
-TasksOption = Annotated[
-    str,
-    typer.Option(
-        help=f"Task of the observations: {', '.join(names.TASKS)}, all (of these), or a task of "
-        "another robot (jbench tasks).",
-        autocompletion=complete_tasks,
-    ),
-]
-LatentsOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Number of latents, or several: 2,4,8 or 1-16 (default: 12; some kinds have one size)."
-    ),
-]
-NoiseOption = Annotated[
-    float | None,
-    typer.Option(help="Standard deviation of the noise on scaled features (default: 0.1)."),
-]
-HorizonOption = Annotated[
-    int | None,
-    typer.Option(help="Control steps ahead that the kind predicts (default: that of the kind)."),
-]
-EpochsOption = Annotated[
-    int | None,
-    typer.Option(
-        help="Number of passes over the training rows (default: that of the kind, such as dae's "
-        "200; more for a small dataset, so that it has 4,000 updates)."
-    ),
-]
-BatchOption = Annotated[
-    int | None, typer.Option(help="Minibatch size (default: that of the kind; dae has 8192).")
-]
-RateOption = Annotated[
-    float | None,
-    typer.Option(help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4)."),
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Set an option of the kind; repeatable."),
-]
-SeedOption = Annotated[
-    str,
-    typer.Option(
-        help="Random seed of weights, minibatches, noise and the held-out split, or several, such "
-        "as 0-9: an encoder for each."
-    ),
-]
-VerboseOption = Annotated[bool, typer.Option("--verbose", help="Also print the errors as tables.")]
-DeviceOption = Annotated[
-    str,
-    typer.Option(
-        help="Device to train on: auto (a GPU if there is one), cpu, cuda or such as cuda:1.",
-        autocompletion=complete(*names.DEVICES),
-    ),
-]
+_TASKS = Option(
+    "face_direction",
+    help=f"Task of the observations: {', '.join(names.TASKS)}, all (of these), or a task of "
+    "another robot (jbench tasks).",
+    autocompletion=options.complete_tasks,
+)
+_LATENTS = Option(
+    None,
+    help="Number of latents, or several: 2,4,8 or 1-16 (default: 12; some kinds have one size).",
+)
+_NOISE = Option(None, help="Standard deviation of the noise on scaled features (default: 0.1).")
+_EPOCHS = Option(
+    None,
+    help="Number of passes over the training rows (default: that of the kind, such as dae's 200; "
+    "more for a small dataset, so that it has 4,000 updates).",
+)
+_BATCH = Option(None, help="Minibatch size (default: that of the kind; dae has 8192).")
+_RATE = Option(None, help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4).")
+_SEEDS = Option(
+    "0",
+    help="Random seed of weights, minibatches, noise and the held-out split, or several, such as "
+    "0-9: an encoder for each.",
+)
+_VERBOSE = Option(False, "--verbose", help="Also print the errors as tables.")
+_DEVICE = Option(
+    "auto",
+    help="Device to train on: auto (a GPU if there is one), cpu, cuda or such as cuda:1.",
+    autocompletion=options.complete(*names.DEVICES),
+)
 
 
 def train_dae(
-    task: TasksOption = "face_direction",
-    latent: LatentsOption = None,
-    dataset: DatasetOption = None,
-    noise: NoiseOption = None,
-    epochs: EpochsOption = None,
-    batch: BatchOption = None,
-    learning_rate: RateOption = None,
-    seed: SeedOption = "0",
-    device: DeviceOption = "auto",
-    verbose: VerboseOption = False,
-    results: ResultsOption = RESULTS,
-    json: JsonOption = False,
+    task: str = _TASKS,
+    latent: str | None = _LATENTS,
+    dataset: str | None = options.DATASET,
+    noise: float | None = _NOISE,
+    epochs: int | None = _EPOCHS,
+    batch: int | None = _BATCH,
+    learning_rate: float | None = _RATE,
+    seed: str = _SEEDS,
+    device: str = _DEVICE,
+    verbose: bool = _VERBOSE,
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Train the paper's denoising autoencoder on a dataset.
 
     An interrupted training resumes.
     """
-    options = {"noise": noise, "epochs": epochs, "batch": batch, "learning_rate": learning_rate}
-    _train(["dae"], options, task, latent, dataset, seed, device, verbose, results, Output(json))
+    chosen = {"noise": noise, "epochs": epochs, "batch": batch, "learning_rate": learning_rate}
+    _train(["dae"], chosen, task, latent, dataset, seed, device, verbose, results, Output(json))
 
 
 def train_encoder(
-    kind: Annotated[
-        str,
-        typer.Option(
-            help=f"Kind of encoder: {', '.join(names.ENCODER_KINDS)}, one of another package, or "
-            "MODULE:CLASS; several: a,b.",
-            autocompletion=complete(*names.ENCODER_KINDS),
-        ),
-    ] = "dae",
-    task: TasksOption = "face_direction",
-    latent: LatentsOption = None,
-    dataset: DatasetOption = None,
-    noise: NoiseOption = None,
-    horizon: HorizonOption = None,
-    epochs: EpochsOption = None,
-    batch: BatchOption = None,
-    learning_rate: RateOption = None,
-    set_: SetOption = None,
-    seed: SeedOption = "0",
-    device: DeviceOption = "auto",
-    verbose: VerboseOption = False,
-    results: ResultsOption = RESULTS,
-    json: JsonOption = False,
+    kind: str = Option(
+        "dae",
+        help=f"Kind of encoder: {', '.join(names.ENCODER_KINDS)}, one of another package, or "
+        "MODULE:CLASS; several: a,b.",
+        autocompletion=options.complete(*names.ENCODER_KINDS),
+    ),
+    task: str = _TASKS,
+    latent: str | None = _LATENTS,
+    dataset: str | None = options.DATASET,
+    noise: float | None = _NOISE,
+    horizon: int | None = Option(
+        None, help="Control steps ahead that the kind predicts (default: that of the kind)."
+    ),
+    epochs: int | None = _EPOCHS,
+    batch: int | None = _BATCH,
+    learning_rate: float | None = _RATE,
+    set_: list[str] = Option(
+        [], "--set", metavar="NAME=VALUE", help="Set an option of the kind; repeatable."
+    ),
+    seed: str = _SEEDS,
+    device: str = _DEVICE,
+    verbose: bool = _VERBOSE,
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Train encoders of any kind on a dataset.
 
     One encoder is trained for each kind and number of latents.
     """
-    from jbench.commands.parsing import parse_overrides
-
-    options: dict[str, Any] = {
-        "noise": noise,
-        "horizon": horizon,
-        "epochs": epochs,
-        "batch": batch,
-        "learning_rate": learning_rate,
-    }
-    for name, value in parse_overrides(set_ or []).items():
-        if options.get(name) is not None:
+    chosen: dict[str, Any] = {"noise": noise, "horizon": horizon, "epochs": epochs}
+    chosen |= {"batch": batch, "learning_rate": learning_rate}
+    for name, value in parsing.parse_overrides(set_).items():
+        if chosen.get(name) is not None:
             raise RequestError(f"{name} is given twice; type it once.")
-        options[name] = value
-    typed = (one.lower() if one.lower() in names.ENCODER_KINDS else one for one in kind.split(","))
+        chosen[name] = value
+    typed = (
+        name.lower() if name.lower() in names.ENCODER_KINDS else name for name in kind.split(",")
+    )
     kinds = list(dict.fromkeys(typed))
-    _train(kinds, options, task, latent, dataset, seed, device, verbose, results, Output(json))
+    _train(kinds, chosen, task, latent, dataset, seed, device, verbose, results, Output(json))
 
 
 def _train(

@@ -2,97 +2,63 @@
 
 import importlib.util
 from pathlib import Path
-from typing import Annotated
+from typing import Literal
 
-import typer
+from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import parsing
-from jbench.commands.options import (
-    RESULTS,
-    DatasetOption,
-    JsonOption,
-    ReadResultsOption,
-    complete,
-    complete_policies,
-    complete_tasks,
-    path,
-)
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.commands.policies import database_and_policy
 from jbench.errors import RequestError
 from jbench.wording import counted, repair_hint
 
-FORMATS = ("onnx", "minari")
-"""Formats of policies (onnx) and of datasets (minari)."""
-
 _TASK = "face_direction"
-
-INPUTS = ("si", "observation")
-"""Inputs of an exported policy: features in SI units, or the observation of the environment."""
 
 
 def export(
-    run: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="RUN",
-            help="Id of a run, to export its policy (default: export a dataset, or --curves).",
-            autocompletion=complete_policies,
-        ),
-    ] = None,
-    dataset: DatasetOption = None,
-    task: Annotated[
-        str | None,
-        typer.Option(
-            help="Task whose observations and rewards a dataset is exported with (default: "
-            "face_direction, or the task of another robot's --dataset), or whose curves are "
-            "exported (default: all).",
-            autocompletion=complete_tasks,
-        ),
-    ] = None,
-    format: Annotated[
-        str | None,
-        typer.Option(
-            help="Output format: onnx (of a policy, the default with RUN) or minari (of a "
-            "dataset, the default without).",
-            autocompletion=complete(*FORMATS),
-        ),
-    ] = None,
-    inputs: Annotated[
-        str | None,
-        typer.Option(
-            help="Input of an exported policy: si (features in SI units, the default for the "
-            "Jitterbug) or observation (that of the environment, the default for other robots).",
-            autocompletion=complete(*INPUTS),
-        ),
-    ] = None,
-    curves: Annotated[
-        Path | None,
-        typer.Option(
-            parser=path,
-            metavar="FILE",
-            help="Write the learning curves of all runs to this file, as the JSON of "
-            "HumanoidBench: task, method, seed_0, million_steps and return.",
-        ),
-    ] = None,
-    returns: Annotated[
-        str | None,
-        typer.Option(
-            help="Returns of --curves: evaluation (the default) or training.",
-            autocompletion=complete(*names.RETURNS),
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            parser=path,
-            help="File of the policy (default: RESULTS/onnx/RUN.onnx), or directory of Minari "
-            "datasets (default: RESULTS/minari).",
-        ),
-    ] = None,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    run: str | None = Argument(
+        None,
+        metavar="RUN",
+        help="Id of a run, to export its policy (default: export a dataset, or --curves).",
+        autocompletion=options.complete_policies,
+    ),
+    dataset: str | None = options.DATASET,
+    task: str | None = Option(
+        None,
+        help="Task whose observations and rewards a dataset is exported with (default: "
+        "face_direction, or the task of another robot's --dataset), or whose curves are exported "
+        "(default: all).",
+        autocompletion=options.complete_tasks,
+    ),
+    format: Literal["onnx", "minari"] | None = Option(
+        None,
+        help="Output format: onnx (of a policy, the default with RUN) or minari (of a dataset, the "
+        "default without).",
+    ),
+    inputs: Literal["si", "observation"] | None = Option(
+        None,
+        help="Input of an exported policy: si (features in SI units, the default for the "
+        "Jitterbug) or observation (that of the environment, the default for other robots).",
+    ),
+    curves: Path | None = Option(
+        None,
+        parser=options.path,
+        metavar="FILE",
+        help="Write the learning curves of all runs to this file, as the JSON of HumanoidBench: "
+        "task, method, seed_0, million_steps and return.",
+    ),
+    returns: names.ReturnsName | None = Option(
+        None, help="Returns of --curves: evaluation (the default) or training."
+    ),
+    out: Path | None = Option(
+        None,
+        parser=options.path,
+        help="File of the policy (default: RESULTS/onnx/RUN.onnx), or directory of Minari datasets "
+        "(default: RESULTS/minari).",
+    ),
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Export a policy as ONNX, a dataset for Minari, or learning curves as JSON."""
     if curves is not None:
@@ -100,14 +66,10 @@ def export(
         for option, value in {**typed, "--out": out}.items():
             if value is not None:
                 raise RequestError(f"{option} and --curves exclude each other; leave one out.")
-        kind = names.known("value of --returns", returns or "evaluation", names.RETURNS)
-        return _curves(curves, kind, task, results, Output(json))
+        return _curves(curves, returns or "evaluation", task, results, Output(json))
     if returns is not None:
         raise RequestError("--returns is for --curves FILE; type both, or leave it out.")
     chosen = format or ("minari" if run is None else "onnx")
-    names.known("value of --format", chosen, FORMATS)
-    if inputs is not None:
-        names.known("value of --inputs", inputs, INPUTS)
     output = Output(json)
     if chosen == "minari":
         if run is not None:

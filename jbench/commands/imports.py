@@ -1,75 +1,58 @@
 """The import command."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import parsing
-from jbench.commands.options import RESULTS, JsonOption, ResultsOption, TaskOption, complete, path
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.wording import with_results
 
 
 def import_(
-    files: Annotated[list[Path], typer.Argument(parser=path, help="Files with learning curves.")],
-    format: Annotated[
-        str,
-        typer.Option(
-            "--from",
-            help=f"Format of the files: {', '.join(names.IMPORT_FORMATS)}.",
-            autocompletion=complete(*names.IMPORT_FORMATS),
-        ),
-    ],
-    task: TaskOption,
-    algo: Annotated[str, typer.Option(help="Label of the algorithm, such as cleanrl-td3.")],
-    seed_from: Annotated[
-        str | None,
-        typer.Option(
-            metavar="REGEX",
-            help="Regular expression that finds the seed in a file's path, or in the name of a "
-            "run of W&B; its first group, or the whole match.",
-        ),
-    ] = None,
-    representation: Annotated[
-        str, typer.Option(help="Label of what the agent observes: full, or one such as dae12.")
-    ] = names.FULL,
-    steps_column: Annotated[
-        str | None,
-        typer.Option(
-            help="csv: column with the control steps (default: control_steps, global_step, "
-            "timesteps, steps or step; wandb-csv: the first column)."
-        ),
-    ] = None,
-    return_column: Annotated[
-        str | None,
-        typer.Option(
-            help="csv: column with the returns (default: episode_return, episodic_return, return "
-            "or reward); wandb-csv: the metric."
-        ),
-    ] = None,
-    seed_column: Annotated[
-        str | None,
-        typer.Option(help="csv: column with the seed, instead of --seed-from (default: seed)."),
-    ] = None,
-    tag: Annotated[
-        str | None,
-        typer.Option(
-            help="tensorboard: tag with the returns (default: charts/episodic_return or "
-            "rollout/ep_rew_mean)."
-        ),
-    ] = None,
-    returns: Annotated[
-        str | None,
-        typer.Option(
-            help="Kind of the returns: training or evaluation (default: evaluation if the column "
-            "or tag begins with eval, else training).",
-            autocompletion=complete(*names.RETURNS),
-        ),
-    ] = None,
-    results: ResultsOption = RESULTS,
-    json: JsonOption = False,
+    files: list[Path] = Argument(
+        ..., parser=options.path, metavar="FILE", help="Files with learning curves."
+    ),
+    format: names.ImportFormat = Option(
+        ..., "--from", help=f"Format of the files: {', '.join(names.IMPORT_FORMATS)}."
+    ),
+    task: str = options.REQUIRED_TASK,
+    algo: str = Option(..., help="Label of the algorithm, such as cleanrl-td3."),
+    seed_from: str | None = Option(
+        None,
+        metavar="REGEX",
+        help="Regular expression that finds the seed in a file's path, or in the name of a run of "
+        "W&B; its first group, or the whole match.",
+    ),
+    representation: str = Option(
+        names.FULL, help="Label of what the agent observes: full, or one such as dae12."
+    ),
+    steps_column: str | None = Option(
+        None,
+        help="csv: column with the control steps (default: control_steps, global_step, timesteps, "
+        "steps or step; wandb-csv: the first column).",
+    ),
+    return_column: str | None = Option(
+        None,
+        help="csv: column with the returns (default: episode_return, episodic_return, return or "
+        "reward); wandb-csv: the metric.",
+    ),
+    seed_column: str | None = Option(
+        None, help="csv: column with the seed, instead of --seed-from (default: seed)."
+    ),
+    tag: str | None = Option(
+        None,
+        help="tensorboard: tag with the returns (default: charts/episodic_return or "
+        "rollout/ep_rew_mean).",
+    ),
+    returns: names.ReturnsName | None = Option(
+        None,
+        help="Kind of the returns: training or evaluation (default: evaluation if the column or "
+        "tag begins with eval, else training).",
+    ),
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Import learning curves made by other programs.
 
@@ -81,7 +64,7 @@ def import_(
 
     output, database = Output(json), parsing.results_to_write(results)
     request = ImportRequest(
-        format=names.known("value of --from", format, names.IMPORT_FORMATS),
+        format=format,
         task=find_task(task).name,
         algo=algo,
         seed_from=seed_from,
@@ -90,7 +73,7 @@ def import_(
         steps_column=steps_column,
         return_column=return_column,
         seed_column=seed_column,
-        returns=None if returns is None else names.known("kind of return", returns, names.RETURNS),
+        returns=returns,
     )
     imported = import_curves(database, files, request)
     for one in imported:

@@ -1,50 +1,33 @@
 """The leaderboard command."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import parsing
-from jbench.commands.options import (
-    RESULTS,
-    CsvOption,
-    JsonOption,
-    OneAlgorithmOption,
-    OneTaskOption,
-    ReadResultsOption,
-    complete,
-    path,
-)
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 
 
 def leaderboard(
-    directories: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            parser=path,
-            help="Results directories, of which reference is the shipped one (default: --results).",
-        ),
-    ] = None,
-    task: OneTaskOption = None,
-    algo: OneAlgorithmOption = None,
-    returns: Annotated[
-        str,
-        typer.Option(
-            help="Returns to rank by: evaluation (deterministic policy) or training (exploration "
-            "included).",
-            autocompletion=complete(*names.RETURNS),
-        ),
-    ] = "evaluation",
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print Markdown to standard output.")
-    ] = False,
-    as_csv: CsvOption = False,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    directories: list[Path] = Argument(
+        None,
+        parser=options.path,
+        metavar="DIR",
+        help="Results directories, of which reference is the shipped one (default: --results).",
+    ),
+    task: str | None = options.ONE_TASK,
+    algo: str | None = options.ONE_ALGORITHM,
+    returns: names.ReturnsName = Option(
+        "evaluation",
+        help="Returns to rank by: evaluation (deterministic policy) or training (exploration "
+        "included).",
+    ),
+    markdown: bool = Option(False, "--markdown", help="Print Markdown to standard output."),
+    as_csv: bool = options.CSV,
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Rank algorithms and representations on each task.
 
@@ -66,7 +49,7 @@ def leaderboard(
     request = Request(
         task=task and parsing.known_or_held("task", task, read),
         algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
-        returns=names.known("value of --returns", returns, names.RETURNS),
+        returns=returns,
     )
     ranked, problems = ranked_configurations(databases, request)
     output, table = Output(json), leaderboard_table(ranked, request.returns)

@@ -1,14 +1,78 @@
-"""Options that several commands share."""
+"""Options: those that several commands share, their completion, and those made from settings."""
 
 import importlib.metadata
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Sequence
+from copy import copy
+from functools import partial
 from glob import escape, glob
 from pathlib import Path
-from typing import Annotated
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
 import typer
+from pydantic.fields import FieldInfo
+from typer import Argument, Option
 
 from jbench import names
+from jbench.commands import parsing
+from jbench.settings.base import Settings, typed_default
+
+_Command = Callable[..., None]
+
+
+def with_settings(
+    kind: type[Settings], *fields: str, main: Sequence[str] = ()
+) -> Callable[[_Command], _Command]:
+    """Returns a decorator that gives a command an option for each of some fields of settings.
+
+    The command takes their values as keyword arguments by the names of the fields.
+
+    Args:
+        kind: settings, whose fields have the type, description, default and unit.
+        fields: names of the fields.
+        main: names of the parameters that everybody needs; the help lists the others, those of the
+            command included, as "Advanced". If empty, they are one list.
+    """
+
+    def decorate(command: _Command) -> _Command:
+        signature = inspect.signature(command, eval_str=True)
+        own = [each for each in signature.parameters.values() if each.kind is not each.VAR_KEYWORD]
+        parameters = [*own, *(_parameter(name, kind.model_fields[name]) for name in fields)]
+        for i, parameter in enumerate(parameters):
+            if main and parameter.name not in main:
+                option = copy(parameter.default)
+                option.rich_help_panel = "Advanced"
+                parameters[i] = parameter.replace(default=option)
+        command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        return command
+
+    return decorate
+
+
+def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
+    """Returns the parameter of a command for a field of settings."""
+    default, help = typed_default(field), str(field.description)
+    extra, type_ = field.json_schema_extra, _plain(field.annotation)
+    counts = isinstance(extra, dict) and extra.get("unit") is not None
+    option = Option(
+        f"{default:_}" if counts and default is not None else default,
+        f"--{(field.title or name).replace('_', '-')}",
+        help=f"{help[0].upper()}{help[1:]}.",
+        parser=parsing.count if counts else None,
+    )
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=option,
+        annotation=type_ | None if default is None else type_,
+    )
+
+
+def _plain(annotation: Any) -> Any:
+    """Returns a type without None and without limits, which the settings check."""
+    wrapped = get_origin(annotation) in (Annotated, Union, UnionType)
+    return _plain(get_args(annotation)[0]) if wrapped else annotation
 
 
 def complete(*known: str) -> Callable[[str], list[str]]:
@@ -75,123 +139,78 @@ def path(text: str | Path) -> Path:
     return Path(text)
 
 
-RESULTS = Path(names.RESULTS)
-"""Default of `--results`."""
-
-ResultsOption = Annotated[Path, typer.Option("--results", parser=path, help="Results directory.")]
-ReadResultsOption = Annotated[
-    Path,
-    typer.Option(
-        "--results",
-        parser=path,
-        help=f"Results directory ({names.REFERENCE}: the results shipped with jbench).",
-        autocompletion=complete_results,
-    ),
-]
-JsonOption = Annotated[
-    bool,
-    typer.Option("--json", help="Print one JSON document to stdout, everything else to stderr."),
-]
-DryRunOption = Annotated[
-    bool,
-    typer.Option(
-        "--dry-run", help="Show the status of the runs and the time left, and train nothing."
-    ),
-]
-TaskOption = Annotated[
-    str,
-    typer.Option(
-        help=f"Task: {', '.join(names.TASKS)}, {names.SUITE}DOMAIN-TASK of dm_control's suite, one "
-        "of another package (jbench tasks), or MODULE:NAME of a function that returns a "
-        "dm_env.Environment.",
-        autocompletion=complete_tasks,
-    ),
-]
-PolicyTaskOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Task (default: the task of a trained policy; of other policies, evaluate takes "
-        "face_direction, render and view move_to_pose).",
-        autocompletion=complete_tasks,
-    ),
-]
-OneTaskOption = Annotated[
-    str | None, typer.Option(help="Only this task.", autocompletion=complete_tasks)
-]
-OneAlgorithmOption = Annotated[
-    str | None,
-    typer.Option(help="Only this algorithm.", autocompletion=complete(*names.ALGORITHMS)),
-]
-OneRepresentationOption = Annotated[
-    str | None,
-    typer.Option(help="Only this representation: full, or one such as dae12."),
-]
-OneStatusOption = Annotated[
-    str | None,
-    typer.Option(
-        help=f"Only runs of this status: {', '.join(names.STATUSES)}.",
-        autocompletion=complete(*names.STATUSES),
-    ),
-]
-SomeSeedsOption = Annotated[
-    str | None,
-    typer.Option("--seeds", "--seed", help="Only these seeds, such as 0-9 or 0,2,5-7."),
-]
-KeepStateOption = Annotated[
-    bool,
-    typer.Option(
-        "--keep-state",
-        help="Keep the last checkpoint of finished runs, with the replay buffer, so that the same "
-        "command with more --steps continues them.",
-    ),
-]
-LogOption = Annotated[
-    str | None,
-    typer.Option(
-        callback=lambda name: name and names.known("value of --log", name, names.LOGGERS),
-        help=f"Also write the rows to an experiment tracker: {', '.join(names.LOGGERS)}.",
-        autocompletion=complete(*names.LOGGERS),
-    ),
-]
-DatasetOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Id of the dataset (default: the newest).", autocompletion=complete_records("dataset")
-    ),
-]
-CsvOption = Annotated[bool, typer.Option("--csv", help="Print CSV to standard output.")]
-ThreadsOption = Annotated[int, typer.Option(min=0, help="Number of threads (0: one per core).")]
-JobsOption = Annotated[
-    int,
-    typer.Option(min=0, help="Number of worker processes (0: one per core, or one for a GPU)."),
-]
-FinalEpisodesOption = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        help="Episodes of a run's last evaluation (default: 100, but not more than the run has "
-        "training episodes).",
-    ),
-]
-RetryOption = Annotated[bool, typer.Option("--retry-failed", help="Retry runs that failed before.")]
-PolicyArgument = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="POLICY",
-        help=f"Policy: {names.POLICY_NAMES}.  [default: {names.HEURISTIC}]",
-        autocompletion=complete_policies,
-    ),
-]
-PolicyOption = Annotated[str | None, typer.Option("--policy", hidden=True)]
+RESULTS = Option(
+    Path(names.RESULTS), "--results", parser=path, metavar="DIR", help="Results directory."
+)
+READ_RESULTS = Option(
+    Path(names.RESULTS),
+    "--results",
+    parser=path,
+    metavar="DIR",
+    help=f"Results directory ({names.REFERENCE}: the results shipped with jbench).",
+    autocompletion=complete_results,
+)
+JSON = Option(False, "--json", help="Print one JSON document to stdout, everything else to stderr.")
+CSV = Option(False, "--csv", help="Print CSV to standard output.")
+DRY_RUN = Option(
+    False, "--dry-run", help="Show the status of the runs and the time left, and train nothing."
+)
+KEEP_STATE = Option(
+    False,
+    "--keep-state",
+    help="Keep the last checkpoint of finished runs, with the replay buffer, so that the same "
+    "command with more --steps continues them.",
+)
+RETRY_FAILED = Option(False, "--retry-failed", help="Retry runs that failed before.")
+LOG = Option(
+    None, help=f"Also write the rows to an experiment tracker: {', '.join(names.LOGGERS)}."
+)
+JOBS = Option(0, min=0, help="Number of worker processes (0: one per core, or one for a GPU).")
+THREADS = Option(0, min=0, help="Number of threads (0: one per core).")
+FINAL_EPISODES = Option(
+    None,
+    min=1,
+    help="Episodes of a run's last evaluation (default: 100, but not more than the run has "
+    "training episodes).",
+)
+AUGMENT = Option(None, min=0, help="Seed of an augmented robot (default: the plain robot).")
+DATASET = Option(
+    None,
+    help="Id of the dataset (default: the newest).",
+    autocompletion=complete_records("dataset"),
+)
+_task = partial(
+    Option,
+    help=f"Task: {', '.join(names.TASKS)}, {names.SUITE}DOMAIN-TASK of dm_control's suite, one of "
+    "another package (jbench tasks), or MODULE:NAME of a function that returns a "
+    "dm_env.Environment.",
+    autocompletion=complete_tasks,
+)
+TASK, REQUIRED_TASK = _task("face_direction"), _task(...)
+POLICY_TASK = Option(
+    None,
+    help="Task (default: the task of a trained policy; of other policies, evaluate takes "
+    "face_direction, render and view move_to_pose).",
+    autocompletion=complete_tasks,
+)
+ONE_TASK = Option(None, help="Only this task.", autocompletion=complete_tasks)
+ONE_ALGORITHM = Option(
+    None, help="Only this algorithm.", autocompletion=complete(*names.ALGORITHMS)
+)
+ONE_REPRESENTATION = Option(None, help="Only this representation: full, or one such as dae12.")
+ONE_STATUS = Option(None, help=f"Only runs of this status: {', '.join(names.STATUSES)}.")
+SOME_SEEDS = Option(None, "--seeds", "--seed", help="Only these seeds, such as 0-9 or 0,2,5-7.")
+POLICY = Argument(
+    None,
+    metavar="POLICY",
+    help=f"Policy: {names.POLICY_NAMES} (default: {names.HEURISTIC}).",
+    autocompletion=complete_policies,
+)
+OLD_POLICY = Option(None, "--policy", hidden=True)
 """How POLICY was typed in older versions."""
-CameraOption = Annotated[
-    str | None,
-    typer.Option(
-        help=f"Camera: {', '.join(names.CAMERAS)} (default: tracking), or one of another robot's "
-        "model (default: its first).",
-        autocompletion=complete(*names.CAMERAS),
-    ),
-]
-AugmentOption = Annotated[
-    int | None, typer.Option(help="Seed of an augmented robot (default: the plain robot).")
-]
+CAMERA = Option(
+    None,
+    help=f"Camera: {', '.join(names.CAMERAS)} (default: tracking), or one of another robot's model "
+    "(default: its first).",
+    autocompletion=complete(*names.CAMERAS),
+)

@@ -1,18 +1,21 @@
 """Terminal output of the commands: text, tables, progress, or one JSON document."""
 
-import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from jbench.errors import WorkError
 from jbench.json_text import json_text
 from jbench.wording import are, counted, duration
 
+if TYPE_CHECKING:
+    from rich.table import Table
+
 _PLAIN_EVERY = 10.0  # s between plain lines of progress, where there is no terminal
+_MAX_TERMINAL_LINES = 3  # of a row whose words don't fit side by side
 
 
 @contextmanager
@@ -45,22 +48,23 @@ class Output:
         with _writing():
             print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
 
-    def table(self, title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    def table(self, title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         """Prints a table for people; no word is broken, and numbers are aligned to the right."""
         from rich.console import Console
+        from rich.measure import Measurement
         from rich.text import Text
 
-        from jbench.commands.tables import make_table
-
-        stream = sys.stderr if self.as_json else sys.stdout
-        cells = [[printable(str(cell)) for cell in row] for row in rows]
         # A pipe has no width but that of COLUMNS: use one that holds most tables.
-        columns = os.environ.get("COLUMNS", "")
-        width = int(columns) if columns.isdecimal() and int(columns) else 200
-        if stream.isatty():
-            width = shutil.get_terminal_size().columns
-        table, width = make_table(header, cells, width)
-        console = Console(file=stream, width=width)
+        width = shutil.get_terminal_size((200, 24)).columns
+        console = Console(file=sys.stderr if self.as_json else sys.stdout, width=width)
+        cells = [[printable(str(cell)) for cell in row] for row in rows]
+        table = _table(header, cells)
+        widths = Measurement.get(console, console.options.update(max_width=10**6), table)
+        if widths.minimum > width:
+            if widths.maximum <= _MAX_TERMINAL_LINES * width or not cells:
+                console.width = widths.maximum  # the terminal wraps the lines
+            else:
+                table = _table_of_cells(header, cells)
         with _writing():
             console.print(Text(title, style="bold"), soft_wrap=True)
             console.print(table)
@@ -110,6 +114,52 @@ class Output:
                 yield update
         else:
             yield _Lines(what, total, unit, then).update
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
+    """Returns a table whose columns are at least as wide as their longest word."""
+    from rich import box
+    from rich.cells import cell_len
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for name, *column in zip(header, *rows, strict=True):
+        words = [word for cell in (name, *column) for word in cell.split()]
+        table.add_column(
+            Text(name),
+            justify="right" if all(map(_is_number, column)) else "left",
+            min_width=max(map(cell_len, words), default=0),
+            # Only columns of several words are narrowed.
+            no_wrap=all(len(cell.split()) < 2 for cell in column),
+        )
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table
+
+
+def _table_of_cells(header: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
+    """Returns a table of column names and cells, with a rule after each row of `rows`."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
+    table.add_column(no_wrap=True, style="bold")
+    table.add_column(overflow="fold")
+    for row in rows:
+        for name, cell in zip(header, row, strict=True):
+            table.add_row(Text(name), Text(cell))
+        table.add_section()
+    return table
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "") or "0")
+    except ValueError:
+        return False
+    return True
 
 
 class _Lines:

@@ -8,6 +8,8 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from typer import BadParameter
+
 from jbench import names
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers
@@ -122,38 +124,21 @@ def results_to_write(path: Path) -> "Results":
     return shipped.results_to_write(path)
 
 
-def count(option: str, text: str) -> int:
+def count(text: str | int) -> int:
     """Returns a positive whole number typed as 5000000, 5_000_000, 5e6 or 5M.
 
     Raises:
-        RequestError: if it is not a positive whole number.
+        BadParameter: if it is not a positive whole number.
     """
-    scale = _SCALES.get(text[-1:].lower(), 1)
+    typed = str(text)
+    scale = _SCALES.get(typed[-1:].lower(), 1)
     try:
-        number = Decimal(text if scale == 1 else text[:-1]) * scale
+        number = Decimal(typed if scale == 1 else typed[:-1]) * scale
     except ArithmeticError:  # no number, or one that decimal can't hold
         number = Decimal(0)
     if not (number.is_finite() and 1 <= number <= names.MAX_COUNT and number % 1 == 0):
-        raise RequestError(
-            f"{option} {text}: type a positive whole number, such as 100000, 100k or 5e6."
-        )
+        raise BadParameter("type a positive whole number, such as 100000, 100k or 5e6")
     return int(number)
-
-
-def seed(number: int, option: str = "--seed") -> int:
-    """Returns a seed.
-
-    Raises:
-        RequestError: if it is negative, or exceeds the database's 64-bit integers.
-    """
-    if not 0 <= number <= names.MAX_SEED:
-        raise RequestError(f"{option} {number}: type a whole number from 0 up to {names.MAX_SEED}.")
-    return number
-
-
-def augmented(number: int | None) -> int | None:
-    """Returns the seed of an augmented robot; None is the plain robot."""
-    return None if number is None else seed(number, "--augment")
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:

@@ -2,25 +2,15 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
-import typer
+from typer import Option
 
 from jbench import names
-from jbench.commands import parsing
-from jbench.commands.options import (
-    RESULTS,
-    AugmentOption,
-    CameraOption,
-    JsonOption,
-    PolicyArgument,
-    PolicyOption,
-    PolicyTaskOption,
-    ReadResultsOption,
-    ThreadsOption,
-)
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError
+from jbench.settings.records import EvaluationSettings
 from jbench.wording import counted
 
 if TYPE_CHECKING:
@@ -28,26 +18,21 @@ if TYPE_CHECKING:
 
 _TAILS = 10  # episodes from which on the 10th and the 90th percentile say something
 
-PoseSeedOption = Annotated[int, typer.Option(help="Random seed of the pose and the target.")]
+_POSE_SEED = Option(0, min=0, help="Random seed of the pose and the target.")
 
 
+@options.with_settings(EvaluationSettings, "episodes", "seed", "states", "augment")
 def evaluate(
-    policy: PolicyArgument = None,
-    policy_option: PolicyOption = None,
-    task: PolicyTaskOption = None,
-    episodes: Annotated[int, typer.Option(help="Number of episodes.")] = 100,
-    seed: Annotated[int, typer.Option(help="Random seed of poses, targets and actions.")] = 0,
-    states: Annotated[
-        bool, typer.Option("--states", help="Record the state at every control step.")
-    ] = False,
-    target_yaw: Annotated[
-        float | None,
-        typer.Option(help="Yaw of the target in degrees (default: drawn by the task)."),
-    ] = None,
-    augment: AugmentOption = None,
-    threads: ThreadsOption = 0,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    policy: str | None = options.POLICY,
+    policy_option: str | None = options.OLD_POLICY,
+    task: str | None = options.POLICY_TASK,
+    target_yaw: float | None = Option(
+        None, help="Yaw of the target in degrees (default: drawn by the task)."
+    ),
+    threads: int = options.THREADS,
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
+    **chosen: Any,
 ) -> None:
     """Run episodes of any policy and save their returns."""
     from jbench.commands import display
@@ -56,7 +41,6 @@ def evaluate(
     from jbench.policies.imported import code_of
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
-    from jbench.settings.records import EvaluationSettings
     from jbench.simulation import find_task
     from jbench.tasks.features import TASK_SPECS
 
@@ -74,17 +58,14 @@ def evaluate(
         task=task,
         specs=find_task(task).specs,
         policy=Path(policy).name if is_sb3_zip(policy) else policy,
-        episodes=episodes,
-        seed=parsing.seed(seed),
-        states=states,
         target_yaw=None if target_yaw is None else math.radians(target_yaw),
-        augment=parsing.augmented(augment),
         code=code_of(policy),
+        **chosen,
     )
     before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
-    _say_other_robot(output, database, policy, augment)
+    _say_other_robot(output, database, policy, settings.augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
         record = run_episodes(settings, database, parsing.all_cores(threads), progress, policy)
@@ -101,25 +82,28 @@ def evaluate(
 
 
 def render(
-    policy: PolicyArgument = None,
-    policy_option: PolicyOption = None,
-    out: Annotated[
-        Path, typer.Option(help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).")
-    ] = Path("jitterbug.mp4"),
-    task: PolicyTaskOption = None,
-    camera: CameraOption = None,
-    seed: PoseSeedOption = 0,
-    steps: Annotated[int, typer.Option(help="Number of control steps, 1 to 1000.")] = 1000,
-    augment: AugmentOption = None,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    policy: str | None = options.POLICY,
+    policy_option: str | None = options.OLD_POLICY,
+    out: Path = Option(
+        Path("jitterbug.mp4"),
+        help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).",
+    ),
+    task: str | None = options.POLICY_TASK,
+    camera: str | None = options.CAMERA,
+    seed: int = _POSE_SEED,
+    steps: int = Option(
+        names.EPISODE_STEPS,
+        min=1,
+        max=names.EPISODE_STEPS,
+        help="Number of control steps, 1 to 1000.",
+    ),
+    augment: int | None = options.AUGMENT,
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Render an episode of any policy as a video or a picture."""
     from jbench.opengl import choose_backend
 
-    if not 1 <= steps <= names.EPISODE_STEPS:
-        raise RequestError(f"--steps {steps}: type 1 to {names.EPISODE_STEPS}.")
-    parsing.augmented(augment)
     choose_backend()
     from jbench.policies.find import find_policy
     from jbench.rendering.episode import Scene
@@ -131,7 +115,7 @@ def render(
     task = _task(database, policy, task, "move_to_pose")
     if camera is not None and task in names.TASKS:
         names.known("camera", camera, names.CAMERAS)
-    scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
+    scene = Scene(task, seed, camera, width, height, augment)
     runner = find_policy(database, policy, task, seed)
     _say_other_robot(output, database, policy, augment)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
@@ -141,12 +125,12 @@ def render(
 
 
 def view(
-    policy: PolicyArgument = None,
-    policy_option: PolicyOption = None,
-    task: PolicyTaskOption = None,
-    seed: PoseSeedOption = 0,
-    augment: AugmentOption = None,
-    results: ReadResultsOption = RESULTS,
+    policy: str | None = options.POLICY,
+    policy_option: str | None = options.OLD_POLICY,
+    task: str | None = options.POLICY_TASK,
+    seed: int = _POSE_SEED,
+    augment: int | None = options.AUGMENT,
+    results: Path = options.READ_RESULTS,
 ) -> None:
     """Watch a policy in MuJoCo's interactive viewer.
 
@@ -158,8 +142,7 @@ def view(
 
     database, policy = database_and_policy(results, _chosen(policy, policy_option))
     task = _task(database, policy, task, "move_to_pose")
-    parsing.augmented(augment)
-    runner = find_policy(database, policy, task, parsing.seed(seed))
+    runner = find_policy(database, policy, task, seed)
     _say_other_robot(Output(), database, policy, augment)
     steps = open_viewer(runner, Scene(task, seed, augment=augment))
     Output().say(f"Watched {steps} control steps.")
@@ -183,7 +166,7 @@ def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
     if not names.is_reference(results):
         return parsing.results_to_write(results), policy
     is_run = "/" in policy and not policy.startswith(SHIPPED)
-    return parsing.results_to_write(RESULTS), f"{SHIPPED}{policy}" if is_run else policy
+    return parsing.results_to_write(Path(names.RESULTS)), f"{SHIPPED}{policy}" if is_run else policy
 
 
 def _task(database: "Results", policy: str, task: str | None, default: str) -> str:

@@ -6,21 +6,12 @@ import shlex
 import sys
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+from typer import Option
 
 from jbench import names
-from jbench.commands import parsing
-from jbench.commands.options import (
-    RESULTS,
-    JsonOption,
-    OneAlgorithmOption,
-    OneTaskOption,
-    ReadResultsOption,
-    complete,
-    path,
-)
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.opengl import has_display
@@ -43,94 +34,63 @@ def _two_sides(sides: tuple[str, str] | None) -> tuple[str, str] | None:
 
 
 def report(
-    task: OneTaskOption = None,
-    algo: OneAlgorithmOption = None,
-    since: Annotated[
-        str | None,
-        typer.Option(
-            help="Only runs that began at this date or later, in UTC, such as 2026-11-21."
-        ),
-    ] = None,
-    claims: Annotated[
-        bool, typer.Option("--claims", help="Add verdicts on the paper's claims.")
-    ] = False,
-    compare: Annotated[
-        tuple[str, str] | None,
-        typer.Option(
-            metavar="A B",
-            callback=_two_sides,
-            help="Compare two results directories, or two settings: engine=sb3 engine=batched.",
-        ),
-    ] = None,
-    curves: Annotated[
-        Path | None,
-        typer.Option(
-            parser=path,
-            metavar="FILE",
-            help="Report the learning curves of this file instead of results: CSV with the columns "
-            "method, task, seed, steps, return, or JSON of HumanoidBench, of any environment.",
-        ),
-    ] = None,
-    reference: Annotated[
-        bool, typer.Option("--reference", help="Add the runs shipped with jbench.")
-    ] = False,
-    baseline: Annotated[
-        str | None,
-        typer.Option(
-            help="Draw the imported curves of this algorithm dashed, as published curves are."
-        ),
-    ] = None,
-    returns: Annotated[
-        str,
-        typer.Option(
-            help="Returns that figures and statistics show first: evaluation (deterministic "
-            "policy) or training (exploration included).",
-            autocompletion=complete(*names.RETURNS),
-        ),
-    ] = "evaluation",
-    order: Annotated[
-        str,
-        typer.Option(
-            help="Order of smoothing: quantile-first (as Figure 9) or smooth-first (as Figure 8).",
-            autocompletion=complete(*names.ORDERS),
-        ),
-    ] = "quantile-first",
-    window: Annotated[int, typer.Option(help="Number of episodes in a moving average.")] = 100,
-    each_seed: Annotated[
-        bool, typer.Option("--each-seed", help="Draw every seed as a thin line as well.")
-    ] = False,
-    format_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--format",
-            metavar="FORMAT",
-            help=f"Format of the figures: {', '.join(names.FIGURE_FORMATS)}; repeatable (default: "
-            "png, svg).",
-            autocompletion=complete(*names.FIGURE_FORMATS),
-        ),
-    ] = None,
-    columns: Annotated[
-        int | None,
-        typer.Option(help="Draw figures for 1 or 2 columns of a paper (default: for a screen)."),
-    ] = None,
-    watch: Annotated[
-        bool,
-        typer.Option(
-            "--watch",
-            help="Write the page again whenever the results change, and the whole report after "
-            "Ctrl-C.",
-        ),
-    ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            parser=path,
-            help="Output directory (default: RESULTS/report; with --compare, RESULTS/comparison; "
-            "with --curves, FILE-report).",
-        ),
-    ] = None,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    task: str | None = options.ONE_TASK,
+    algo: str | None = options.ONE_ALGORITHM,
+    since: str | None = Option(
+        None, help="Only runs that began at this date or later, in UTC, such as 2026-11-21."
+    ),
+    claims: bool = Option(False, "--claims", help="Add verdicts on the paper's claims."),
+    compare: tuple[str, str] | None = Option(
+        None,
+        metavar="A B",
+        callback=_two_sides,
+        help="Compare two results directories, or two settings: engine=sb3 engine=batched.",
+    ),
+    curves: Path | None = Option(
+        None,
+        parser=options.path,
+        metavar="FILE",
+        help="Report the learning curves of this file instead of results: CSV with the columns "
+        "method, task, seed, steps, return, or JSON of HumanoidBench, of any environment.",
+    ),
+    reference: bool = Option(False, "--reference", help="Add the runs shipped with jbench."),
+    baseline: str | None = Option(
+        None, help="Draw the imported curves of this algorithm dashed, as published curves are."
+    ),
+    returns: names.ReturnsName = Option(
+        "evaluation",
+        help="Returns that figures and statistics show first: evaluation (deterministic policy) or "
+        "training (exploration included).",
+    ),
+    order: names.Order = Option(
+        "quantile-first",
+        help="Order of smoothing: quantile-first (as Figure 9) or smooth-first (as Figure 8).",
+    ),
+    window: int = Option(100, help="Number of episodes in a moving average."),
+    each_seed: bool = Option(False, "--each-seed", help="Draw every seed as a thin line as well."),
+    format_: list[str] = Option(
+        ["png", "svg"],
+        "--format",
+        metavar="FORMAT",
+        help=f"Format of the figures: {', '.join(names.FIGURE_FORMATS)}; repeatable.",
+        autocompletion=options.complete(*names.FIGURE_FORMATS),
+    ),
+    columns: int | None = Option(
+        None, help="Draw figures for 1 or 2 columns of a paper (default: for a screen)."
+    ),
+    watch: bool = Option(
+        False,
+        "--watch",
+        help="Write the page again whenever the results change, and the whole report after Ctrl-C.",
+    ),
+    out: Path | None = Option(
+        None,
+        parser=options.path,
+        help="Output directory (default: RESULTS/report; with --compare, RESULTS/comparison; with "
+        "--curves, FILE-report).",
+    ),
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Write a report of all runs across seeds.
 
@@ -149,15 +109,15 @@ def report(
         other = "--json" if json else "--curves"
         raise RequestError(f"--watch and {other} exclude each other; type one of them.")
     request = Request(
-        order=names.known("value of --order", order, names.ORDERS),
+        order=order,
         window=window,
         task=task and (task if curves else parsing.known_or_held("task", task, read)),
         algo=algo and (algo if curves else parsing.known_or_held("algo", algo, read)),
         since=since,
-        returns=names.known("value of --returns", returns, names.RETURNS),
+        returns=returns,
         claims=claims,
         each_seed=each_seed,
-        formats=tuple(dict.fromkeys(format_ or ("png", "svg"))),
+        formats=tuple(dict.fromkeys(format_)),
         columns=columns,
         reference=reference,
         baseline=baseline,

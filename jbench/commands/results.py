@@ -4,52 +4,36 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-import typer
+from typer import Argument, Option
 
-from jbench.commands import checking, parsing
-from jbench.commands.options import (
-    RESULTS,
-    CsvOption,
-    JsonOption,
-    OneAlgorithmOption,
-    OneRepresentationOption,
-    OneStatusOption,
-    OneTaskOption,
-    ReadResultsOption,
-    ResultsOption,
-    SomeSeedsOption,
-    path,
-)
+from jbench import names
+from jbench.commands import checking, options, parsing
 from jbench.commands.output import Output, short
 from jbench.errors import RequestError, WorkError
 from jbench.wording import are, counted, done_of, duration, repair_hint, with_results
 
-FilesOption = Annotated[
-    int, typer.Option(min=0, help="Number of files read at a time (0: one per core).")
-]
+_FILES = Option(0, min=0, help="Number of files read at a time (0: one per core).")
 
 
 def runs(
-    task: OneTaskOption = None,
-    algo: OneAlgorithmOption = None,
-    representation: OneRepresentationOption = None,
-    status: OneStatusOption = None,
-    seed: SomeSeedsOption = None,
-    returns: Annotated[
-        bool,
-        typer.Option(
-            "--returns",
-            help="Show final returns (reads all episodes); quote that of the evaluation. A report "
-            "also counts the episodes of jbench evaluate RUN.",
-        ),
-    ] = False,
-    imports: Annotated[
-        bool, typer.Option("--imports", help="List imported learning curves instead of runs.")
-    ] = False,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    task: str | None = options.ONE_TASK,
+    algo: str | None = options.ONE_ALGORITHM,
+    representation: str | None = options.ONE_REPRESENTATION,
+    status: names.Status | None = options.ONE_STATUS,
+    seed: str | None = options.SOME_SEEDS,
+    returns: bool = Option(
+        False,
+        "--returns",
+        help="Show final returns (reads all episodes); quote that of the evaluation. A report also "
+        "counts the episodes of jbench evaluate RUN.",
+    ),
+    imports: bool = Option(
+        False, "--imports", help="List imported learning curves instead of runs."
+    ),
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """List runs with their status, progress and wall time.
 
@@ -95,12 +79,10 @@ _SHOWN, _LONGEST = 100, 80  # rows of a query, and characters of a cell, in a ta
 
 
 def query(
-    sql: Annotated[
-        str, typer.Argument(help="A SELECT statement, SHOW TABLES, or DESCRIBE and a table.")
-    ],
-    as_csv: CsvOption = False,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    sql: str = Argument(..., help="A SELECT statement, SHOW TABLES, or DESCRIBE and a table."),
+    as_csv: bool = options.CSV,
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Query the results with SQL.
 
@@ -131,15 +113,14 @@ def _cut(text: str) -> str:
 
 
 def verify(
-    threads: FilesOption = 0,
-    reevaluate: Annotated[
-        bool,
-        typer.Option(
-            "--reevaluate", help="Also repeat each run's last evaluation with its kept policy."
-        ),
-    ] = False,
-    results: ReadResultsOption = RESULTS,
-    json: JsonOption = False,
+    threads: int = _FILES,
+    reevaluate: bool = Option(
+        False,
+        "--reevaluate",
+        help="Also repeat each run's last evaluation with its kept policy.",
+    ),
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Check every manifest, row count and checksum.
 
@@ -193,12 +174,12 @@ def verify(
 
 
 def repair(
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show what would be set aside, and change nothing.")
-    ] = False,
-    threads: FilesOption = 0,
-    results: ResultsOption = RESULTS,
-    json: JsonOption = False,
+    dry_run: bool = Option(
+        False, "--dry-run", help="Show what would be set aside, and change nothing."
+    ),
+    threads: int = _FILES,
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Move damaged records and leftover files aside.
 
@@ -234,11 +215,11 @@ def repair(
 
 
 def merge(
-    others: Annotated[
-        list[Path], typer.Argument(parser=path, help="Results directories of other machines.")
-    ],
-    results: ResultsOption = RESULTS,
-    json: JsonOption = False,
+    others: list[Path] = Argument(
+        ..., parser=options.path, metavar="DIR", help="Results directories of other machines."
+    ),
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Merge results of several machines.
 

@@ -1,27 +1,16 @@
 """The sweep command."""
 
-import math
 import sys
 from contextlib import nullcontext, redirect_stdout
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import typer
+from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import parsing
-from jbench.commands.options import (
-    RESULTS,
-    DryRunOption,
-    FinalEpisodesOption,
-    JobsOption,
-    JsonOption,
-    KeepStateOption,
-    LogOption,
-    ResultsOption,
-    RetryOption,
-    complete,
-)
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
+from jbench.commands.train import CHECKPOINT_EVERY
 from jbench.errors import RequestError, WorkError
 from jbench.seeds import parse_seeds
 from jbench.wording import counted, with_results
@@ -37,84 +26,62 @@ _MAX_SEEDS = 30
 
 
 def sweep(
-    matrix: Annotated[
-        str,
-        typer.Argument(
-            help=f"Matrix of runs: {', '.join(names.SWEEPS)}, or a FILE.toml.",
-            autocompletion=complete(*names.SWEEPS),
-        ),
-    ],
-    claims: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="COMPARISON",
-            help="With --until-decided: what to decide, such as dae12/full, or dae12 for all its "
-            "comparisons (default: all).",
-        ),
-    ] = None,
-    dry_run: DryRunOption = False,
-    retry_failed: RetryOption = False,
-    seeds: Annotated[
-        str | None,
-        typer.Option(
-            "--seeds",
-            "--seed",
-            help="Seeds to train, such as 0-9 or 0,2,5-7 (default: those of the matrix).",
-        ),
-    ] = None,
-    steps: Annotated[
-        str | None,
-        typer.Option(help="Number of control steps of each run (default: that of the matrix)."),
-    ] = None,
-    until_decided: Annotated[
-        bool,
-        typer.Option(
-            "--until-decided",
-            help="Add seeds in blocks of five until the comparisons of the matrix are decided, by "
-            "default those of each representation with full and scaled.",
-        ),
-    ] = False,
-    max_seeds: Annotated[
-        int | None,
-        typer.Option(
-            help=f"With --until-decided: maximum number of seeds of a configuration (default: "
-            f"{_MAX_SEEDS})."
-        ),
-    ] = None,
-    executor: Annotated[
-        str,
-        typer.Option(
-            help="Where runs are trained: local (this machine) or ray (a Ray cluster).",
-            autocompletion=complete(*names.EXECUTORS),
-        ),
-    ] = "local",
-    address: Annotated[
-        str | None,
-        typer.Option(help="Address of the Ray cluster (default: RAY_ADDRESS, else a local Ray)."),
-    ] = None,
-    gpus_per_task: Annotated[
-        float, typer.Option(help="With --executor ray: GPUs per process; may be a fraction.")
-    ] = 0.0,
-    device: Annotated[
-        str,
-        typer.Option(
-            help="With --executor local: device of agents and encoders: auto, cpu, cuda or cuda:1.",
-            autocompletion=complete(*names.DEVICES),
-        ),
-    ] = "auto",
-    checkpoint_every: Annotated[
-        float,
-        typer.Option(
-            min=0,
-            help="Minimum seconds between checkpoints of a run; each is at the end of an episode.",
-        ),
-    ] = names.CHECKPOINT_EVERY,
-    keep_state: KeepStateOption = False,
-    final_episodes: FinalEpisodesOption = None,
-    log: LogOption = None,
-    jobs: JobsOption = 0,
-    results: ResultsOption = RESULTS,
-    json: JsonOption = False,
+    matrix: str = Argument(
+        ...,
+        help=f"Matrix of runs: {', '.join(names.SWEEPS)}, or a FILE.toml.",
+        autocompletion=options.complete(*names.SWEEPS),
+    ),
+    claims: list[str] = Argument(
+        None,
+        metavar="COMPARISON",
+        help="With --until-decided: what to decide, such as dae12/full, or dae12 for all its "
+        "comparisons (default: all).",
+    ),
+    dry_run: bool = options.DRY_RUN,
+    retry_failed: bool = options.RETRY_FAILED,
+    seeds: str | None = Option(
+        None,
+        "--seeds",
+        "--seed",
+        help="Seeds to train, such as 0-9 or 0,2,5-7 (default: those of the matrix).",
+    ),
+    steps: int | None = Option(
+        None,
+        parser=parsing.count,
+        help="Number of control steps of each run (default: that of the matrix).",
+    ),
+    until_decided: bool = Option(
+        False,
+        "--until-decided",
+        help="Add seeds in blocks of five until the comparisons of the matrix are decided, by "
+        "default those of each representation with full and scaled.",
+    ),
+    max_seeds: int | None = Option(
+        None,
+        help="With --until-decided: maximum number of seeds of a configuration (default: "
+        f"{_MAX_SEEDS}).",
+    ),
+    executor: names.Executor = Option(
+        "local", help="Where runs are trained: local (this machine) or ray (a Ray cluster)."
+    ),
+    address: str | None = Option(
+        None, help="Address of the Ray cluster (default: RAY_ADDRESS, else a local Ray)."
+    ),
+    gpus_per_task: float = Option(
+        0.0, min=0, help="With --executor ray: GPUs per process; may be a fraction."
+    ),
+    device: str = Option(
+        "auto",
+        help="With --executor local: device of agents and encoders: auto, cpu, cuda or cuda:1.",
+        autocompletion=options.complete(*names.DEVICES),
+    ),
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    keep_state: bool = options.KEEP_STATE,
+    final_episodes: int | None = options.FINAL_EPISODES,
+    log: names.LoggerName | None = options.LOG,
+    jobs: int = options.JOBS,
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
 ) -> None:
     """Train the missing runs of a matrix of settings.
 
@@ -139,10 +106,9 @@ def sweep(
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
     changes: dict[str, Any] = {
         **({} if seeds is None else {"seeds": parse_seeds(seeds)}),
-        **({} if steps is None else {"steps": parsing.count("--steps", steps)}),
+        **({} if steps is None else {"steps": steps}),
     }
     parts = read_matrix(matrix, **changes)
-    names.known("executor", executor, names.EXECUTORS)
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = parsing.processes(jobs, train_on)
 
@@ -260,8 +226,6 @@ def _device(
         return training_device(engine, device)
     if device != "auto":
         raise RequestError("--device is for --executor local; type --gpus-per-task.")
-    if not 0 <= gpus_per_task < math.inf:
-        raise RequestError(f"--gpus-per-task {gpus_per_task}: type 0 or more.")
     if gpus_per_task and engine == "sb3":
         raise RequestError("--gpus-per-task is for the batched engine; this matrix uses sb3.")
     return "cuda" if gpus_per_task else "cpu"

@@ -3,22 +3,15 @@
 import json as json_format
 import time
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import typer
+from typer import Option
 
-from jbench.commands import parsing
-from jbench.commands.options import (
-    RESULTS,
-    OneAlgorithmOption,
-    OneRepresentationOption,
-    OneStatusOption,
-    OneTaskOption,
-    ReadResultsOption,
-    SomeSeedsOption,
-)
+from jbench import names
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
-from jbench.errors import RequestError, WorkError
+from jbench.errors import WorkError
 from jbench.wording import are, counted, duration
 
 if TYPE_CHECKING:
@@ -26,23 +19,20 @@ if TYPE_CHECKING:
 
 
 def tail(
-    task: OneTaskOption = None,
-    algo: OneAlgorithmOption = None,
-    representation: OneRepresentationOption = None,
-    status: OneStatusOption = None,
-    seed: SomeSeedsOption = None,
-    last: Annotated[
-        int | None,
-        typer.Option(
-            help="Of the rows that are already committed, print those of the last N training "
-            "episodes of each run (default: all)."
-        ),
-    ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Print the committed rows and end.")] = False,
-    results: ReadResultsOption = RESULTS,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print each row as a line of JSON to stdout.")
-    ] = False,
+    task: str | None = options.ONE_TASK,
+    algo: str | None = options.ONE_ALGORITHM,
+    representation: str | None = options.ONE_REPRESENTATION,
+    status: names.Status | None = options.ONE_STATUS,
+    seed: str | None = options.SOME_SEEDS,
+    last: int | None = Option(
+        None,
+        min=0,
+        help="Of the rows that are already committed, print those of the last N training episodes "
+        "of each run (default: all).",
+    ),
+    once: bool = Option(False, "--once", help="Print the committed rows and end."),
+    results: Path = options.READ_RESULTS,
+    json: bool = Option(False, "--json", help="Print each row as a line of JSON to stdout."),
 ) -> None:
     """Print episodes and evaluations as runs commit them.
 
@@ -50,8 +40,6 @@ def tail(
     """
     from jbench.store.follow import LOOK_EVERY, Follower
 
-    if last is not None and last < 0:
-        raise RequestError(f"--last {last}: type 0 or more.")
     database = parsing.existing_results(results)
     filters = parsing.run_filters(database, task, algo, representation, status, seed)
     output, follower, problems = Output(json), Follower(database, filters), 0

@@ -1,26 +1,24 @@
 """The tasks command."""
 
 import importlib.util
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+from typer import Argument
 
 from jbench import names
-from jbench.commands.options import JsonOption, complete_tasks
+from jbench.commands import options
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.wording import counted
 
 
 def tasks(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            help="Only this task, or MODULE:NAME, with the parts of its observation.",
-            autocompletion=complete_tasks,
-        ),
-    ] = None,
-    json: JsonOption = False,
+    name: str | None = Argument(
+        None,
+        help="Only this task, or MODULE:NAME, with the parts of its observation.",
+        autocompletion=options.complete_tasks,
+    ),
+    json: bool = options.JSON,
 ) -> None:
     """List the installed tasks with the sizes of observation and action."""
     from jbench.simulation.find import checked_task, installed_tasks

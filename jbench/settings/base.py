@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic.fields import FieldInfo
 
 from jbench.errors import RequestError
 from jbench.names import MAX_COUNT, MAX_SEED, closest
@@ -51,6 +52,22 @@ def omissible(default: Any, **more: Any) -> Any:
     return Field(default=default, exclude_if=lambda value: value == default, **more)
 
 
+def typed(default: Any, unit: str | None = None, **more: Any) -> Any:
+    """Returns a field that every record has; users who type none get the default.
+
+    Args:
+        default: for users; None if it follows from other settings.
+        unit: `control steps`, which users may type as 100k or 5e6.
+    """
+    return Field(json_schema_extra={"typed": default, "unit": unit}, **more)
+
+
+def typed_default(field: FieldInfo) -> Any:
+    """Returns what users get who don't type a field."""
+    extra = field.json_schema_extra
+    return extra.get("typed", field.default) if isinstance(extra, dict) else field.default
+
+
 def canonical_json(settings: Mapping[str, Any]) -> str:
     """Returns the canonical JSON of settings: sorted keys, no spaces, ASCII.
 
@@ -78,6 +95,7 @@ def whole(value: Any) -> Any:
 _Model = TypeVar("_Model", bound=BaseModel)
 
 _PLAIN = {
+    "Value error, ": "",
     "Input should": "it should",
     "Tuple should": "it should",
     "a valid tuple": "a list in brackets",
@@ -99,7 +117,7 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     try:
         return kind(**values)
     except ValidationError as error:
-        raise _refusal(error, kind, whose) from None
+        raise _refusal(error, kind, whose, "key") from None
 
 
 def settings_with(
@@ -116,32 +134,47 @@ def settings_with(
     Raises:
         RequestError: if a setting is unknown or a value is invalid.
     """
-    if unknown := sorted(set(values) - set(kind.model_fields)):
-        close = closest(unknown[0], list(kind.model_fields))
-        hint = f"did you mean {close}? It" if close else "it"
-        names = ", ".join(sorted(kind.model_fields)) or "none"
-        raise RequestError(f"{name} has no {what} {', '.join(unknown)}; {hint} has {names}.")
+    fields = kind.model_fields
     typed = {
-        setting: whole(value) if kind.model_fields[setting].annotation is int else value
+        setting: whole(value) if setting in fields and fields[setting].annotation is int else value
         for setting, value in values.items()
     }
     try:
         return kind.model_validate_json(json.dumps(typed, default=repr))
     except ValidationError as error:
-        raise _refusal(error, kind, name) from None
+        raise _refusal(error, kind, name, what) from None
 
 
-def _refusal(error: ValidationError, kind: type[BaseModel], whose: str) -> RequestError:
-    """Returns an error whose message names the first invalid setting; see `validated`."""
-    first = error.errors()[0]
-    message = first["msg"].removeprefix("Value error, ").rstrip(".")
-    for words, plain in _PLAIN.items():
-        message = message.replace(words, plain)
-    name = ".".join(str(part) for part in first["loc"])
-    field = kind.model_fields.get(name)
+def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: str) -> RequestError:
+    """Returns an error whose message names the first invalid setting; see `settings_with`."""
+    # An unknown name explains the other errors: it was meant to be another one.
+    errors = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
+    first, location = errors[0], [str(part) for part in errors[0]["loc"]]
+    if first["type"] == "extra_forbidden":
+        return _unknown(location, kind, whose, what)
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, RequestError):
+        return cause
+    field = kind.model_fields.get(".".join(location))
     # A title is the name that users know the field by.
-    named = field.title if field is not None and field.title else name
+    named = field.title if field is not None and field.title else ".".join(location)
     if first["type"] == "missing":
         return RequestError(f"{named} of {whose} has no default: give it a value.")
-    subject = f"{named} of {whose} can't be {first['input']!r}: " if name else ""
+    message = first["msg"].rstrip(".")
+    for words, plain in _PLAIN.items():
+        message = message.replace(words, plain)
+    if first["type"] == "model_type":
+        message = f"it is a table: write [{named}] and its keys below it"
+    subject = f"{named} of {whose} can't be {first['input']!r}: " if named else ""
     return RequestError(f"{subject}{message}.")
+
+
+def _unknown(location: list[str], kind: type[BaseModel], whose: str, what: str) -> RequestError:
+    """Returns an error that lists the names of the settings, or of a table in them."""
+    *tables, name = location
+    for table in tables:
+        kind, whose = kind.model_fields[table].annotation, f"[{table}]"  # type: ignore[assignment]
+    names = sorted(field.title or key for key, field in kind.model_fields.items())
+    close = closest(name, names)
+    hint = f"did you mean {close}? It" if close else "it"
+    return RequestError(f"{whose} has no {what} {name}; {hint} has {', '.join(names) or 'none'}.")

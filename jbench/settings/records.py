@@ -81,11 +81,16 @@ class DatasetSettings(Settings):
     policy: str = "random"
     robot: str = Field(default=JITTERBUG, description="or the name of a task of another robot")
     specs: Specs | None = omissible(None, description="of a task of another robot")
-    seed: Seed = 0
+    seed: Seed = Field(default=0, description="random seed")
     steps: int = Field(
-        default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
+        default=5_000_000,
+        gt=0,
+        description="number of control steps, a multiple of 1000 (paper, section 5.2: 5 million)",
+        json_schema_extra={"unit": "control steps"},
     )
-    augment: Seed | None = omissible(None, description="seed of an augmented robot")
+    augment: Seed | None = omissible(
+        None, description="seed of an augmented robot (default: the plain robot)"
+    )
 
     @field_validator("steps")
     @classmethod
@@ -111,11 +116,13 @@ class EvaluationSettings(Settings):
     task: str
     specs: Specs | None = omissible(None, description="of a task of another robot")
     policy: str = Field(description="as typed by the user, such as heuristic; a file has no path")
-    episodes: Count = 100
-    seed: Seed = 0
-    states: bool = Field(default=False, description="whether to record every state")
+    episodes: Count = Field(default=100, description="number of episodes")
+    seed: Seed = Field(default=0, description="random seed of poses, targets and actions")
+    states: bool = Field(default=False, description="record the state at every control step")
     target_yaw: float | None = Field(default=None, description="rad; None: drawn by the task")
-    augment: Seed | None = Field(default=None, description="seed of an augmented robot")
+    augment: Seed | None = Field(
+        default=None, description="seed of an augmented robot (default: the plain robot)"
+    )
     code: str | None = omissible(
         None, description="package and version of an imported policy, or its file's SHA-256"
     )

@@ -27,15 +27,16 @@ from jbench.names import (
     kind_of,
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
-from jbench.settings.base import Seed, Settings, in_id, omissible, validated
+from jbench.settings.base import Count, Seed, Settings, in_id, omissible, typed, validated
 from jbench.settings.records import EXTERNAL, LABEL, ExternalSettings, OFESettings, Specs
 
 
 class RunSettings(Settings):
     """Settings that identify a run.
 
-    To add a setting, add a field here, a flag of `jbench train` (`commands/train.py`), and a key
-    of the same name in a sweep (`Matrix`). Make it omissible, so that existing runs keep their ids.
+    To add a setting, add a field with a description: unless `RESOLVED` has its name, it is an
+    option of `jbench train` and a key of a sweep, both called by its title if it has one. Make it
+    omissible, so that existing runs keep their ids.
     """
 
     task: str
@@ -46,31 +47,53 @@ class RunSettings(Settings):
     )
     encoder: str | None = Field(default=None, description="id of the encoder")
     seed: Seed
-    steps: int = Field(gt=0, description="control steps over all environments; section 5.1: 5e6")
-    engine: Engine = "batched"
+    steps: Count = typed(
+        5_000_000,
+        unit="control steps",
+        description="number of control steps of each run, over all environments, such as 100k or "
+        "5e6",
+    )
+    engine: Engine = Field(
+        default="batched",
+        json_schema_extra={"typed": None},
+        description="training engine: batched (many seeds at a time) or sb3 (stable-baselines3) "
+        "(default: batched, or the only engine of the algorithm)",
+    )
     package: str | None = omissible(
         None, description="distribution of an agent or an update rule that is not jbench's"
     )
-    time_limit: TimeLimit = "bootstrap"
-    evaluate_every: int = Field(gt=0, description="control steps between evaluations")
-    evaluate_episodes: int = Field(ge=0, le=MAX_COUNT, description="episodes in an evaluation")
+    time_limit: TimeLimit = Field(
+        default="bootstrap",
+        description="treat the time limit as a truncation (bootstrap) or as terminal (terminal)",
+    )
+    evaluate_every: Count = typed(
+        None,
+        unit="control steps",
+        description="control steps between evaluations (default: a tenth of --steps, in whole "
+        "thousands, at most 50,000)",
+    )
+    evaluate_episodes: int = typed(
+        10, ge=0, le=MAX_COUNT, description="episodes per evaluation (0 disables it)"
+    )
     hyperparameters: dict[str, Any] = Field(description="settings of the algorithm")
     augment: Seed | None = omissible(
-        None, description="seed of the augmented robot, or of the first of several"
+        None, description="seed of an augmented robot, or of the first of several"
     )
     robots: int = omissible(
         1,
         ge=1,
-        description="number of augmented robots, trained on in sequence, with consecutive seeds",
+        description="number of augmented robots to train on in sequence, from --augment on",
     )
     precision: Precision = omissible(
-        "float32", description="precision of the batched engine's matrix products"
+        "float32",
+        description="precision of the batched engine's matrix products: float32, bfloat16, or on a "
+        "GPU tf32",
     )
     parallel: int | None = omissible(
         None,
         ge=1,
         title="environments",
-        description="parallel environments per seed; None for the algorithm's default",
+        description="parallel environments per seed (default: those of the algorithm)",
     )
     ofe: OFESettings | None = omissible(None, description="features learned with the agent")
     encoder_draws: str | None = omissible(
@@ -240,6 +263,16 @@ class RunSettings(Settings):
         """
         done = max(control_steps - 1, 0)
         return min(done * self.robots // self.steps, self.robots - 1)
+
+
+RESOLVED = {
+    *("task", "specs", "algo", "package", "hyperparameters", "seed"),
+    *("representation", "encoder", "encoder_draws", "ofe"),
+}
+"""Fields that follow from what users type; the others are typed as they are."""
+
+TYPED = tuple(name for name in RunSettings.model_fields if name not in RESOLVED)
+"""Fields that are options of `jbench train` and keys of a sweep."""
 
 
 class Unreadable(BaseModel):

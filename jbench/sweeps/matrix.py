@@ -5,84 +5,59 @@ is the encoder with the file's dataset and options, even if the results contain 
 same matrix always gives the same runs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    NonNegativeInt,
-    PrivateAttr,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, create_model
 
-from jbench.agents.algorithms import algorithm_fields, check_name, settings_of
-from jbench.encoders.registry import Wanted, find_kind, kind_names, wanted_encoder
+from jbench.agents.algorithms import algorithm_fields
+from jbench.encoders.registry import Wanted, kind_names, make_kind, wanted_encoder
 from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.errors import RequestError
-from jbench.names import (
-    FULL,
-    OFE,
-    Base,
-    Engine,
-    Precision,
-    TimeLimit,
-    evaluation_interval,
-    known,
-)
+from jbench.names import FULL, OFE, Base, evaluation_interval, known
 from jbench.seeds import parse_seeds
 from jbench.settings.algorithms import base_of
-from jbench.settings.base import Count, Seed, Settings, in_id, validated, whole
+from jbench.settings.base import Seed, Settings, in_id, typed_default, validated, whole
 from jbench.settings.records import DatasetSettings
-from jbench.settings.run import RunSettings
+from jbench.settings.run import TYPED, RunSettings
 from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
-from jbench.sweeps.matrix_file import (
-    COMPARISON,
-    PART,
-    check_keys,
-    choices,
-    named,
-    parts_of,
-    read_content,
-)
-from jbench.training.request import (
-    check_options,
-    representation_of,
-    requested_ofe,
-    runs_of,
-)
+from jbench.sweeps.matrix_file import COMPARISON, PART, named, read_content, split_into_parts
+from jbench.training.request import representation_of, requested_ofe, runs_of
 
-# TOML parses 5e6 as a float.
-_Count = Annotated[Count, BeforeValidator(whole)]
-_EachOnce = AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds)))
+_EVALUATION = "evaluate_"
+"""Beginning of the fields of `RunSettings` that are keys of the table [evaluation]."""
+
 # TOML has lists; tuples are immutable.
 _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+_Seeds = Annotated[
+    tuple[Seed, ...],
+    Field(strict=False, min_length=1),
+    BeforeValidator(lambda seeds: parse_seeds(seeds, "seeds") if isinstance(seeds, str) else seeds),
+    AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds))),
+]
 
 
-def _like_run(name: str) -> Any:
-    """Returns a field with the default and the limits of a field of `RunSettings`."""
-    return RunSettings.model_fields[name]
+def _keys(kind: type[Settings], *fields: str) -> Any:
+    """Returns a base class whose fields are some of other settings, called as users call them."""
+    keys: dict[str, Any] = {}
+    for name in fields:
+        field = kind.model_fields[name]
+        # TOML parses 5e6 as a float.
+        type_: Any = Annotated[field.annotation, *field.metadata, BeforeValidator(whole)]
+        key = (field.title or name).removeprefix(_EVALUATION)
+        keys[key] = type_, Field(default=typed_default(field), description=field.description)
+    return create_model("Keys", __base__=Settings, **keys)
 
 
-class Evaluation(Settings):
+class EvaluationPart(_keys(RunSettings, *(n for n in TYPED if n.startswith(_EVALUATION)))):  # type: ignore[misc]
     """The table [evaluation]."""
 
-    every: _Count | None = Field(
-        default=None,
-        description="control steps between evaluations; default: a tenth of the steps, at most "
-        "50,000",
-    )
-    episodes: NonNegativeInt = Field(default=10, description="per evaluation; 0 for none")
 
-
-class DatasetPart(Settings):
+class DatasetPart(_keys(DatasetSettings, "steps", "seed")):  # type: ignore[misc]
     """The table [dataset]: the dataset on which missing encoders are trained."""
-
-    steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.2")
-    seed: Seed = 0
 
 
 class EncoderPart(Settings):
@@ -96,27 +71,13 @@ class EncoderPart(Settings):
     )
 
 
-class Matrix(Settings):
-    """Content of a file, or of a part of it; `docs/sweeps.md` lists the keys.
-
-    A key with the name or title of a field of `RunSettings` is that setting of all runs.
-    """
+class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATION)))):  # type: ignore[misc]
+    """Content of a file, or of a part of it; `docs/sweeps.md` lists the keys."""
 
     tasks: _Names
     algos: _Names
     representations: _Names = (FULL,)
-    seeds: Annotated[tuple[Seed, ...], _EachOnce] = Field(
-        default=tuple(range(10)), strict=False, min_length=1
-    )
-    steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.1")
-    engine: Engine | None = Field(
-        default=None, description="default: batched, or the only engine of the algorithm"
-    )
-    precision: Precision = _like_run("precision")
-    environments: int | None = _like_run("parallel")
-    time_limit: TimeLimit = _like_run("time_limit")
-    augment: Seed | None = _like_run("augment")
-    robots: int = _like_run("robots")
+    seeds: _Seeds = tuple(range(10))
     settings: Base | None = Field(
         default=None,
         description="source of default hyperparameters; default: published, and suite for other "
@@ -125,7 +86,7 @@ class Matrix(Settings):
     hyperparameters: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="hyperparameters by algorithm that replace the defaults"
     )
-    evaluation: Evaluation = Evaluation()
+    evaluation: EvaluationPart = EvaluationPart()
     dataset: DatasetPart = DatasetPart()
     encoder: EncoderPart = EncoderPart()
     ofe: dict[str, Any] = Field(
@@ -136,20 +97,18 @@ class Matrix(Settings):
     @property
     def run_fields(self) -> dict[str, Any]:
         """Fields of `RunSettings` that are the same in all runs."""
-        names = {name: field.title or name for name, field in RunSettings.model_fields.items()}
-        fields = {
-            name: getattr(self, key) for name, key in names.items() if key in Matrix.model_fields
-        }
-        return fields | {
-            "evaluate_every": self.evaluation.every or evaluation_interval(self.steps),
-            "evaluate_episodes": self.evaluation.episodes,
-        }
+        typed: dict[str, Any] = {}
+        for name in TYPED:
+            key = RunSettings.model_fields[name].title or name
+            table = self.evaluation if name.startswith(_EVALUATION) else self
+            typed[name] = getattr(table, key.removeprefix(_EVALUATION))
+        typed["evaluate_every"] = typed["evaluate_every"] or evaluation_interval(self.steps)
+        return typed
 
     def dataset_settings(self, task: str) -> DatasetSettings:
         """Returns the settings of the dataset of a task's encoders."""
-        numbers = {"steps": self.dataset.steps, "seed": self.dataset.seed}
         robot = dataset_robot(find_task(task))
-        return validated(DatasetSettings, "[dataset]", **numbers, **robot)
+        return validated(DatasetSettings, "[dataset]", **self.dataset.model_dump(), **robot)
 
 
 def read_matrix(name: str, **changes: Any) -> list[Matrix]:
@@ -166,7 +125,14 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     with named(name):
         for key in content:
             known("key", key, (*Matrix.model_fields, PART, COMPARISON))
-    parts = [_matrix({**part, **changes}, where) for where, part in parts_of(content, name).items()]
+    parts = []
+    for where, part in split_into_parts(content, name).items():
+        with named(where):
+            matrix = validated(Matrix, "the matrix", **{**part, **changes})
+            for kind, options in matrix.encoder.options.items():
+                make_kind(kind, options)
+        matrix._name = where
+        parts.append(matrix)
     trained = {algo for part in parts for algo in part.algos}
     for algo in (algo for part in parts for algo in part.hyperparameters if algo not in trained):
         raise RequestError(
@@ -192,6 +158,7 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
     different: dict[tuple[str, ...], Cell] = {}
     for part in parts:
         with named(part._name):
+            _check_tasks_of_encoders(part)
             for task, algo, name in product(part.tasks, part.algos, part.representations):
                 if "/" not in name or name.split("/")[0] == in_id(task):
                     cell = _cell(part, results, task, algo, name)
@@ -199,43 +166,12 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
     return list(different.values())
 
 
-def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
-    """Returns the checked content of a file or part."""
-    with named(name):
-        check_keys(Matrix, content)
-        for key, field in Matrix.model_fields.items():
-            allowed = choices(field.annotation)
-            if allowed and isinstance(content.get(key), str):
-                known(key, content[key], allowed)
-        seeds = content.get("seeds")
-        given = {"seeds": parse_seeds(seeds, "seeds")} if isinstance(seeds, str) else {}
-        matrix = validated(Matrix, "the matrix", **{**content, **given})
-        _check_names(matrix)
-    matrix._name = name
-    return matrix
-
-
-def _check_names(matrix: Matrix) -> None:
-    """Raises a RequestError if a name is unknown."""
-    for task in matrix.tasks:
-        find_task(task)
-    for algo in (*matrix.algos, *matrix.hyperparameters):
-        check_name(algo)
-    for algo, overrides in matrix.hyperparameters.items():
-        names = tuple(settings_of(algo)) if overrides else ()
-        for key in overrides:
-            known(f"setting of {algo}", key, names)
-    check_options(matrix.ofe)
-    for kind, options in matrix.encoder.options.items():
-        for key in options:
-            known(f"option of {kind}", key, tuple(find_kind(kind).model_fields))
+def _check_tasks_of_encoders(matrix: Matrix) -> None:
+    """Raises a RequestError if an encoder given by its id is of none of the tasks."""
     for name in matrix.representations:
         task, slash, _ = name.partition("/")
         if slash and task not in map(in_id, matrix.tasks):
             raise RequestError(f"the encoder {name} is of {task}, which is not among the tasks.")
-        if not slash and name != FULL and requested_ofe(name, matrix.ofe) is None:
-            for each in matrix.tasks:
-                _wanted(name, each)
 
 
 def _wanted(name: str, task: str) -> Wanted:

@@ -5,12 +5,10 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
-
-from pydantic import BaseModel
+from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import ALGORITHMS, SWEEPS, TASKS, known
+from jbench.names import SWEEPS, known
 
 PART = "part"
 """Key of the parts, an array of tables."""
@@ -35,7 +33,7 @@ def read_content(name: str) -> dict[str, Any]:
         raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
 
 
-def parts_of(content: Mapping[str, Any], name: str) -> dict[str, dict[str, Any]]:
+def split_into_parts(content: Mapping[str, Any], name: str) -> dict[str, dict[str, Any]]:
     """Returns the parts of a matrix by their names in errors; without parts, the whole file.
 
     Keys outside the parts are defaults for all of them.
@@ -60,31 +58,6 @@ def named(name: str) -> Iterator[None]:
         yield
     except RequestError as error:
         raise RequestError(f"{name}: {error}") from None
-
-
-def choices(annotation: Any) -> list[str]:
-    """Returns the texts of a type such as `Literal["a", "b"] | None`; empty for other types."""
-    return [
-        text
-        for part in (annotation, *get_args(annotation))
-        if get_origin(part) is Literal
-        for text in get_args(part)
-    ]
-
-
-def check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str = "") -> None:
-    """Raises a RequestError if a key is unknown or a required key is missing."""
-    for key, value in content.items():
-        known(f"key{where}", key, tuple(kind.model_fields))
-        inner = kind.model_fields[key].annotation
-        if isinstance(inner, type) and issubclass(inner, BaseModel):
-            if not isinstance(value, Mapping):
-                raise RequestError(f"{key} is a table: write [{key}] and its keys below it.")
-            check_keys(inner, value, f" of [{key}]")
-    for key, field in kind.model_fields.items():
-        if field.is_required() and key not in content:
-            example = {"tasks": TASKS[1], "algos": ALGORITHMS[0]}[key]
-            raise RequestError(f'the key {key} is missing; write {key} = ["{example}"].')
 
 
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:

@@ -111,7 +111,7 @@ def test_unreadable_dataset_is_reported_and_others_listed(results, changes, mess
     (problem,) = listed["problems"]
     assert message in problem
     assert f"Warning: {problem}" in printed.err
-    assert "Error: 1 dataset is unreadable and left out; see above." in printed.err
+    assert "Error: 1 record is damaged and left out; see above." in printed.err
 
 
 def test_export_defaults_to_newest_plain_dataset(results, tmp_path, capsys):
@@ -134,7 +134,7 @@ def test_export_defaults_to_newest_plain_dataset(results, tmp_path, capsys):
         (("--dataset", DatasetSettings(steps=9000, seed=7).id), "is unfinished; type the jbe"),
         (("--dataset", "../a"), "is not an id"),
         (("--task", "fly"), "Unknown task 'fly'; choose move_from_origin,"),
-        (("--format", "csv"), "Unknown value of --format 'csv'; choose onnx or minari."),
+        (("--format", "csv"), "'--format': 'csv' is not one of 'onnx', 'minari'"),
         (("--out", "/proc/jbench"), "can't be made"),
     ],
 )

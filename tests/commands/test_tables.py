@@ -1,7 +1,5 @@
 """Tests of tables on narrow and wide terminals."""
 
-import os
-
 import pytest
 
 from jbench.commands.output import Output
@@ -11,14 +9,10 @@ RUN = "face_direction/td3/planar12/s00-3d410709"
 
 @pytest.fixture
 def printed(monkeypatch, capsys):
-    """Returns a function that prints a table on a terminal of a width and returns its lines."""
+    """Returns a function that prints a table at a width and returns its lines."""
 
     def lines(width, header, *rows):
-        size = os.terminal_size((width, 24))
-        monkeypatch.setattr("shutil.get_terminal_size", lambda: size)
-        monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-        monkeypatch.setenv("NO_COLOR", "1")
-        monkeypatch.setenv("TERM", "dumb")
+        monkeypatch.setenv("COLUMNS", str(width))
         Output().table("a title", header, rows)
         return capsys.readouterr().out.splitlines()
 

@@ -110,7 +110,7 @@ def test_invalid_augment_seed_is_refused(tmp_path, capsys):
     assert cli.main(command) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.startswith("Error: --augment -1: type a whole number from 0 up to ")
+    assert printed.err.startswith("Error: augment of the dataset can't be -1: it should be greater")
     assert printed.err.endswith(".\n")
     assert printed.err.count("\n") == 1
     assert not results.exists()

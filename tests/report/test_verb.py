@@ -84,7 +84,7 @@ def test_comparison_is_written_beside_report(filled, capsys):
         (("--format", "gif"), "Unknown format 'gif'"),
         (("--columns", "3"), "--columns 3: type 1 or 2"),
         (("--window", "0"), "A window of 0 episodes"),
-        (("--returns", "all"), "Unknown value of --returns 'all'; choose evaluation or training."),
+        (("--returns", "all"), "'--returns': 'all' is not one of 'evaluation', 'training'"),
         (("--watch", "--json"), "--watch and --json exclude each other"),
         (("--compare", "engine=sb3", "--json"), "--compare engine=sb3: type two results"),
         (("--watch", "--since", "now"), "--since now"),

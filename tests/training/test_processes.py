@@ -116,6 +116,7 @@ def test_failed_runs_are_retried_only_with_option(tmp_path, capsys, monkeypatch)
 
 def test_train_and_sweep_have_same_checkpoint_interval():
     defaults = [
-        inspect.signature(verb).parameters["checkpoint_every"].default for verb in (train, sweep)
+        inspect.signature(verb).parameters["checkpoint_every"].default.default
+        for verb in (train, sweep)
     ]
     assert defaults == [60.0, 60.0]

@@ -256,8 +256,8 @@ def test_steps_not_divisible_by_robots_are_refused(robots, steps, wanted):
         ),
         (["--robots", "0"], "robots of the run can't be 0: "),
         (["--robots", "-1"], "robots of the run can't be -1: "),
-        (["--augment", "-1"], "--augment -1: type a whole number from 0 up"),
-        (["--augment", "-1", "--robots", "2"], "--augment -1: type a whole number"),
+        (["--augment", "-1"], "augment of the run can't be -1: "),
+        (["--augment", "-1", "--robots", "2"], "augment of the run can't be -1: "),
     ],
 )
 def test_invalid_robot_options_are_refused_in_one_line(arguments, output, tmp_path, capsys):

@@ -109,7 +109,10 @@ def test_reproduce_reports_first_difference(altered, capsys):
         (["face_direction/ddpg/full/s07"], "There is no run face_direction/ddpg/full/s07 in"),
         (["face_direction/ddpg"], "Several runs begin with face_direction/ddpg: face_dir"),
         (["reference/face_direction/none"], "in reference; jbench runs --results reference lists"),
-        ([RUNS[0].id, "--episodes", "-1"], "--episodes -1: type 0 or more."),
+        (
+            [RUNS[0].id, "--episodes", "-1"],
+            "'--episodes': Input should be greater than or equal to 0",
+        ),
         ([RUNS[2].id, "--episodes", "0"], "was saved without its policy: type --episodes 1"),
     ],
 )

@@ -171,7 +171,7 @@ def test_planar_against_scaled_is_not_decided():
     (p,) = (
         float(r[-1]) for r in rows if r[0].startswith(TASKS[0]) and r[1:3] == ["planar", "scaled"]
     )
-    assert f"p is {p:.2f}, corrected" in (ROOT / "docs/answer.md").read_text()
+    assert f"p is {p:.2f}, corrected" in text_of("answer")
 
 
 def p_value(ours, theirs):
@@ -207,7 +207,7 @@ def test_returns_during_training(evaluations):
         assert cells == [f"{iqm(rows['mean']):.0f}" for _, rows in chosen.groupby("step")]
     dae = chosen_from(evaluations, algo="td3", task=TASKS[0], name="dae12", step=60_000)
     at = dae["mean"]
-    assert f"{at.min():.0f} to {at.max():.0f} (the ten" in (ROOT / "docs/answer.md").read_text()
+    assert f"{at.min():.0f} to {at.max():.0f} (the ten" in text_of("answer")
 
 
 def test_deviation_of_every_configuration(returns):
@@ -271,9 +271,8 @@ def test_what_representations_predict(returns):
     )
     shown = table("docs/answer.md", "yaw rate")
     draws = rows[(rows["representation"] == "dae12-observation") & (rows["target"] == "yaw_rate")]
-    assert f"{draws['r2'].min():.2f} to {draws['r2'].max():.2f} in the ten shipped" in " ".join(
-        (ROOT / "docs/answer.md").read_text().split()
-    )
+    low, high = draws["r2"].min(), draws["r2"].max()
+    assert f"{low:.2f} to {high:.2f} in the ten shipped" in text_of("answer")
     assert (len(draws), (draws["r2"] > 0.75).sum()) == (10, 8)
     for task, name, *cells in shown:
         chosen = chosen_from(named(rows), task=task, name=name).set_index("target")
@@ -340,11 +339,9 @@ def test_page_on_statistics_has_the_medians_of_ddpg(returns):
         np.median(returns[kind, "ddpg", TASKS[0], "full"].final)
         for kind in ("training", "evaluation")
     )
-    text = " ".join((ROOT / "docs/statistics.md").read_text().split())
     assert (
         f"training return of {training:.0f} and a median evaluation return of {evaluation:.0f}"
-        in text
-    )
+    ) in text_of("statistics")
 
 
 def test_page_on_recording_has_the_shipped_runs(returns):

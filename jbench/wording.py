@@ -2,6 +2,7 @@
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 from jbench.names import RESULTS
 
@@ -9,6 +10,12 @@ from jbench.names import RESULTS
 def done_of(done: float, planned: float | None) -> str:
     """Formats progress: `60,000 of 100,000`, or `100,000` if all is done or no end is planned."""
     return f"{done:,}" if planned in (None, done) else f"{done:,} of {planned:,}"
+
+
+def not_formula(value: Any) -> Any:
+    """Returns a value for a CSV file; a formula of a spreadsheet gets a quote before it."""
+    is_formula = isinstance(value, str) and value[:1] in ("=", "+", "-", "@") and len(value) > 1
+    return f"'{value}" if is_formula else value
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:

@@ -40,7 +40,7 @@ def reproduce(
     The parts are its last evaluation and its first training episodes.
     """
     limit_threads()
-    from jbench.store.provenance import sentence_of
+    from jbench.store.provenance import describe_changes
     from jbench.training.reevaluate import changes_since, reevaluate
     from jbench.training.reproduce import default_episodes, retrain
 
@@ -62,7 +62,7 @@ def reproduce(
     output.say(f"  evaluation: {_sentence(evaluation, record)}")
     output.say(f"  training: {_sentence(retraining, record)}")
     if changed:
-        output.say(f"  Since the run began, {sentence_of(changed)}.")
+        output.say(f"  Since the run began, {describe_changes(changed)}.")
     parts = [part for part in (evaluation, retraining) if part is not None]
     equal = all(part.verdict != "different" for part in parts)
     output.document(
@@ -121,7 +121,7 @@ def reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
 
     Damaged runs are left out, and runs without a policy are only counted.
     """
-    from jbench.store.provenance import sentence_of
+    from jbench.store.provenance import describe_changes
     from jbench.training.reevaluate import changes_since, reevaluate
 
     records = [record for record in database.scan("run")[0] if record.status == "finished"]
@@ -133,7 +133,7 @@ def reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
             except WorkError:
                 continue  # reported as damaged
             if outcome.verdict == "different" and (changed := changes_since(record)):
-                reason = f"{outcome.reason} Since then, {sentence_of(changed)}."
+                reason = f"{outcome.reason} Since then, {describe_changes(changed)}."
                 outcome = outcome._replace(reason=reason)
             outcomes.append(outcome)
             progress(done)

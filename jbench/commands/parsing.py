@@ -35,9 +35,9 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
         return value
     if value.lower() in known:
         return value.lower()
-    from jbench.store.listing import values_of
+    from jbench.store.listing import setting_values
 
-    held = sorted({one for results in databases for one in values_of(results, setting)})
+    held = sorted({one for results in databases for one in setting_values(results, setting)})
     if value in held:
         return value
     close = difflib.get_close_matches(value, sorted({*held, *known}), 1)
@@ -76,11 +76,12 @@ def run_filters(
 
 def _representations(value: str, results: "Results") -> list[str]:
     """Returns the representations that are meant: `planar` is every size of this kind."""
-    from jbench.store.listing import values_of
+    from jbench.store.listing import setting_values
 
     if value.lower() in names.NO_ENCODER:
         return [names.FULL]
-    of_kind = [one for one in values_of(results, "representation") if names.kind_of(one) == value]
+    held = setting_values(results, "representation")
+    of_kind = [name for name in held if names.kind_of(name) == value]
     return of_kind or [known_or_held("representation", value, [results])]
 
 

@@ -138,12 +138,12 @@ def verify(
         if (finding.kind, finding.id) != record:
             record = finding.kind, finding.id
             output.say(f"{finding.kind} {finding.id}")
-        warning = "Warning: " if finding.severity == "warning" else ""
+        warning = "Warning: " if finding.sort == "warning" else ""
         output.say(f"  {warning}{finding}")
     output.say(
         f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
         f"{checked.bytes / 1e6:,.1f} MB: "
-        + (_counted(f.severity for f in checked.findings) or "all of them intact")
+        + (_counted(f.sort for f in checked.findings) or "all of them intact")
         + "."
     )
     repeated = checking.reevaluate_all(database, output) if reevaluate else []
@@ -152,11 +152,11 @@ def verify(
             "records": checked.records,
             "files": checked.files,
             "bytes": checked.bytes,
-            "findings": [finding.to_json() for finding in checked.findings],
+            "findings": [{**f._asdict(), "path": str(f.path)} for f in checked.findings],
             **({"reevaluations": [one._asdict() for one in repeated]} if reevaluate else {}),
         }
     )
-    if any(fault.severity != "foreign" for fault in checked.faults):
+    if any(fault.sort != "foreign" for fault in checked.faults):
         raise WorkError(
             f"Some results are damaged or left over; {with_results('jbench repair', results)} sets "
             "them aside. Intact results can still be used."

@@ -14,7 +14,7 @@ from jbench.importing.series import MAX_STEPS, numbers
 from jbench.importing.table import read_table
 from jbench.names import ReturnsName
 from jbench.store import schema
-from jbench.store.parquet import table_of
+from jbench.store.parquet import to_table
 
 RUN = ["task", "method", "seed"]
 COLUMNS = [*RUN, "steps", "return"]
@@ -72,8 +72,8 @@ def as_imports(points: pd.DataFrame, returns: ReturnsName) -> dict[str, pa.Table
         provenance="{}",
     )
     return {
-        "imports": table_of(imports, schema.IMPORTS),
-        "import_points": table_of(numbered, schema.IMPORT_POINTS),
+        "imports": to_table(imports, schema.IMPORTS),
+        "import_points": to_table(numbered, schema.IMPORT_POINTS),
     }
 
 

@@ -15,8 +15,8 @@ from jbench.names import ImportFormat
 from jbench.settings.base import validated
 from jbench.settings.records import ImportSettings
 from jbench.store import Results, schema
-from jbench.store.manifest import FORMULA, plain_settings
-from jbench.store.parquet import table_of
+from jbench.store.manifest import check_settings
+from jbench.store.parquet import to_table
 
 _READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series]]] = {
     "sb3-monitor": monitor.read,
@@ -133,10 +133,10 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
         columns=dict(first.columns),
     )
     try:
-        plain_settings(settings.values)
+        check_settings(settings.values)
     except ValueError as error:
         raise RequestError(f"{first.file.path}: {error}; rename the column in the file.") from None
-    names = [_plain_name(str(part.file.path)) for part in parts]
+    names = [_printable(str(part.file.path)) for part in parts]
     return _Curve(settings, _rows(points, settings.id), names)
 
 
@@ -150,13 +150,12 @@ def _rows(points: pd.DataFrame, id: str) -> pa.Table:
     if "episode" not in filled:
         filled["episode"] = 0
     filled["import"] = id
-    return table_of(filled, schema.IMPORT_POINTS)
+    return to_table(filled, schema.IMPORT_POINTS)
 
 
-def _plain_name(name: str) -> str:
-    """Returns the name of a file with the characters that a manifest allows."""
-    plain = "".join(c if c.isprintable() and c not in "<>|" else "_" for c in name)
-    return f"./{plain}" if plain[:1] in (*FORMULA, "-") else plain
+def _printable(name: str) -> str:
+    """Returns the name of a file as a manifest allows it."""
+    return "".join(c if c.isprintable() else "_" for c in name)
 
 
 def _write(results: Results, curve: _Curve) -> Imported:

@@ -10,7 +10,7 @@ import pyarrow as pa
 from jbench.names import one_of
 from jbench.settings.alike import variant
 from jbench.store import schema
-from jbench.store.parquet import table_of
+from jbench.store.parquet import to_table
 from jbench.wording import are, counted
 
 _LABELS = ["task", "algo", "representation"]
@@ -67,9 +67,9 @@ def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
     named = named.merge(chosen[["import", "run", "returns"]])
     named = named.assign(evaluation=named["point"], processor_time=np.nan)
     named.loc[named["returns"] == "training", "episode"] = named["point"]
-    tables = {"runs": table_of(_runs(chosen), schema.RUNS)}
+    tables = {"runs": to_table(_runs(chosen), schema.RUNS)}
     for name, kind in _RETURNS.items():
-        tables[name] = table_of(named[named["returns"] == kind], schema.TABLES[name])
+        tables[name] = to_table(named[named["returns"] == kind], schema.TABLES[name])
     return ImportedRuns(tables, _notes(frame, chosen), problems)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 
 from jbench.report.data.returns import whole
+from jbench.wording import not_formula
 
 Row = Mapping[Any, Any]
 Form = Callable[[Any], str]
 
 _MARKDOWN = str.maketrans({"\\": "\\\\", "|": "\\|", "`": "\\`", "*": "\\*", "<": "&lt;"})
-_FORMULA = ("=", "+", "-", "@")
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,7 @@ def to_csv(frame: pd.DataFrame) -> str:
 
 
 def _cell(value: Any) -> Any:
-    if not isinstance(value, str):
-        return value
-    text = clean(value)
-    return f"'{text}" if text.startswith(_FORMULA) and len(text) > 1 else text
+    return not_formula(clean(value)) if isinstance(value, str) else value
 
 
 def to_markdown(table: Table) -> str:

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from jbench.errors import RequestError, WorkError
-from jbench.store.identity import check_id
+from jbench.store.flaws import RecordError
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.record import Record
-from jbench.store.tree import walk
+from jbench.store.scan import ID, walk
 
 _MAX_SHOWN = 5  # ids in a message
 
@@ -52,7 +52,11 @@ class Results:
         Raises:
             RequestError: if the id is invalid.
         """
-        return Record(self.inside(f"{kind}s/{check_id(id)}"), kind, id)
+        if not ID.fullmatch(id):  # it could lead out of the results directory
+            raise RequestError(
+                f"{id!r} is not an id; an id looks like face_direction/dae12/s00-1f9a2c4e."
+            )
+        return Record(self.inside(f"{kind}s/{id}"), kind, id)
 
     def create(
         self,
@@ -132,19 +136,13 @@ class Results:
         Only records whose id has this beginning are read.
         """
         records, problems = [], []
-        root = self.path / f"{kind}s"
-        for folder in walk(root / beginning.rpartition("/")[0]):
-            if folder.problem is not None:
-                problems.append(f"{folder.path} {folder.problem}.")
-            id = folder.path.relative_to(root).as_posix()
-            if not folder.is_record or not id.startswith(beginning):
-                continue
+        for folder in walk(self.path, kind, beginning.rpartition("/")[0]):
             try:
-                record = self.find(kind, id)
-                if record is not None:
-                    records.append(record)
-            except (RequestError, WorkError) as error:
+                record = folder.read() if folder.id.startswith(beginning) else None
+            except RecordError as error:
                 problems.append(str(error))
+            else:
+                records += [] if record is None else [record]
         return sorted(records, key=lambda record: (record.manifest.created, record.id)), problems
 
     def inside(self, name: str) -> Path:

@@ -25,37 +25,19 @@ _CHUNK = 1 << 20  # bytes read at a time
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
-# Errors of `open` that are permanent: the file is missing or not a regular file. Any other error
-# (EMFILE, EIO, EACCES, ESTALE ...) may be transient.
-_PERMANENT = {
-    errno.ENOENT,
-    errno.ENOTDIR,
-    errno.EISDIR,
-    errno.ELOOP,
-    errno.ENXIO,
-    errno.EINVAL,
-    errno.ENAMETOOLONG,
-}
-
-
-# Flags of Windows and of the others, each 0 where it does not exist.
-_BINARY = getattr(os, "O_BINARY", 0)
-_NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
-
-PLAIN = _NO_FOLLOW | getattr(os, "O_NONBLOCK", 0) | _BINARY
-"""Flags to open an untrusted file, which may be a symlink or a pipe."""
+PLAIN = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+"""Flags to open an untrusted file, which may be a symlink or a pipe; some systems lack some."""
 
 _REPLACE_SECONDS = 2.0
 
 
-class UnreadableError(WorkError):
-    """A file can't be read at present; its content is unknown."""
+class NotPlainError(OSError):
+    """A path is a symlink, a directory, a pipe or a device; `strerror` says which."""
 
 
-def is_transient(error: OSError) -> bool:
-    """Returns whether a file may be intact although reading it failed."""
-    # Errors of pyarrow about a file's content have no errno.
-    return error.errno is not None and error.errno not in _PERMANENT
+def is_missing(error: OSError) -> bool:
+    """Returns whether there is no regular file; after any other error, it may be intact."""
+    return isinstance(error, FileNotFoundError | NotADirectoryError | NotPlainError)
 
 
 def make_directory(path: Path) -> None:
@@ -72,29 +54,14 @@ def make_directory(path: Path) -> None:
             _sync_directory(directory.parent)
     except (FileExistsError, NotADirectoryError):
         raise RequestError(f"{path} is a file, or lies in one; name a directory.") from None
+    except (PermissionError, FileNotFoundError) as error:  # /proc has no directories of ours
+        raise RequestError(
+            f"{path} can't be made ({error.strerror}); name a directory that you may write to."
+        ) from None
     except OSError as error:
-        # ENOENT: a file system without directories of ours, such as /proc.
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT):
-            raise RequestError(
-                f"{path} can't be made ({error.strerror}); name a directory that you may write to."
-            ) from None
         raise WorkError(f"The directory {path} can't be made ({error.strerror}).") from None
     if not os.access(path, os.W_OK | os.X_OK):
         raise RequestError(f"{path} is not writable; name a directory that you may write to.")
-
-
-def check_writable(directory: Path) -> None:
-    """Creates a directory if it is missing, before work whose result is written there.
-
-    Raises:
-        RequestError: if it can't be written to.
-        WorkError: see `make_directory`.
-    """
-    make_directory(directory)
-    if not os.access(directory, os.W_OK):
-        raise RequestError(
-            f"{directory} can't be written to; name a directory that you may write to."
-        )
 
 
 def check_output(path: Path) -> None:
@@ -198,23 +165,23 @@ def open_plain(path: Path) -> Iterator[io.BufferedReader]:
     """Opens a regular file for reading; refuses symlinks, directories and pipes.
 
     Raises:
-        OSError: if it is not a regular file or can't be opened; `strerror` has the reason.
+        OSError: if it is not a regular file or can't be opened; see `is_missing`.
     """
-    if not _NO_FOLLOW and path.is_symlink():
-        raise OSError(errno.ELOOP, "a link to another place")
+    _check_plain(os.lstat(path).st_mode)
+    handle = os.open(path, os.O_RDONLY | PLAIN)
     try:
-        handle = os.open(path, os.O_RDONLY | PLAIN)
-    except OSError as error:
-        if error.errno == errno.ELOOP:
-            raise OSError(errno.ELOOP, "a link to another place") from None
-        raise
-    mode = os.fstat(handle).st_mode
-    if not stat.S_ISREG(mode):
+        _check_plain(os.fstat(handle).st_mode)
+    except NotPlainError:
         close(handle)
-        code = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
-        raise OSError(code, os.strerror(code) if stat.S_ISDIR(mode) else "not a plain file")
+        raise
     with _closing(os.fdopen(handle, "rb")) as file:
         yield file
+
+
+def _check_plain(mode: int) -> None:
+    if not stat.S_ISREG(mode):
+        kinds = {stat.S_IFLNK: "a link to another place", stat.S_IFDIR: "Is a directory"}
+        raise NotPlainError(errno.EINVAL, kinds.get(stat.S_IFMT(mode), "not a plain file"))
 
 
 def close(handle: int) -> None:

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from jbench.errors import RequestError, WorkError
+from jbench.errors import WorkError
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.listing import RunLine, matches, run_line
+from jbench.store.listing import RunLine, make_line, matches
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
-from jbench.store.tree import Folder, walk
+from jbench.store.scan import Folder, walk
 
 LOOK_EVERY = 2.0
 """Seconds between two looks at the results."""
@@ -49,7 +49,7 @@ class _Seen:
     """What has been yielded of a run."""
 
     created: str
-    status: str
+    status: str = ""
     rows: dict[str, int] = field(default_factory=lambda: dict.fromkeys(schema.LOG_TABLES, 0))
 
 
@@ -72,10 +72,10 @@ class Follower:
 
     def look(self) -> Iterator[Change | str]:
         """Yields the changes since the last look, and a sentence for each damaged run, once."""
-        for folder in walk(self._results.path / "runs"):
+        for folder in walk(self._results.path, "run"):
             try:
-                change = self._change_of(folder)
-            except (RequestError, WorkError) as error:
+                change = self._look_at(folder)
+            except WorkError as error:
                 if str(error) not in self._reported:
                     self._reported.add(str(error))
                     yield str(error)
@@ -83,44 +83,34 @@ class Follower:
             if change is not None and (change.status_changed or change.rows):
                 yield change
 
-    def _change_of(self, folder: Folder) -> Change | None:
+    def _look_at(self, folder: Folder) -> Change | None:
         """Returns what a folder's run has changed; None if it has no run, or no new manifest."""
-        if folder.problem is not None:
-            raise WorkError(f"{folder.path} {folder.problem}.")
-        if not folder.is_record:
-            return None
-        run = folder.path.relative_to(self._results.path / "runs").as_posix()
         stamp = _stamp(folder.path / MANIFEST)
-        if stamp is not None and stamp == self._stamps.get(run):
+        if stamp is not None and stamp == self._stamps.get(folder.id):
             return None
-        change = self._read(run)
-        self._stamps[run] = stamp
+        record = folder.read()
+        change = None if record is None else self._compare(record)
+        self._stamps[folder.id] = stamp
         return change
 
-    def _read(self, run: str) -> Change | None:
-        """Reads the new rows of a run; returns None if it is not followed."""
-        record = self._results.find("run", run)
-        if record is None:
-            return None
-        seen = self._seen.get(run)
-        if seen is None and not matches(run_line(record), self._filters):
+    def _compare(self, record: Record) -> Change | None:
+        """Returns what a run has changed since it was seen; None if it is not followed."""
+        seen = self._seen.get(record.id)
+        if seen is None and not matches(make_line(record), self._filters):
             return None
         while True:
             is_new = seen is None or _starts_over(record, seen)
-            if is_new:
-                seen = _Seen(record.manifest.created, "")
-            assert seen is not None
+            before = _Seen(record.manifest.created) if is_new or seen is None else seen
             try:
-                rows = _rows_after(record, seen.rows)
+                rows = _rows_after(record, before.rows)
                 break
             except WorkError:
                 # A writer may have joined the files since the manifest was read.
                 if not record.refresh():
                     raise
         counts = {table: record.rows(table) for table in schema.LOG_TABLES}
-        now = _Seen(record.manifest.created, record.status, counts)
-        self._seen[run] = now
-        return Change(run_line(record), record, is_new, now.status != seen.status, rows)
+        self._seen[record.id] = _Seen(record.manifest.created, record.status, counts)
+        return Change(make_line(record), record, is_new, record.status != before.status, rows)
 
 
 def grouped(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:

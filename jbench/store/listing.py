@@ -13,7 +13,6 @@ from jbench.settings.alike import variant
 from jbench.settings.run import Run, Unreadable, read_run
 from jbench.settings.variants import variant_words
 from jbench.store.database import Results
-from jbench.store.manifest import Kind
 from jbench.store.record import Record
 
 
@@ -22,7 +21,6 @@ class RunLine(NamedTuple):
 
     Attributes:
         run: id of the run.
-        task, algo, representation, seed: from its settings.
         status: unfinished, finished or failed.
         episodes: number of committed episodes; of an import, its points.
         steps_done: control steps of these episodes, or of the finished run.
@@ -30,8 +28,7 @@ class RunLine(NamedTuple):
         wall_time: s; of a finished run, or up to its last episode if returns are requested.
         last_return: final training return (`jbench.returns`) if requested; of an import, the final
             return of its kind.
-        created: UTC, ISO 8601.
-        updated: UTC, ISO 8601.
+        created, updated: UTC, ISO 8601.
         returns: kind of return of an import; None for a run.
         error: why a failed run failed; None for other runs.
         variant: the settings in which the listed runs of the same task, algorithm and
@@ -73,7 +70,7 @@ def list_runs(
     records, problems = results.scan(kind)
     lines: list[tuple[RunLine, Record]] = []
     for record in records:
-        line = run_line(record) if kind == "run" else _line_of_import(record)
+        line = make_line(record)
         if matches(line, filters):
             try:
                 lines.append((_with_returns(line, record) if returns else line, record))
@@ -85,17 +82,20 @@ def list_runs(
 def _with_variants(lines: list[tuple[RunLine, Record]]) -> list[RunLine]:
     """Returns the lines with the variants of their records, if their settings are readable."""
     cells: dict[tuple[str | None, ...], dict[str, Run]] = {}
-    keys = []
     for line, record in lines:
-        cell, key = (line.algo, line.representation), variant(record.settings)
-        keys.append((cell, key))
         run = read_run(record.settings)
         if not isinstance(run, Unreadable):
-            cells.setdefault(cell, {})[key] = run
-    words = {cell: variant_words(settings) for cell, settings in cells.items()}
+            cell = cells.setdefault((line.algo, line.representation), {})
+            cell[variant(record.settings)] = run
+    words = {cell: variant_words(variants) for cell, variants in cells.items()}
+    none: dict[str, str] = {}
     return [
-        line._replace(variant=words.get(cell, {}).get(key, ""))
-        for (line, _), (cell, key) in zip(lines, keys, strict=True)
+        line._replace(
+            variant=words.get((line.algo, line.representation), none).get(
+                variant(record.settings), ""
+            )
+        )
+        for line, record in lines
     ]
 
 
@@ -104,18 +104,24 @@ def matches(line: RunLine, filters: Mapping[str, Collection[Any]]) -> bool:
     return all(getattr(line, name) in values for name, values in filters.items())
 
 
-def values_of(results: Results, setting: str) -> set[str]:
+def setting_values(results: Results, setting: str) -> set[str]:
     """Returns the text values of a setting, such as `algo`, in the readable runs and imports."""
-    kinds: tuple[Kind, ...] = ("run", "import")
-    values = (record.settings.get(setting) for kind in kinds for record in results.scan(kind)[0])
+    records = [*results.scan("run")[0], *results.scan("import")[0]]
+    values = (record.settings.get(setting) for record in records)
     return {value for value in values if isinstance(value, str)}
 
 
-def run_line(record: Record) -> RunLine:
-    """Returns the line of a run, without its final returns."""
-    settings, manifest = read_run(record.settings), record.manifest
-    episodes = record.rows("episodes")
-    done = _number(manifest.summary.get("steps_done"))
+def make_line(record: Record) -> RunLine:
+    """Returns the line of a run or an import, without its final returns."""
+    settings, manifest, is_import = (
+        read_run(record.settings),
+        record.manifest,
+        record.kind == "import",
+    )
+    summary = {name: _number(value) for name, value in manifest.summary.items()}
+    episodes = int(summary.get("points") or 0) if is_import else record.rows("episodes")
+    done = summary.get("control_steps" if is_import else "steps_done")
+    returns = record.settings.get("returns") if is_import else None
     return RunLine(
         run=record.id,
         task=settings.task,
@@ -124,26 +130,14 @@ def run_line(record: Record) -> RunLine:
         seed=settings.seed,
         status=manifest.status,
         episodes=episodes,
-        steps_done=episodes * EPISODE_STEPS if done is None else done,
+        steps_done=(0 if is_import else episodes * EPISODE_STEPS) if done is None else done,
         steps=settings.steps,
-        wall_time=_number(manifest.summary.get("wall_time")),
+        wall_time=None if is_import else summary.get("wall_time"),
         last_return=None,
         created=manifest.created,
         updated=manifest.updated,
-        error=record.error,
-    )
-
-
-def _line_of_import(record: Record) -> RunLine:
-    summary = record.manifest.summary
-    line = run_line(record)
-    points, steps = (_number(summary.get(name)) for name in ("points", "control_steps"))
-    returns = record.settings.get("returns")
-    return line._replace(
-        episodes=int(points or 0),
-        steps_done=steps or 0,
-        wall_time=None,
         returns=returns if returns in RETURNS else None,
+        error=record.error,
     )
 
 

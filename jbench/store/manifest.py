@@ -1,24 +1,22 @@
 """The manifest of a record: settings, status, provenance and list of files."""
 
-import re
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from jbench.errors import WorkError
+from jbench.errors import RequestError
 from jbench.settings.base import canonical_json
+from jbench.store import files
+from jbench.store.flaws import DamagedError, UnreadableError
+from jbench.store.provenance import provenance, utc_now
 
 SCHEMA_VERSION = 5
 """Version of manifests and tables; incremented when either changes its meaning.
 
-A record keeps the version with which it was created; `older.py` upgrades rows of older ones.
+A record keeps the version with which it was created; `parquet.py` upgrades rows of older ones.
 """
 
 OLDEST_SCHEMA_VERSION = 1
@@ -26,117 +24,54 @@ OLDEST_SCHEMA_VERSION = 1
 
 MANIFEST = "manifest.json"
 
-FORMULA = ("=", "+", "@")
-"""Spreadsheets evaluate texts that begin with these; see `is_formula`."""
-
 Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
 Status = Literal["unfinished", "finished", "failed"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds in order of dependence: later ones are made from earlier ones."""
 
-_FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-
-# Settings, tables and dates are written to CSV, SVG, LaTeX, Markdown and terminals. Third parties
-# may name algorithms and engines within these limits: "cleanrl-td3", "sb3_contrib:TQC".
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:+/-]*")
-_TEXT = re.compile(r"(?:[A-Za-z0-9._(\[][A-Za-z0-9 _.,:;+*/()\[\]=^%~-]*)?")
-_NAMES = frozenset(
-    {
-        *("task", "algo", "representation", "encoder", "dataset", "kind", "policy", "robot"),
-        *("engine", "time_limit", "precision"),
-    }
-)
+_MAX_BYTES = 1 << 26  # a manifest of 100,000 files has half as many
+_LONGEST = 10_000  # characters of a text
 _MAX_INTEGER = 2**63  # exclusive bound of a 64-bit column
 
 
-def _plain_name(name: str) -> str:
-    """Checks that a listed file is in its record's directory."""
-    if not _FILE_NAME.fullmatch(name) or name == MANIFEST:
-        raise ValueError("a file is named outside its own directory")
-    return name
-
-
-def _plain_table(name: str | None) -> str | None:
-    if name is not None and not _FILE_NAME.fullmatch(name):
-        raise ValueError(f"{name[:40]!r} can't be the name of a table or a checkpoint")
-    return name
-
-
-def _plain_date(text: str) -> str:
-    if not re.fullmatch(r"[0-9A-Za-z:.+ -]{0,64}", text):
-        raise ValueError(f"{text[:40]!r} can't be a date")
-    return text
-
-
-def plain_settings(settings: dict[str, Any]) -> dict[str, Any]:
-    """Returns the settings after checking their numbers and the characters of their texts.
+def check_json(value: Any, texts: bool = True) -> Any:
+    """Returns a JSON value whose integers fit a column and whose texts are printable and short.
 
     Raises:
-        ValueError: if a text or a number can't be recorded.
+        ValueError: if an integer does not fit, or a text is not, which `texts` turns off.
     """
-    canonical_json(settings)  # refuses NaN and infinite numbers, of which no hash can be made
-    for name in _NAMES & settings.keys():
-        value = settings[name]
-        if isinstance(value, str) and not _NAME.fullmatch(value):
-            raise ValueError(f"{value[:40]!r} can't be the setting {name}")
-    for text in _texts(settings):
-        if not _TEXT.fullmatch(text):
-            raise ValueError(f"{text[:40]!r} can't be in settings")
-    return settings
-
-
-def is_formula(text: str) -> bool:
-    """Returns whether a spreadsheet might evaluate a text; an option of a command is none."""
-    return text[:1] in FORMULA or (text[:1] == "-" and ("|" in text or "(" in text))
-
-
-def _plain_provenance(provenance: dict[str, Any]) -> dict[str, Any]:
-    """Checks the texts of provenance; a command may contain any printable text."""
-    texts = _texts(provenance)
-    typed = set(_texts({"command": provenance.get("command")}))
-    for text in texts:
-        if not text.isprintable() or is_formula(text) or ("<" in text and text not in typed):
-            raise ValueError(f"{text[:40]!r} can't be in provenance")
-    return provenance
-
-
-def _plain_summary(summary: dict[str, Any]) -> dict[str, Any]:
-    """Checks numbers only: the text of an error is free, and no table contains it."""
-    _texts(summary)
-    return summary
-
-
-def _texts(value: Any) -> list[str]:
-    """Returns all texts in a JSON value, including keys.
-
-    Raises:
-        ValueError: if an integer is too large for a column.
-    """
-    texts: list[str] = []
     stack = [value]
     while stack:
         item = stack.pop()
         kind = type(item)
-        if kind is str:
-            texts.append(item)
-        elif kind is dict:
-            texts += item
+        if kind is dict:
+            stack += item
             stack += item.values()
         elif kind is list or kind is tuple:
             stack += item
+        elif kind is str and texts and not (item.isprintable() and len(item) <= _LONGEST):
+            raise ValueError(f"{item[:40]!r} has characters that can't be printed, or too many")
         elif kind is int and not -_MAX_INTEGER <= item < _MAX_INTEGER:
             raise ValueError("a number is too large")
-    return texts
+    return value
 
 
-def reason_of(error: ValidationError) -> str:
-    """Returns the first reason for which a manifest is invalid, as a clause."""
-    return error.errors()[0]["msg"].removeprefix("Value error, ")
+def check_settings(settings: dict[str, Any]) -> dict[str, Any]:
+    """Returns settings that can be recorded.
+
+    Raises:
+        ValueError: if a text or a number can't be; NaN, for example, has no hash.
+    """
+    canonical_json(settings)
+    check_json(settings)
+    return settings
 
 
-class VersionError(WorkError):
-    """The manifest has a schema version that this jbench can't read."""
+# Texts are escaped where they are written, such as in a page, in LaTeX and in CSV.
+_Date = Annotated[str, Field(max_length=64), AfterValidator(check_json)]
+# A name begins with no dot and has no slash, so that it is in the record's own directory.
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$")]
 
 
 class FileEntry(BaseModel):
@@ -144,11 +79,9 @@ class FileEntry(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: Annotated[str, AfterValidator(_plain_name)]
-    table: Annotated[str | None, AfterValidator(_plain_table)] = Field(
-        default=None, description="table that its rows belong to"
-    )
-    role: Annotated[str | None, AfterValidator(_plain_table)] = Field(
+    name: _Name
+    table: _Name | None = Field(default=None, description="table that its rows belong to")
+    role: _Name | None = Field(
         default=None,
         exclude_if=lambda role: role is None,
         description="name of a checkpoint; a newer file of the same role replaces it",
@@ -173,54 +106,87 @@ class Manifest(BaseModel):
     kind: Kind
     id: str
     status: Status = "unfinished"
-    settings: Annotated[dict[str, Any], AfterValidator(plain_settings)] = Field(
+    settings: Annotated[dict[str, Any], AfterValidator(check_settings)] = Field(
         description="what produced it; hashed into its id"
     )
-    summary: Annotated[dict[str, Any], AfterValidator(_plain_summary)] = Field(
+    # The error of a failed record may have several lines.
+    summary: Annotated[dict[str, Any], AfterValidator(partial(check_json, texts=False))] = Field(
         default_factory=dict, description="short results"
     )
-    provenance: Annotated[dict[str, Any], AfterValidator(_plain_provenance)] = Field(
+    provenance: Annotated[dict[str, Any], AfterValidator(check_json)] = Field(
         default_factory=dict, description="versions, machine and command"
     )
-    created: Annotated[str, AfterValidator(_plain_date)] = Field(description="UTC, ISO 8601")
-    updated: Annotated[str, AfterValidator(_plain_date)] = Field(description="UTC, ISO 8601")
+    created: _Date = Field(description="UTC, ISO 8601")
+    updated: _Date = Field(description="UTC, ISO 8601")
     files: tuple[FileEntry, ...] = ()
 
     @field_validator("files")
     @classmethod
     def _listed_once(cls, files: tuple[FileEntry, ...]) -> tuple[FileEntry, ...]:
-        if len({entry.name for entry in files}) < len(files):
-            raise ValueError("a file is listed twice")
+        if len({MANIFEST, *(entry.name for entry in files)}) <= len(files):
+            raise ValueError("a file is listed twice, or is the manifest")
         return files
+
+    @classmethod
+    def new(
+        cls, kind: Kind, id: str, settings: Mapping[str, Any], made_on: Mapping[str, Any]
+    ) -> "Manifest":
+        """Returns the manifest of a new record; `made_on` is provenance that is added.
+
+        Raises:
+            RequestError: if the settings can't be recorded.
+        """
+        made, now = {**provenance(), **made_on}, utc_now()
+        try:
+            return cls(
+                kind=kind, id=id, settings=dict(settings), provenance=made, created=now, updated=now
+            )
+        except ValidationError as error:
+            raise RequestError(f"The {kind} {id} can't be saved ({_reason(error)}).") from None
+
+    def changed(self, **changes: Any) -> "Manifest":
+        """Returns the manifest with other values, updated now."""
+        return self.model_copy(update={"updated": utc_now(), **changes})
 
     def to_bytes(self) -> bytes:
         """Returns the manifest as indented JSON."""
         return (self.model_dump_json(indent=1) + "\n").encode()
 
     @classmethod
-    def from_bytes(cls, content: bytes, where: str) -> "Manifest":
-        """Reads a manifest, which error messages call `where`.
+    def read(cls, path: Path) -> "Manifest | None":
+        """Reads a manifest; returns None if the file does not exist.
 
         Raises:
-            VersionError: if this jbench can't read its schema version.
-            WorkError: if it is damaged.
+            UnreadableError: if reading it fails, perhaps temporarily, or this jbench can't read its
+                schema version.
+            DamagedError: if it is no manifest.
         """
+        try:
+            with files.open_plain(path) as file:
+                content = file.read(_MAX_BYTES + 1)
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except OSError as error:
+            kind = DamagedError if files.is_missing(error) else UnreadableError
+            raise kind(path, f"can't be read ({error.strerror})") from None
+        if len(content) > _MAX_BYTES:
+            raise DamagedError(path, "is larger than any manifest; it is not read")
         try:
             # The version is read first, since newer manifests may have other fields.
             version = _Versioned.model_validate_json(content).schema_version
+            this = f"is of schema version {version}, and this jbench reads"
             if version > SCHEMA_VERSION:
-                raise VersionError(
-                    f"{where} is of schema version {version}, and this jbench reads up to "
-                    f"{SCHEMA_VERSION}; install a newer jbench."
-                )
+                problem = f"{this} up to {SCHEMA_VERSION}"
+                raise UnreadableError(path, problem, "install a newer jbench")
             if version < OLDEST_SCHEMA_VERSION:
-                raise VersionError(
-                    f"{where} is of schema version {version}, and this jbench reads from "
-                    f"{OLDEST_SCHEMA_VERSION}: read it with the jbench that wrote it, or delete it "
-                    "and make it again."
-                )
+                advice = "read it with the jbench that wrote it, or delete it and make it again"
+                raise UnreadableError(path, f"{this} from {OLDEST_SCHEMA_VERSION}", advice)
             return cls.model_validate_json(content)
         except ValidationError as error:
-            raise WorkError(
-                f"{where} is not a manifest that can be read ({reason_of(error)})."
-            ) from None
+            problem = f"is not a manifest that can be read ({_reason(error)})"
+            raise DamagedError(path, problem) from None
+
+
+def _reason(error: ValidationError) -> str:
+    """Returns the first reason for which a manifest is invalid, as a clause."""
+    return error.errors()[0]["msg"].removeprefix("Value error, ")

@@ -4,7 +4,7 @@ A record is committed as usual, its files first and its manifest last, so an int
 be repeated.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from jbench.store.database import Results
 from jbench.store.manifest import KINDS
 from jbench.store.record import Record
 from jbench.store.repair import Quarantine
+from jbench.store.scan import look
 from jbench.store.verify import Progress, examine, no_progress
 
 TIMES = ("wall_time", "processor_time")
@@ -49,20 +50,19 @@ def merge(
     """
     for source in sources:
         _check_source(results, source)
-    # Dependencies first.
-    scanned = [(source, *source.scan(kind)) for kind in KINDS for source in sources]
-    merged = [
-        Merged(str(source.path), "refused", problem)
-        for source, _, problems in scanned
-        for problem in problems
-    ]
-    records = [(source, record) for source, records, _ in scanned for record in records]
+    merged: list[Merged] = []
+    records: list[tuple[Results, Record]] = []
+    for kind in KINDS:  # dependencies first
+        for source in sources:
+            readable, problems = source.scan(kind)
+            records += [(source, record) for record in readable]
+            merged += [Merged(str(source.path), "refused", problem) for problem in problems]
     quarantine = Quarantine(results)
     with progress(len(records)) as show:
         for done, (source, record) in enumerate(records, 1):
             name = f"{record.kind} {record.id}"
             try:
-                merged.append(Merged(name, _merge_one(results, source, record, quarantine)))
+                merged.append(Merged(name, _merge_record(results, source, record, quarantine)))
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
             show(done)
@@ -79,43 +79,44 @@ def _check_source(results: Results, source: Results) -> None:
         raise RequestError(f"{source.path} is the results directory itself; name another.")
 
 
-def _merge_one(results: Results, source: Results, other: Record, quarantine: Quarantine) -> Outcome:
+def _merge_record(
+    results: Results, source: Results, other: Record, quarantine: Quarantine
+) -> Outcome:
     """Copies a record if it is intact and needed."""
-    faults = [f for f in examine(source, other.kind, other.id) if f.severity != "leftover"]
+    faults = [flaw for flaw in examine(source, other.kind, other.id) if flaw.sort != "leftover"]
     if faults:
         raise WorkError(str(faults[0]))
     other.refresh()
-    own = results.record(other.kind, other.id)
     with results.locked(other.kind, other.id) as existing:
-        outcome: Outcome = "copied" if existing is None else _choice(existing, other)
+        outcome = "copied" if existing is None else _choose(existing, other)
         if outcome == "replaced":
-            quarantine.take_record(own.path)
+            quarantine.take_record(look(results.path, other.kind, other.id))
         if outcome in ("copied", "replaced"):
-            own.copy_from(other)
+            results.record(other.kind, other.id).copy_from(other)
     return outcome
 
 
-def _choice(own: Record, other: Record) -> Outcome:
+def _choose(mine: Record, other: Record) -> Outcome:
     """Returns the outcome for a record that exists already.
 
     Raises:
         WorkError: if their contents conflict.
     """
-    finished = own.status == "finished", other.status == "finished"
+    finished = mine.status == "finished", other.status == "finished"
     if finished == (True, False):
         return "kept"
     if finished == (False, True):
         return "replaced"
-    if own.manifest.files == other.manifest.files:
+    if mine.manifest.files == other.manifest.files:
         return "same"
-    entries = (*own.manifest.files, *other.manifest.files)
+    entries = (*mine.manifest.files, *other.manifest.files)
     # Paths follow from the evaluations; older versions did not record them.
     tables = sorted({entry.table for entry in entries if entry.table not in (None, "paths")})
-    differences = filter(None, (_difference(own, other, table) for table in tables))
+    differences = filter(None, (_difference(mine, other, table) for table in tables))
     difference = next(differences, None)
-    more = [other.rows(table) - own.rows(table) for table in tables]
+    more = [other.rows(table) - mine.rows(table) for table in tables]
     if difference is None and finished == (True, True):
-        difference = _other_files(own, other) or ("another number of rows" if any(more) else None)
+        difference = _other_files(mine, other) or ("another number of rows" if any(more) else None)
     if difference is None and not any(more):
         return "same"
     # Two states of the same work: the one with more rows is newer.
@@ -124,62 +125,44 @@ def _choice(own: Record, other: Record) -> Outcome:
     if difference is None and max(more) <= 0:
         return "kept"
     raise WorkError(
-        f"{other.path} has the settings of {own.path}, but other content ("
+        f"{other.path} has the settings of {mine.path}, but other content ("
         f"{difference or 'each has rows that the other has not'}); neither is changed."
     )
 
 
-def _other_files(own: Record, other: Record) -> str | None:
+def _other_files(mine: Record, other: Record) -> str | None:
     """Returns which files other than tables and checkpoints differ, or None."""
     contents = [
-        {
-            entry.name: entry.sha256
-            for entry in record.manifest.files
-            if entry.table is None and entry.role is None
-        }
-        for record in (own, other)
+        {(e.name, e.sha256) for e in record.manifest.files if e.table is None and e.role is None}
+        for record in (mine, other)
     ]
-    names = sorted({name for name, _ in contents[0].items() ^ contents[1].items()})
+    names = sorted({name for name, _ in contents[0] ^ contents[1]})
     return f"in {', '.join(names)}" if names else None
 
 
-def _difference(own: Record, other: Record, table: str) -> str | None:
+def _difference(mine: Record, other: Record, table: str) -> str | None:
     """Returns where the common rows of a table differ, except for times, or None."""
-    first = 0
-    for ours, theirs in _aligned(_rows(own, table), _rows(other, table)):
-        if set(ours.column_names) != set(theirs.column_names):
-            return f"other columns of {table}"
-        for name in ours.column_names:
-            if not _equal(ours[name], theirs[name]):
-                return f"{name} of {table}, in rows {first} to {first + ours.num_rows - 1}"
-        first += ours.num_rows
+    parts = mine.parts(table), other.parts(table)
+    if parts[0] == parts[1] or not all(parts):
+        return None
+    ours, theirs = (
+        pa.concat_tables(map(record.read_part, record.parts(table)), promote_options="default")
+        for record in (mine, other)
+    )
+    if set(ours.column_names) != set(theirs.column_names):
+        return f"other columns of {table}"
+    common = min(len(ours), len(theirs))
+    for name in ours.column_names:
+        if name not in TIMES and not _equal(ours[name][:common], theirs[name][:common]):
+            return f"{name} of {table}"
     return None
 
 
-def _aligned(
-    own: Iterator[pa.Table], other: Iterator[pa.Table]
-) -> Iterator[tuple[pa.Table, pa.Table]]:
-    """Yields pairs of equally long parts of two tables, up to the end of the shorter one."""
-    ours, theirs = next(own, None), next(other, None)
-    while ours is not None and theirs is not None:
-        count = min(len(ours), len(theirs))
-        yield ours.slice(0, count), theirs.slice(0, count)
-        ours = ours.slice(count) if len(ours) > count else next(own, None)
-        theirs = theirs.slice(count) if len(theirs) > count else next(other, None)
-
-
-def _rows(record: Record, table: str) -> Iterator[pa.Table]:
-    """Yields the rows of a table, file by file, without times."""
-    for entry in record.parts(table):
-        rows = record.rows_of(entry)
-        yield rows.drop_columns([name for name in TIMES if name in rows.column_names])
-
-
-def _equal(own: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
+def _equal(mine: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
     """Returns whether two columns are equal; NaN equals NaN."""
-    if own.equals(other):
+    if mine.equals(other):
         return True
-    if not (own.type == other.type and pa.types.is_floating(own.type)):
+    if not (mine.type == other.type and pa.types.is_floating(mine.type)):
         return False
-    same_gaps = own.is_null().equals(other.is_null())
-    return same_gaps and np.array_equal(own.to_numpy(), other.to_numpy(), equal_nan=True)
+    same_gaps = mine.is_null().equals(other.is_null())
+    return same_gaps and np.array_equal(mine.to_numpy(), other.to_numpy(), equal_nan=True)

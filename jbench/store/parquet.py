@@ -5,18 +5,19 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# Limits of one file: a few bytes can decompress to more than the memory.
-_MAX_CELLS = 50_000_000
-_MAX_BYTES = 1 << 29
+_RENAMED = {"encoder_epochs": {"train_mse": "train_loss"}}
+"""Columns with another name in version 1, by table.
+
+Not every kind of encoder minimizes a squared error. Columns that later versions added are null.
+"""
 
 
-def table_of(frame: "pd.DataFrame", columns: pa.Schema) -> pa.Table:
+def to_table(frame: "pd.DataFrame", columns: pa.Schema) -> pa.Table:
     """Returns the rows of a frame as a table with these columns; those that it lacks are null."""
     return pa.table(
         [
@@ -45,87 +46,35 @@ def to_bytes(rows: pa.Table) -> bytes:
     return sink.getvalue()
 
 
-def from_bytes(
-    content: bytes,
-    rows: int,
-    dictionaries: Sequence[str] = (),
-    columns: Sequence[str] | None = None,
-) -> pa.Table:
+def from_bytes(content: bytes, rows: int, columns: Sequence[pa.Field] | None = None) -> pa.Table:
     """Returns columns of a Parquet file in the order of the file.
 
     Args:
         rows: expected number of rows.
-        dictionaries: text columns to return as dictionaries.
-        columns: to return, of those that it has; None: all.
+        columns: to read, of those that it has; texts of a dictionary type are read as one. None:
+            all columns.
 
     Raises:
-        ValueError: if it is not a Parquet file, has another number of rows, or is too large.
+        ValueError: if it is not a Parquet file, or has another number of rows.
     """
+    coded = [field.name for field in columns or () if pa.types.is_dictionary(field.type)]
     try:
-        # Texts are read as dictionaries first, so that many copies of a text take no memory until
-        # their size is known.
-        metadata = pq.read_metadata(pa.BufferReader(content))
-        texts = _checked_texts(metadata, rows)
-        if columns is not None:
-            texts = [name for name in texts if name in columns]
         # pyarrow 26 aborts processes that exit soon after it has started threads; only this way of
         # reading starts none.
-        file = pq.ParquetFile(
-            pa.BufferReader(content),
-            metadata=metadata,
-            pre_buffer=False,
-            read_dictionary=texts,
-        )
-        table = file.read(columns, use_threads=False)
-        plain = [name for name in texts if name not in dictionaries]
-        if sum(_size_of_texts(table[name]) for name in plain) > _MAX_BYTES:
-            raise ValueError(f"its texts are larger than {_MAX_BYTES >> 20} MiB")
-        for name in plain:
-            index = table.column_names.index(name)
-            kind = table.schema.field(index).type.value_type
-            table = table.set_column(index, name, table[name].cast(kind))
-        return table
+        file = pq.ParquetFile(pa.BufferReader(content), pre_buffer=False, read_dictionary=coded)
+        if file.metadata.num_rows != rows:
+            raise ValueError(f"{file.metadata.num_rows} rows, not {rows}")
+        names = None if columns is None else [field.name for field in columns]
+        return file.read(names, use_threads=False)
     except (pa.ArrowException, OSError) as error:
         raise ValueError(str(error).splitlines()[0]) from None
 
 
-def _checked_texts(metadata: pq.FileMetaData, rows: int) -> list[str]:
-    """Returns the text columns of a file whose metadata are within the limits.
-
-    Raises:
-        ValueError: if they are not, or the number of rows differs.
-    """
-    count, columns = metadata.num_rows, metadata.schema.to_arrow_schema()
-    if count != rows:
-        raise ValueError(f"{count} rows, not {rows}")
-    nested = [field.name for field in columns if pa.types.is_nested(field.type)]
-    if nested:
-        raise ValueError(f"the column {nested[0]} is nested")
-    if count * len(columns) > _MAX_CELLS:
-        raise ValueError(f"{count} rows are more than a file has")
-    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
-    if sum(group.num_rows for group in groups) != count:
-        raise ValueError("its groups have other rows")
-    unpacked = sum(
-        group.column(i).total_uncompressed_size
-        for group in groups
-        for i in range(group.num_columns)
-    )
-    if unpacked > _MAX_BYTES:
-        raise ValueError(f"it unpacks to {unpacked >> 20} MiB")
-    return [field.name for field in columns if _is_text(field.type)]
-
-
-def _is_text(kind: pa.DataType) -> bool:
-    if pa.types.is_dictionary(kind):
-        return _is_text(kind.value_type)
-    return kind in (pa.string(), pa.large_string(), pa.binary(), pa.large_binary())
-
-
-def _size_of_texts(column: pa.ChunkedArray) -> int:
-    """Returns the bytes of the texts of a column without a dictionary."""
-    total = 0
-    for chunk in column.chunks:
-        lengths = pc.binary_length(chunk.dictionary)
-        total += pc.sum(lengths.cast(pa.int64()).take(chunk.indices)).as_py() or 0
-    return total
+def upgrade(table: str, rows: pa.Table, columns: pa.Schema) -> pa.Table:
+    """Returns rows of an older version with the current columns; missing values are null."""
+    new_names = _RENAMED.get(table, {})
+    rows = rows.rename_columns([new_names.get(name, name) for name in rows.column_names])
+    for field in columns:
+        if field.name not in rows.column_names:
+            rows = rows.append_column(field, pa.nulls(rows.num_rows, field.type))
+    return rows

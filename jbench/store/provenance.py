@@ -7,13 +7,13 @@ import platform
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jbench.cores import cores
 from jbench.revision import git_revision
-from jbench.store.manifest import is_formula
 
 if TYPE_CHECKING:
     import torch
@@ -83,8 +83,7 @@ def _driver(file: Path = Path("/sys/module/nvidia/version")) -> str | None:
 
 def _printable(text: str) -> str:
     """Returns a word of a command as a manifest allows it."""
-    text = "".join(c if c.isprintable() else "\ufffd" for c in text)
-    return f"'{text}" if is_formula(text) else text
+    return "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
@@ -100,7 +99,23 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, 
     }
 
 
-def sentence_of(changed: Mapping[str, Sequence[object]]) -> str:
+def resumed(
+    before: Mapping[str, Any], where: Mapping[str, Any], made_on: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    """Returns the provenance of work that is resumed now, and `differences` since its start."""
+    changed = differences(before, {**provenance(), **made_on})
+    notes = before.get("continued")
+    note = {"at": utc_now(), **where, "changed": changed}
+    continued = [*(notes if isinstance(notes, list) else []), note]
+    return {**before, "continued": continued}, changed
+
+
+def utc_now() -> str:
+    """Returns the time as manifests record it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def describe_changes(changed: Mapping[str, Sequence[object]]) -> str:
     """Returns `differences` as a clause, such as `mujoco 3.17.0 is now 3.18.0`."""
     names = {"git_revision": "jbench's git revision"}
     return ", ".join(

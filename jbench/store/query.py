@@ -1,7 +1,6 @@
 """SQL over the committed rows with DuckDB."""
 
 import contextlib
-import csv
 import io
 import re
 import time
@@ -21,7 +20,8 @@ from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.record import Record
-from jbench.store.rows import KINDS, Row, row_of
+from jbench.store.rows import KINDS, Row, make_row
+from jbench.wording import not_formula
 
 
 class Tables(NamedTuple):
@@ -208,8 +208,12 @@ def _refusal(error: duckdb.Error, tables: Iterable[str], sql: str) -> RequestErr
 
 
 def to_csv(frame: pd.DataFrame) -> str:
-    """Returns the rows as CSV with a header."""
-    return frame.to_csv(index=False, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
+    """Returns the rows as CSV with a header; no text of it is a formula of a spreadsheet."""
+    frame = frame.copy(deep=False)
+    for i, dtype in enumerate(frame.dtypes):
+        if not pd.api.types.is_numeric_dtype(dtype):
+            frame.isetitem(i, frame.iloc[:, i].map(not_formula).array)
+    return frame.to_csv(index=False, lineterminator="\n")
 
 
 def to_json(frame: pd.DataFrame) -> str:
@@ -230,7 +234,9 @@ def _read(
     def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
         while True:
             try:
-                return row_of(record), {name: record.read(name, schemas[name]) for name in schemas}
+                return make_row(record), {
+                    name: record.read(name, schemas[name]) for name in schemas
+                }
             except WorkError as error:
                 if not record.refresh():
                     return str(error)

@@ -1,27 +1,131 @@
 """A record: its manifest and its files.
 
-The manifest is the commit: readers ignore files that it does not list. A writer adds new files
-beside the old ones, syncs them, and then replaces the manifest.
+The manifest is the commit: readers ignore files that it does not list, and check the others against
+it. A writer adds new files beside the old ones, syncs them, and then replaces the manifest.
 """
 
 import contextlib
 from collections.abc import Collection, Iterator, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-from pydantic import ValidationError
 
-from jbench.errors import RequestError
-from jbench.store import files, locks, parquet
-from jbench.store.manifest import MANIFEST, FileEntry, Manifest, reason_of
-from jbench.store.provenance import differences, provenance
-from jbench.store.record_reader import RecordReader
+from jbench.errors import WorkError
+from jbench.store import files, listed, locks, schema
+from jbench.store.flaws import DamagedError
+from jbench.store.manifest import MANIFEST, SCHEMA_VERSION, FileEntry, Kind, Manifest, Status
+from jbench.store.provenance import resumed
+from jbench.wording import with_results
 
 
-class Record(RecordReader):
+class Record:
     """A dataset, an encoder, a run, an evaluation or an import: its manifest and its files."""
+
+    manifest: Manifest
+
+    def __init__(self, path: Path, kind: Kind, id: str) -> None:
+        """Refers to a record; `create` and `load` set its manifest."""
+        self.path, self.kind, self.id = path, kind, id
+
+    def load(self) -> bool:
+        """Reads the manifest; returns whether it exists.
+
+        Raises:
+            UnreadableError: if reading it fails, perhaps temporarily.
+            DamagedError: if it is damaged or of another record.
+        """
+        path = self.path / MANIFEST
+        manifest = Manifest.read(path)
+        if manifest is None:
+            return False
+        named = f"{manifest.kind} {manifest.id}"
+        if named != f"{self.kind} {self.id}":
+            raise DamagedError(path, f"calls itself {named}; it is not read")
+        self.manifest = manifest
+        return True
+
+    def refresh(self) -> bool:
+        """Reads the manifest again; returns whether it has changed.
+
+        Files may disappear after a reader has read the manifest, when a writer joins them.
+        """
+        # Compared as bytes, since a summary may contain NaN, which never equals itself.
+        before = self.manifest.to_bytes()
+        with contextlib.suppress(WorkError):
+            self.load()
+        return self.manifest.to_bytes() != before
+
+    @property
+    def status(self) -> Status:
+        """Whether the work is unfinished, finished or failed."""
+        return self.manifest.status
+
+    @property
+    def error(self) -> str | None:
+        """Why the work failed; None if it did not."""
+        return str(self.manifest.summary.get("error")) if self.status == "failed" else None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings that produced the record."""
+        return self.manifest.settings
+
+    @property
+    def is_current(self) -> bool:
+        """Whether its tables have the columns of this schema version."""
+        return self.manifest.schema_version == SCHEMA_VERSION
+
+    @property
+    def size(self) -> int:
+        """Bytes of the committed files."""
+        return sum(entry.bytes for entry in self.manifest.files)
+
+    def rows(self, table: str) -> int:
+        """Returns the number of committed rows of a table."""
+        return sum(entry.rows for entry in self.parts(table))
+
+    def parts(self, table: str) -> list[FileEntry]:
+        """Returns the committed files of a table in the order of writing."""
+        return [entry for entry in self.manifest.files if entry.table == table]
+
+    def roles(self) -> list[str]:
+        """Returns the roles of all checkpoints in the order of writing."""
+        return [entry.role for entry in self.manifest.files if entry.role is not None]
+
+    def read(self, table: str, columns: pa.Schema | None = None) -> pa.Table:
+        """Returns all committed rows of a table, checked against the manifest.
+
+        Args:
+            columns: to return; None for all columns of `jbench.store.schema.FILES`.
+
+        Raises:
+            WorkError: if a file is missing or damaged, or lacks a column.
+        """
+        columns = schema.FILES[table] if columns is None else columns
+        parts = [self.read_part(entry, columns) for entry in self.parts(table)]
+        return pa.concat_tables([columns.empty_table(), *parts])
+
+    def read_part(self, entry: FileEntry, columns: pa.Schema | None = None) -> pa.Table:
+        """Returns the rows of one file; by default with the columns that it has. See `read`."""
+        return listed.read_rows(self.path, entry, self.advice, columns, not self.is_current)
+
+    def read_file(self, name: str) -> bytes:
+        """Returns the content of a committed file by its name or role.
+
+        Raises:
+            WorkError: if the file does not exist or is damaged.
+        """
+        for entry in self.manifest.files:
+            if name in (entry.name, entry.role):
+                return listed.read(self.path, entry, self.advice)
+        raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
+
+    @property
+    def advice(self) -> str:
+        """What to do if a file is damaged, as a clause."""
+        results = self.path.parents[len(Path(self.id).parts)]
+        return f"restore it, or set it aside with `{with_results('jbench repair', results)}`"
 
     def create(self, settings: Mapping[str, Any], made_on: Mapping[str, Any] | None = None) -> None:
         """Creates the record, or restarts an unfinished one without its data.
@@ -33,19 +137,7 @@ class Record(RecordReader):
             RequestError: if the settings are invalid, or the directory is not writable.
             WorkError: if the disk is full or fails.
         """
-        now = _now()
-        try:
-            manifest = Manifest(
-                kind=self.kind,
-                id=self.id,
-                settings=dict(settings),
-                provenance={**provenance(), **(made_on or {})},
-                created=now,
-                updated=now,
-            )
-        except ValidationError as error:
-            reason = reason_of(error)
-            raise RequestError(f"The {self.kind} {self.id} can't be saved ({reason}).") from None
+        manifest = Manifest.new(self.kind, self.id, settings, made_on or {})
         files.make_directory(self.path)
         self._commit(manifest)
         self.clean()
@@ -68,16 +160,17 @@ class Record(RecordReader):
             replace: tables whose existing rows are dropped.
         """
         checkpoints = checkpoints or {}
-        added = [self._write_part(name, rows) for name, rows in tables.items() if rows.num_rows]
-        added += [self._write_checkpoint(role, content) for role, content in checkpoints.items()]
+        added = [self._write_rows(name, rows) for name, rows in tables.items() if rows.num_rows]
+        for role, content in checkpoints.items():
+            added.append(listed.write_checkpoint(self.path, role, content))
         before, dropped = self.manifest.files, {*checkpoints, *drop}
         kept = [
             entry for entry in before if entry.role not in dropped and entry.table not in replace
         ]
         # The same rows are the same file.
-        listed = {entry.name: entry for entry in (*kept, *added)}
-        self._update(files=tuple(listed.values()))
-        files.remove(self.path / entry.name for entry in before if entry.name not in listed)
+        after = {entry.name: entry for entry in (*kept, *added)}
+        self._update(files=tuple(after.values()))
+        files.remove(self.path / entry.name for entry in before if entry.name not in after)
 
     def resume(
         self, where: Mapping[str, Any], made_on: Mapping[str, str | None] | None = None
@@ -91,14 +184,8 @@ class Record(RecordReader):
         Returns:
             Changes of versions, processor and device: value at the start, and now.
         """
-        original = self.manifest.provenance
-        changed = differences(original, {**provenance(), **(made_on or {})})
-        note = {"at": _now(), **where, "changed": changed}
-        before = original.get("continued")
-        continued = [*(before if isinstance(before, list) else []), note]
-        self._update(
-            status="unfinished", summary={}, provenance={**original, "continued": continued}
-        )
+        continued, changed = resumed(self.manifest.provenance, where, made_on or {})
+        self._update(status="unfinished", summary={}, provenance=continued)
         return changed
 
     def finish(
@@ -115,17 +202,15 @@ class Record(RecordReader):
             compact: whether to join each table into one file, which must fit in memory.
             keep: roles of checkpoints that are not removed.
         """
-        files = (entry for entry in self.manifest.files if entry.table is None)
-        kept = tuple(entry for entry in files if entry.role is None or entry.role in keep)
-        tables = dict.fromkeys(entry.table for entry in self.manifest.files if entry.table)
+        before = self.manifest.files
+        kept = [e for e in before if e.table is None and (e.role is None or e.role in keep)]
+        parts = [entry for entry in before if entry.table is not None]
         if compact:
-            joined = tuple(self._join(table) for table in tables)
-        else:
-            joined = tuple(entry for entry in self.manifest.files if entry.table)
-        added = tuple(
-            self._write_file(name, content) for name, content in (new_files or {}).items()
-        )
-        self._update(status="finished", summary=dict(summary), files=kept + joined + added)
+            parts = [self._join(table) for table in dict.fromkeys(e.table or "" for e in parts)]
+        kept += parts
+        for name, content in (new_files or {}).items():
+            kept.append(listed.write(self.path, name, content))
+        self._update(status="finished", summary=dict(summary), files=tuple(kept))
         self.clean()
 
     def copy_from(self, source: "Record") -> None:
@@ -172,47 +257,15 @@ class Record(RecordReader):
         if len(parts) == 1:
             return parts[0]
         # Parts of an older version may lack a column, which becomes null.
-        rows = pa.concat_tables([self.rows_of(part) for part in parts], promote_options="default")
-        return self._write_part(table, rows)
+        rows = pa.concat_tables([self.read_part(part) for part in parts], promote_options="default")
+        return self._write_rows(table, rows)
 
-    def _write_part(self, table: str, rows: pa.Table) -> FileEntry:
-        content = parquet.to_bytes(rows)
-        # The hash makes the name unique; the number shows the order.
-        name = f"{table}-{len(self.parts(table)):05d}-{files.sha256(content)[:8]}.parquet"
-        return self._write_file(name, content, table, rows.num_rows)
-
-    def _write_checkpoint(self, role: str, content: bytes) -> FileEntry:
-        # A new name: the previous file stays listed and intact until the commit.
-        stem, suffix = Path(role).stem, Path(role).suffix
-        name = f"{stem}-{files.sha256(content)[:8]}{suffix}"
-        return self._write_file(name, content, role=role)
-
-    def _write_file(
-        self,
-        name: str,
-        content: bytes,
-        table: str | None = None,
-        rows: int = 0,
-        role: str | None = None,
-    ) -> FileEntry:
-        entry = FileEntry(
-            name=name,
-            table=table,
-            role=role,
-            rows=rows,
-            bytes=len(content),
-            sha256=files.sha256(content),
-        )
-        files.write_atomic(self.path / name, content)
-        return entry
+    def _write_rows(self, table: str, rows: pa.Table) -> FileEntry:
+        return listed.write_rows(self.path, table, len(self.parts(table)), rows)
 
     def _update(self, **changes: Any) -> None:
-        self._commit(self.manifest.model_copy(update={"updated": _now(), **changes}))
+        self._commit(self.manifest.changed(**changes))
 
     def _commit(self, manifest: Manifest) -> None:
         files.write_atomic(self.path / MANIFEST, manifest.to_bytes())
         self.manifest = manifest
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -19,8 +19,8 @@ from jbench.store import files, locks
 from jbench.store.database import Results
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.provenance import shell_command
-from jbench.store.tree import folder_at
-from jbench.store.verify import Finding, examine
+from jbench.store.scan import Folder, look
+from jbench.store.verify import Flaw, examine
 
 SET_ASIDE = "set-aside"
 
@@ -61,76 +61,74 @@ class Quarantine:
             files.move(path, to)
         self.moved[path] = to
 
-    def take_record(self, path: Path) -> None:
-        """Moves the files of a directory, its manifest first, except for its lock.
+    def take_record(self, folder: Folder) -> None:
+        """Moves the files of a folder, its manifest first, except for its lock.
 
         Raises:
-            WorkError: if the directory can't be read, or a file can't be moved.
+            UnreadableError: if the folder can't be read.
+            WorkError: if a file can't be moved.
         """
-        folder = folder_at(path)
-        if folder.problem is not None:
-            raise WorkError(f"{path} {folder.problem}; it is left alone.")
+        folder.check()
         for name in sorted(folder.names, key=lambda name: (name != MANIFEST, name)):
             if name != locks.LOCK:
-                self.take(path / name)
+                self.take(folder.path / name)
 
 
-def repair(results: Results, findings: Sequence[Finding], dry_run: bool = False) -> Repaired:
+def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) -> Repaired:
     """Moves damaged records and files that no manifest lists to the quarantine directory.
 
     Records that are being written, that can't be read at present or that a newer jbench wrote are
     not changed. Each record is checked again before it is moved. A dry run moves nothing.
     """
     quarantine, left, commands = Quarantine(results, dry_run), [], []
-    faults = [finding for finding in findings if finding.severity != "warning"]
-    for kind, id in dict.fromkeys((fault.kind, fault.id) for fault in faults):
-        foreign = [f for f in faults if (f.kind, f.id, f.severity) == (kind, id, "foreign")]
-        left += [f"{finding} It is left alone." for finding in foreign]
-        if not foreign:
-            try:
-                command = _command(results, kind, id)
-                if _repair_folder(results, kind, id, quarantine) and command not in commands:
-                    commands.append(command)
-            except (WorkError, RequestError) as error:
-                left.append(str(error))
-    return Repaired(list(quarantine.moved.items()), left, list(filter(None, commands)))
+    faults = [flaw for flaw in findings if flaw.sort != "warning"]
+    for kind, id in dict.fromkeys((flaw.kind, flaw.id) for flaw in faults):
+        command = _made_by(results, kind, id)
+        try:
+            if _repair_folder(results, kind, id, quarantine) and command:
+                commands.append(command)
+        except (WorkError, RequestError) as error:
+            left.append(str(error))
+    return Repaired(list(quarantine.moved.items()), left, list(dict.fromkeys(commands)))
 
 
-def _command(results: Results, kind: Kind, id: str) -> str:
-    """Returns the command that made a record, or "" if its manifest does not tell."""
+def _made_by(results: Results, kind: Kind, id: str) -> str | None:
+    """Returns the command that made a record, or None if its manifest does not tell."""
     with contextlib.suppress(WorkError, RequestError):
         record = results.find(kind, id)
         if record and isinstance(record.manifest.provenance.get("command"), list):
             return shell_command(record.manifest.provenance)
-    return ""
+    return None
 
 
 def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> bool:
-    """Repairs one directory, unless another process is writing there.
+    """Repairs one folder, unless another process is writing there.
 
     Returns:
         Whether there was a damaged record, which no longer exists.
     """
-    path = results.path / f"{kind}s" / id
-    with _locked(path, f"the {kind} {id}", quarantine.dry_run):
-        findings = examine(results, kind, id)
-        foreign = [finding for finding in findings if finding.severity == "foreign"]
-        if foreign:
-            raise WorkError(f"{foreign[0]} It is left alone.")
-        damaged = any(finding.severity == "damaged" for finding in findings)
-        if damaged:
-            quarantine.take_record(path)
+    folder = look(results.path, kind, id)
+    folder.check()
+    with _locked(folder, quarantine.dry_run):
+        flaws = examine(results, kind, id)
+        for flaw in flaws:
+            if flaw.sort == "foreign":
+                raise WorkError(f"{flaw} It is left alone.")
+        is_damaged = any(flaw.sort == "damaged" for flaw in flaws)
+        if is_damaged:
+            quarantine.take_record(look(results.path, kind, id))
         # Problems that `take_record` has not moved, such as a directory with the name of a file.
-        for finding in findings:
-            if os.path.lexists(finding.path):
-                quarantine.take(finding.path)
-        return damaged
+        for flaw in flaws:
+            if os.path.lexists(flaw.path):
+                quarantine.take(flaw.path)
+        return is_damaged
 
 
-def _locked(path: Path, whose: str, dry_run: bool) -> contextlib.AbstractContextManager[None]:
-    """Holds the lock of a directory if it has one; directories without one have no writer."""
-    if dry_run and locks.is_held(path):
+def _locked(folder: Folder, dry_run: bool) -> contextlib.AbstractContextManager[None]:
+    """Holds the lock of a folder if it has one; folders without one have no writer."""
+    whose = f"the {folder.kind} {folder.id}"
+    if dry_run and locks.is_held(folder.path):
         raise locks.HeldError(whose)
-    if dry_run or not os.path.lexists(path / locks.LOCK):
+    if dry_run or not os.path.lexists(folder.path / locks.LOCK):
         return contextlib.nullcontext()
-    return locks.hold(path, whose)
+    return locks.hold(folder.path, whose)

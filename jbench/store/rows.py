@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from jbench.errors import WorkError
 from jbench.settings.alike import variant
 from jbench.store import encoder_schema, schema
-from jbench.store.manifest import Kind
+from jbench.store.flaws import DamagedError
+from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.record import Record
 
 Row = dict[str, Any]
@@ -30,11 +30,11 @@ class KindTables(NamedTuple):
     of_files: dict[str, pa.Schema]
 
 
-def row_of(record: Record) -> Row:
+def make_row(record: Record) -> Row:
     """Returns the row of a record, with null for what its manifest lacks.
 
     Raises:
-        WorkError: if a value of its manifest does not fit into its column.
+        DamagedError: if a value of its manifest does not fit into its column.
     """
     table, describe, _ = KINDS[record.kind]
     manifest = record.manifest
@@ -54,15 +54,12 @@ def row_of(record: Record) -> Row:
         for field in schema.TABLES[table]:
             pa.scalar(row[field.name], field.type)
     except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise WorkError(
-            f"The {record.kind} {record.id} has invalid settings ({reason}); "
-            f"{record.set_aside_hint}."
-        ) from None
+        problem = f"has invalid settings ({str(error).splitlines()[0]})"
+        raise DamagedError(record.path / MANIFEST, problem, record.advice) from None
     return row
 
 
-def _of_run(record: Record) -> Row:
+def _describe_run(record: Record) -> Row:
     diverged = record.manifest.summary.get("diverged")
     return {
         "variant": variant(record.settings),
@@ -71,11 +68,11 @@ def _of_run(record: Record) -> Row:
     }
 
 
-def _of_encoder(record: Record) -> Row:
+def _describe_encoder(record: Record) -> Row:
     return {"representation": record.path.parent.name}
 
 
-def _of_dataset(record: Record) -> Row:
+def _describe_dataset(record: Record) -> Row:
     return {
         # A committed episode has a state more than it has steps.
         "steps_done": record.rows("steps") - record.rows("dataset_episodes"),
@@ -83,7 +80,7 @@ def _of_dataset(record: Record) -> Row:
     }
 
 
-def _of_import(record: Record) -> Row:
+def _describe_import(record: Record) -> Row:
     hashes, names = record.settings.get("files"), record.manifest.provenance.get("files")
     files = {}
     if isinstance(hashes, list) and isinstance(names, list):
@@ -92,12 +89,12 @@ def _of_import(record: Record) -> Row:
 
 
 KINDS: dict[Kind, KindTables] = {
-    "run": KindTables("runs", _of_run, schema.RUN_TABLES),
-    "encoder": KindTables("encoders", _of_encoder, encoder_schema.ENCODER_TABLES),
+    "run": KindTables("runs", _describe_run, schema.RUN_TABLES),
+    "encoder": KindTables("encoders", _describe_encoder, encoder_schema.ENCODER_TABLES),
     "evaluation": KindTables(
         "policy_evaluations", lambda record: {}, {"policy_episodes": schema.POLICY_EPISODES}
     ),
-    "dataset": KindTables("datasets", _of_dataset, {}),
-    "import": KindTables("imports", _of_import, {"import_points": schema.IMPORT_POINTS}),
+    "dataset": KindTables("datasets", _describe_dataset, {}),
+    "import": KindTables("imports", _describe_import, {"import_points": schema.IMPORT_POINTS}),
 }
 """The tables of each kind of records."""

@@ -1,23 +1,16 @@
 """The tables of the database, as Arrow schemas. Units are in the fields' metadata."""
 
-import pyarrow as pa
-
 from jbench.names import TASKS
-from jbench.store.encoder_schema import ENCODER_TABLES, field
+from jbench.store.encoder_schema import ENCODER_TABLES, columns
 
-_RUN = field("run", pa.string())
-_CELL = tuple(field(name, pa.string()) for name in ("task", "algo", "representation"))
-_WALL_TIME = field("wall_time", pa.float64(), "s since the run began")
-_PROCESSOR_TIME = field("processor_time", pa.float64(), "s of processor time since the run began")
-_RETURN = field("episode_return", pa.float64(), "sum of rewards")
-_LENGTH = field("length", pa.int32(), "control steps")
-_CONTROL_STEPS = field("control_steps", pa.int64(), "control steps of the run, all environments")
-_MANIFEST = (
-    field("created", pa.string(), "UTC"),
-    field("updated", pa.string(), "UTC"),
-    field("settings", pa.string(), "JSON"),
-    field("provenance", pa.string(), "JSON"),
-)
+_CELL = "task algo representation: string"
+_CONTROL_STEPS = "control_steps: int64, control steps of the run, all environments"
+_RETURN = "episode_return: float64, sum of rewards"
+_LENGTH = "length: int32, control steps"
+_TIMES = """wall_time: float64, s since the run began
+    processor_time: float64, s of processor time since the run began"""
+_MANIFEST = """created updated: string, UTC
+    settings provenance: string, JSON"""
 
 LOSSES = (
     "actor_loss",
@@ -30,61 +23,51 @@ LOSSES = (
 )
 """Columns of `episodes`: the last losses before an episode's end; null before any update."""
 
-EPISODES = pa.schema(
-    [
-        _RUN,
-        field("episode", pa.int32()),
-        _CONTROL_STEPS,
-        _RETURN,
-        _LENGTH,
-        _WALL_TIME,
-        _PROCESSOR_TIME,
-        *(field(name, pa.float64()) for name in LOSSES),
-    ]
-)
+EPISODES = columns(f"""
+    run: string
+    episode: int32
+    {_CONTROL_STEPS}
+    {_RETURN}
+    {_LENGTH}
+    {_TIMES}
+    {" ".join(LOSSES)}: float64
+""")
 """Training episodes of a run, ordered by their ends.
 
 `processor_time` of runs that are trained in one process is divided evenly among them.
 """
 
-EVALUATIONS = pa.schema(
-    [
-        _RUN,
-        field("evaluation", pa.int32()),
-        _CONTROL_STEPS,
-        field("episode", pa.int32()),
-        _RETURN,
-        _LENGTH,
-        _WALL_TIME,
-        _PROCESSOR_TIME,
-    ]
-)
+EVALUATIONS = columns(f"""
+    run: string
+    evaluation: int32
+    {_CONTROL_STEPS}
+    episode: int32
+    {_RETURN}
+    {_LENGTH}
+    {_TIMES}
+""")
 """Episodes of the deterministic policy, `episode` counting within each `evaluation`."""
 
-PATHS = pa.schema(
-    [
-        _RUN,
-        field("evaluation", pa.int32()),
-        _CONTROL_STEPS,
-        field("time", pa.float32(), "s since the episode began"),
-        *(field(name, pa.float32(), "m") for name in ("x", "y", "target_x", "target_y")),
-        *(field(name, pa.float32(), "rad") for name in ("heading", "target_yaw")),
-    ]
-)
+PATHS = columns(f"""
+    run: string
+    evaluation: int32
+    {_CONTROL_STEPS}
+    time: float32, s since the episode began
+    x y target_x target_y: float32, m
+    heading target_yaw: float32, rad
+""")
 """Where the robot was in the first episode of a run's first evaluation and of its latest one.
 
 Numbers of the target are null if they are not random in the task.
 """
 
-METRICS = pa.schema(
-    [
-        _RUN,
-        _CONTROL_STEPS,
-        field("name", pa.string()),
-        field("value", pa.float64()),
-        _WALL_TIME,
-    ]
-)
+METRICS = columns(f"""
+    run: string
+    {_CONTROL_STEPS}
+    name: string
+    value: float64
+    wall_time: float64, s since the run began
+""")
 """What a training loop passed to `Recording.log`, a row for each value."""
 
 EPISODE_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS}
@@ -96,100 +79,74 @@ LOG_TABLES = {**EPISODE_TABLES, "metrics": METRICS}
 RUN_TABLES = {**LOG_TABLES, "paths": PATHS}
 """All tables of a run's files by name."""
 
-RUNS = pa.schema(
-    [
-        _RUN,
-        *_CELL,
-        field("encoder", pa.string()),
-        field("seed", pa.int64()),
-        field("steps", pa.int64(), "control steps asked for"),
-        field("engine", pa.string()),
-        field("time_limit", pa.string()),
-        field("variant", pa.string(), "hash of the settings but seed and steps"),
-        field("status", pa.string()),
-        field("episodes", pa.int64()),
-        field("wall_time", pa.float64(), "s"),
-        field("processor_time", pa.float64(), "s"),
-        field("diverged", pa.string(), "JSON; null unless the run diverged"),
-        *_MANIFEST,
-    ]
-)
+RUNS = columns(f"""
+    run: string
+    {_CELL}
+    encoder: string
+    seed: int64
+    steps: int64, control steps asked for
+    engine time_limit: string
+    variant: string, hash of the settings but seed and steps
+    status: string
+    episodes: int64
+    wall_time processor_time: float64, s
+    diverged: string, JSON; null unless the run diverged
+    {_MANIFEST}
+""")
 """One row per run, from its manifest."""
 
-ENCODERS = pa.schema(
-    [
-        field("encoder", pa.string()),
-        field("task", pa.string()),
-        field("kind", pa.string()),
-        field("representation", pa.string()),
-        field("latents", pa.int64()),
-        field("seed", pa.int64()),
-        field("dataset", pa.string()),
-        field("status", pa.string()),
-        field("test_mse", pa.float64(), "scaled features squared; clean input"),
-        field("test_explained", pa.float64(), "fraction of the variance"),
-        field("effective_rank", pa.float64(), "of the latents on held-out episodes"),
-        field("wall_time", pa.float64(), "s"),
-        *_MANIFEST,
-    ]
-)
+ENCODERS = columns(f"""
+    encoder task kind representation: string
+    latents seed: int64
+    dataset status: string
+    test_mse: float64, scaled features squared; clean input
+    test_explained: float64, fraction of the variance
+    effective_rank: float64, of the latents on held-out episodes
+    wall_time: float64, s
+    {_MANIFEST}
+""")
 """One row for each encoder, from its manifest."""
 
-DATASETS = pa.schema(
-    [
-        field("dataset", pa.string()),
-        field("seed", pa.int64()),
-        field("steps", pa.int64(), "control steps asked for"),
-        field("steps_done", pa.int64(), "control steps"),
-        field("status", pa.string()),
-        field("bytes", pa.int64(), "bytes on disk"),
-        *_MANIFEST,
-    ]
-)
+DATASETS = columns(f"""
+    dataset: string
+    seed: int64
+    steps: int64, control steps asked for
+    steps_done: int64, control steps
+    status: string
+    bytes: int64, bytes on disk
+    {_MANIFEST}
+""")
 """One row for each dataset, from its manifest."""
 
-POLICY_EVALUATIONS = pa.schema(
-    [
-        field("evaluation", pa.string()),
-        field("task", pa.string()),
-        field("policy", pa.string()),
-        field("seed", pa.int64()),
-        field("episodes", pa.int64()),
-        field("status", pa.string()),
-        field("median", pa.float64(), "sum of rewards"),
-        field("q10", pa.float64(), "sum of rewards"),
-        field("q90", pa.float64(), "sum of rewards"),
-        *_MANIFEST,
-    ]
-)
+POLICY_EVALUATIONS = columns(f"""
+    evaluation task policy: string
+    seed episodes: int64
+    status: string
+    median q10 q90: float64, sum of rewards
+    {_MANIFEST}
+""")
 """One row for each evaluation of a policy by `jbench evaluate`, from its manifest."""
 
-POLICY_EPISODES = pa.schema(
-    [
-        field("evaluation", pa.string()),
-        field("episode", pa.int32()),
-        _RETURN,
-        _LENGTH,
-        field("target_x", pa.float64(), "m"),
-        field("target_y", pa.float64(), "m"),
-        field("target_yaw", pa.float64(), "rad"),
-    ]
-)
+POLICY_EPISODES = columns(f"""
+    evaluation: string
+    episode: int32
+    {_RETURN}
+    {_LENGTH}
+    target_x target_y: float64, m
+    target_yaw: float64, rad
+""")
 """Episodes of a policy that was evaluated by `jbench evaluate`."""
 
-POLICY_STATES = pa.schema(
-    [
-        field("episode", pa.int32()),
-        field("step", pa.int16(), "control steps; the state after it"),
-        *(field(name, pa.float32(), "m") for name in ("x", "y", "z")),
-        field("heading", pa.float32(), "rad"),
-        field("upright", pa.float32(), "reward"),
-        field("motor_position", pa.float32(), "rad"),
-        field("motor_velocity", pa.float32(), "rad/s"),
-        field("action", pa.float32()),
-        field("reward", pa.float32()),
-    ]
-)
+POLICY_STATES = columns("""
+    episode: int32
+    step: int16, control steps; the state after it
+    x y z: float32, m
+    heading: float32, rad
+    upright: float32, reward
+    motor_position: float32, rad
+    motor_velocity: float32, rad/s
+    action reward: float32
+""")
 """States of an evaluated policy; too large to be a table of `jbench query`."""
 
 STATE_COLUMNS = {
@@ -207,74 +164,58 @@ STATE_COLUMNS = {
 }
 """Columns of the fields of `jbench.tasks.features.State`, in SI units."""
 
-STEPS = pa.schema(
-    [
-        field("episode", pa.int32()),
-        field("step", pa.int16()),
-        *(field(name, pa.float32()) for names in STATE_COLUMNS.values() for name in names),
-        field("action", pa.float32()),
-    ]
-)
+STEPS = columns(f"""
+    episode: int32
+    step: int16
+    {" ".join(name for names in STATE_COLUMNS.values() for name in names)}: float32
+    action: float32
+""")
 """States of a dataset: `step` 0 to 1000, and the action taken in the state, null in an episode's
 last. Too large to be a table of `jbench query`.
 """
 
-DATASET_EPISODES = pa.schema(
-    [
-        field("episode", pa.int32()),
-        *(
-            field(f"{task}_target_{part}", pa.float64())
-            for task in TASKS
-            for part in ("x", "y", "yaw")
-        ),
-    ]
-)
+DATASET_EPISODES = columns(f"""
+    episode: int32
+    {" ".join(f"{task}_target_{part}" for task in TASKS for part in ("x", "y", "yaw"))}: float64
+""")
 """Episodes of a dataset: the target of each task (m, m, rad)."""
 
-_IMPORT = field("import", pa.string())
-
-IMPORTS = pa.schema(
-    [
-        _IMPORT,
-        *_CELL,
-        field("seed", pa.int64()),
-        field("format", pa.string()),
-        field("returns", pa.string(), "training or evaluation"),
-        field("points", pa.int64()),
-        field("control_steps", pa.int64(), "control steps of the last point"),
-        field("files", pa.string(), "JSON: names by SHA-256"),
-        field("status", pa.string()),
-        *_MANIFEST,
-    ]
-)
+IMPORTS = columns(f"""
+    import: string
+    {_CELL}
+    seed: int64
+    format: string
+    returns: string, training or evaluation
+    points: int64
+    control_steps: int64, control steps of the last point
+    files: string, JSON: names by SHA-256
+    status: string
+    {_MANIFEST}
+""")
 """One row for each learning curve that `jbench import` read, from its manifest."""
 
-IMPORT_POINTS = pa.schema(
-    [
-        _IMPORT,
-        field("point", pa.int32()),
-        field("control_steps", pa.int64(), "control steps before the point, all environments"),
-        field("episode", pa.int32()),
-        _RETURN,
-        _LENGTH,
-        field("wall_time", pa.float64(), "s since the first point; null if unknown"),
-    ]
-)
+IMPORT_POINTS = columns(f"""
+    import: string
+    point: int32
+    control_steps: int64, control steps before the point, all environments
+    episode: int32
+    {_RETURN}
+    {_LENGTH}
+    wall_time: float64, s since the first point; null if unknown
+""")
 """Points of imported curves, `episode` counting within a point.
 
 A point is a training episode, an evaluation, or a value of a TensorBoard tag or a CSV column.
 """
 
-PUBLISHED = pa.schema(
-    [
-        field("figure", pa.string()),
-        *_CELL,
-        field("control_steps", pa.float64(), "control steps, center of the window"),
-        field("quantile", pa.int64(), "percent"),
-        _RETURN,
-        field("source", pa.string()),
-    ]
-)
+PUBLISHED = columns(f"""
+    figure: string
+    {_CELL}
+    control_steps: float64, control steps, center of the window
+    quantile: int64, percent
+    {_RETURN}
+    source: string
+""")
 """The learning curves of the paper, read from its figures."""
 
 TABLES = {

@@ -4,33 +4,26 @@ Files are read in chunks by several threads, so memory use does not depend on th
 Nothing is changed, and concurrent writers are not disturbed.
 """
 
-import itertools
-import os
-from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-from jbench.errors import RequestError, WorkError
-from jbench.store import files, flaws, locks
+from jbench.settings.base import settings_hash
+from jbench.store import listed, locks, schema
 from jbench.store.database import Results
-from jbench.store.manifest import KINDS, MANIFEST, FileEntry, Kind, VersionError
+from jbench.store.flaws import DamagedError, RecordError, Sort
+from jbench.store.manifest import KINDS, MANIFEST, FileEntry, Kind
 from jbench.store.record import Record
-from jbench.store.tree import Folder, folder_at, walk
-
-Severity = Literal["damaged", "leftover", "foreign", "warning"]
-"""Severity of a finding: a record is damaged; no manifest lists a file; a record can't be checked,
-because a newer jbench wrote it or reading fails; or a record is intact, with a warning.
-"""
+from jbench.store.rows import make_row
+from jbench.store.scan import Folder, look, walk
 
 Progress = Callable[[int], AbstractContextManager[Callable[[int], None]]]
 """Takes the total of some work; during the work, yields a function that takes how much is done."""
 
 _MAX_TRIES = 5  # for a record that changes during the check
-_AHEAD = 16  # files submitted to the threads in advance
 
 _REFERENCES: dict[Kind, tuple[str, Kind]] = {
     "encoder": ("dataset", "dataset"),
@@ -40,16 +33,15 @@ _REFERENCES: dict[Kind, tuple[str, Kind]] = {
 """The setting of a kind that names another record, and that record's kind."""
 
 
-class Finding(NamedTuple):
+class Flaw(NamedTuple):
     """A problem in a results directory.
 
     Attributes:
-        severity: see `Severity`.
         id: of the record, or the path at which a record would be.
         problem: clause to follow the path in a sentence.
     """
 
-    severity: Severity
+    sort: Sort
     kind: Kind
     id: str
     path: Path
@@ -57,16 +49,6 @@ class Finding(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.path} {self.problem}."
-
-    def to_json(self) -> dict[str, str]:
-        """Returns the finding for a JSON document, where the severity is called `sort`."""
-        return {
-            "sort": self.severity,
-            "kind": self.kind,
-            "id": self.id,
-            "path": str(self.path),
-            "problem": self.problem,
-        }
 
 
 class Verified(NamedTuple):
@@ -82,27 +64,12 @@ class Verified(NamedTuple):
     records: int
     files: int
     bytes: int
-    findings: list[Finding]
+    findings: list[Flaw]
 
     @property
-    def faults(self) -> list[Finding]:
+    def faults(self) -> list[Flaw]:
         """All findings except warnings."""
-        return [finding for finding in self.findings if finding.severity != "warning"]
-
-
-@dataclass
-class _FolderCheck:
-    """A folder, the findings so far, and its record if it has one."""
-
-    folder: Folder
-    findings: list[Finding]
-    record: Record | None = None
-
-    @property
-    def intact(self) -> Record | None:
-        """The record, if it is not damaged."""
-        damaged = any(finding.severity == "damaged" for finding in self.findings)
-        return None if damaged else self.record
+        return [flaw for flaw in self.findings if flaw.sort != "warning"]
 
 
 def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
@@ -112,159 +79,110 @@ def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
 
 def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
     """Checks a results directory; each thread reads a file, and the progress is in bytes."""
-    checks = [check for kind in KINDS for check in _checks_of(results, kind)]
-    _check_files(checks, threads, progress)
-    checks = [_settled(results, check) for check in checks]
-    records = [check.record for check in checks if check.record is not None]
-    intact = {(own.kind, own.id) for check in checks if (own := check.intact) is not None}
-    findings = []
-    for check in checks:
-        findings += _without_writers_files(check)
-        if check.record is not None:
-            findings += _warnings(check.record, intact)
-    listed = sum(len(record.manifest.files) for record in records)
-    return Verified(len(records), listed, sum(record.size for record in records), findings)
+    folders = [folder for kind in KINDS for folder in walk(results.path, kind)]
+    checked = [_check_folder(folder) for folder in folders]
+    records = [record for record, _ in checked if record is not None]
+    suspects = {(flaw.kind, flaw.id) for _, flaws in checked for flaw in flaws}
+    suspects |= {(flaw.kind, flaw.id) for flaw in _check_files(records, threads, progress)}
+    faults = {(kind, id): _check_again(results, kind, id) for kind, id in suspects}
+    damaged = {key for key, flaws in faults.items() if any(f.sort == "damaged" for f in flaws)}
+    intact = {(record.kind, record.id) for record in records} - damaged
+    findings: list[Flaw] = []
+    for folder, (record, _) in zip(folders, checked, strict=True):
+        findings += faults.get((folder.kind, folder.id), ())
+        findings += () if record is None else _warnings(record, intact)
+    count = sum(len(record.manifest.files) for record in records)
+    return Verified(len(records), count, sum(record.size for record in records), findings)
 
 
-def examine(results: Results, kind: Kind, id: str) -> list[Finding]:
+def examine(results: Results, kind: Kind, id: str) -> list[Flaw]:
     """Checks one record, or a folder where one should be; without warnings.
 
     Unlisted files are reported even if the record is locked, since the caller may hold the lock.
     """
-    check = _check_folder(results, kind, folder_at(results.path / f"{kind}s" / id))
-    return _settled(results, _with_files(check)).findings
-
-
-def _checks_of(results: Results, kind: Kind) -> list[_FolderCheck]:
-    """Returns checks of all folders of a kind, without their files."""
-    root = results.path / f"{kind}s"
-    try:
-        results.inside(root.name)
-    except WorkError:
-        problem = "leads out of the results directory; it is not used"
-        return [_FolderCheck(Folder(root, ()), [Finding("foreign", kind, ".", root, problem)])]
-    return [_check_folder(results, kind, folder) for folder in walk(root)]
-
-
-def _check_folder(results: Results, kind: Kind, folder: Folder) -> _FolderCheck:
-    """Checks a folder and its manifest, without the files that it lists."""
-    id = folder.path.relative_to(results.path / f"{kind}s").as_posix()
-    manifest = folder.path / MANIFEST
-    if folder.problem is not None:
-        return _FolderCheck(folder, [Finding("foreign", kind, id, folder.path, folder.problem)])
-    if not folder.is_record:
-        return _FolderCheck(folder, _unlisted_files(kind, id, folder, set()))
-    try:
-        record = results.find(kind, id)
-    except (WorkError, RequestError) as error:
-        foreign = isinstance(error, VersionError | files.UnreadableError)
-        severity: Severity = "foreign" if foreign else "damaged"
-        problem = str(error).removeprefix(f"{manifest} ").removesuffix(".")
-        return _FolderCheck(folder, [Finding(severity, kind, id, manifest, problem)])
-    if record is None:  # removed in the meantime
-        return _FolderCheck(folder, [])
-    listed = {MANIFEST, *(entry.name for entry in record.manifest.files)}
-    findings = _unlisted_files(kind, id, folder, listed)
-    flaw = flaws.of_settings(record)
-    if flaw is not None:
-        findings.append(Finding("damaged", kind, id, manifest, flaw))
-    return _FolderCheck(folder, findings, record)
-
-
-def _settled(results: Results, check: _FolderCheck) -> _FolderCheck:
-    """Repeats a check with findings if its record has changed since."""
     for _ in range(_MAX_TRIES):
-        if not check.findings or check.record is None or not check.record.refresh():
-            return check
-        folder = folder_at(check.folder.path)
-        check = _with_files(_check_folder(results, check.record.kind, folder))
-    check.findings = []  # the record changes faster than it can be checked
-    return check
+        record, flaws = _check_folder(look(results.path, kind, id))
+        if record is not None:
+            flaws += _check_files([record], 1, no_progress)
+        if not flaws or record is None or not record.refresh():
+            return flaws
+    return []  # the record changes faster than it can be checked
 
 
-def _unlisted_files(kind: Kind, id: str, folder: Folder, listed: set[str]) -> list[Finding]:
-    """Returns findings for the files of a folder that no manifest lists."""
-    return [
-        Finding("leftover", kind, id, folder.path / name, "is listed by no manifest")
-        for name in folder.names
-        if name not in listed and name != locks.LOCK and os.path.lexists(folder.path / name)
-    ]
+def _check_again(results: Results, kind: Kind, id: str) -> list[Flaw]:
+    """Examines a record that a writer may have changed during the first check."""
+    path = results.path / f"{kind}s" / id
+    is_written = locks.is_held(path)
+    flaws = examine(results, kind, id)
+    if is_written or locks.is_held(path):  # the writer will list or remove its files
+        return [flaw for flaw in flaws if flaw.sort != "leftover"]
+    return flaws
 
 
-def _without_writers_files(check: _FolderCheck) -> list[Finding]:
-    """Returns the findings without unlisted files that a concurrent writer has created."""
-    unlisted = [finding for finding in check.findings if finding.severity == "leftover"]
-    if not unlisted:
-        return check.findings
-    if locks.is_held(check.folder.path):
-        return [finding for finding in check.findings if finding.severity != "leftover"]
-    # A writer that has ended since has listed or removed them.
-    listed = set()
-    if check.record is not None and check.record.refresh():
-        listed = {entry.name for entry in check.record.manifest.files}
-    return [
-        finding
-        for finding in check.findings
-        if finding.severity != "leftover"
-        or (finding.path.name not in listed and os.path.lexists(finding.path))
-    ]
+def _check_folder(folder: Folder) -> tuple[Record | None, list[Flaw]]:
+    """Returns the record of a folder, and what is wrong with all but the files that it lists."""
+    kind, id = folder.kind, folder.id
+    record, flaws = None, []
+    try:
+        record = folder.read()
+        if record is not None:
+            _check_settings(record)
+    except RecordError as error:
+        flaws.append(Flaw(error.sort, kind, id, error.path, error.problem))
+    if record is not None or MANIFEST not in folder.names:
+        entries = () if record is None else record.manifest.files
+        unlisted = {*folder.names} - {MANIFEST, locks.LOCK, *(entry.name for entry in entries)}
+        for name in sorted(unlisted):
+            path = folder.path / name
+            flaws.append(Flaw("leftover", kind, id, path, "is listed by no manifest"))
+    return record, flaws
 
 
-def _check_files(checks: Sequence[_FolderCheck], threads: int, progress: Progress) -> None:
-    """Checks the files of all records with several threads."""
-    entries = [
-        (check, check.record, entry)
-        for check in checks
-        if check.record is not None
-        for entry in check.record.manifest.files
-    ]
-    total, done = sum(entry.bytes for *_, entry in entries), 0
-    pending: deque[Future[Finding | None]] = deque()
+def _check_settings(record: Record) -> None:
+    """Raises a `DamagedError` if a record's settings are invalid or do not match its id."""
+    make_row(record)
+    expected = settings_hash(record.settings)
+    if not record.id.endswith(f"-{expected}"):
+        problem = f"has settings of the hash {expected}, not those that its id was made of"
+        raise DamagedError(record.path / MANIFEST, problem)
+
+
+def _check_files(records: Sequence[Record], threads: int, progress: Progress) -> list[Flaw]:
+    """Returns what is wrong with the files that records list."""
+    entries = [(record, entry) for record in records for entry in record.manifest.files]
+    flaws, done = [], 0
+    total = sum(entry.bytes for _, entry in entries)
     with progress(total) as show, ThreadPoolExecutor(threads) as pool:
-        ahead = iter(entries)
-        for check, _, entry in entries:
-            for _, record, next_entry in itertools.islice(ahead, _AHEAD - len(pending)):
-                pending.append(pool.submit(_flaw, record, next_entry))
-            finding = pending.popleft().result()
-            check.findings += [] if finding is None else [finding]
+        for (_, entry), flaw in zip(entries, pool.map(_check_file, entries), strict=True):
+            flaws += [] if flaw is None else [flaw]
             done += entry.bytes
             show(done)
+    return flaws
 
 
-def _with_files(check: _FolderCheck) -> _FolderCheck:
-    """Completes a check with the files of its record."""
-    _check_files([check], 1, no_progress)
-    return check
-
-
-def _flaw(record: Record, entry: FileEntry) -> Finding | None:
-    """Returns a finding if a file of a record is damaged or unreadable."""
-    path = record.path / entry.name
-    transient = False
+def _check_file(listed_file: tuple[Record, FileEntry]) -> Flaw | None:
+    record, entry = listed_file
+    columns = schema.FILES.get(entry.table or "") if record.is_current else None
     try:
-        problem = flaws.of_file(record, entry)
-    except OSError as error:
-        transient, problem = files.is_transient(error), str(error.strerror or error)
-    if problem is None:
-        return None
-    if transient:
-        return Finding("foreign", record.kind, record.id, path, f"can't be read ({problem})")
-    return Finding("damaged", record.kind, record.id, path, f"is damaged ({problem})")
+        listed.check(record.path, entry, () if columns is None else columns.names)
+    except RecordError as error:
+        return Flaw(error.sort, record.kind, record.id, error.path, error.problem)
+    return None
 
 
-def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Finding]:
+def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
     """Yields warnings about a record."""
-    manifest = record.path / MANIFEST
+    problems = []
     setting, kind = _REFERENCES.get(record.kind, ("", record.kind))
     named = str(record.settings.get(setting))
     if named != "None" and not _is_self_contained(record, named) and (kind, named) not in intact:
-        problem = f"names the {kind} {named}, which is not intact in these results"
-        yield Finding("warning", record.kind, record.id, manifest, problem)
+        problems.append(f"names the {kind} {named}, which is not intact in these results")
     for what in ("created", "updated"):
         date = getattr(record.manifest, what)
-        if flaw := flaws.of_date(date):
-            problem = f"was {what} {date!r}: {flaw}"
-            yield Finding("warning", record.kind, record.id, manifest, problem)
+        if reason := _check_date(date):
+            problems.append(f"was {what} {date!r}: {reason}")
+    for problem in problems:
+        yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
 
 
 def _is_self_contained(record: Record, named: str) -> bool:
@@ -276,3 +194,15 @@ def _is_self_contained(record: Record, named: str) -> bool:
     if record.kind == "encoder":
         return record.status == "finished"
     return record.kind == "evaluation" and ("/" not in named or named.startswith("reference/"))
+
+
+def _check_date(text: str) -> str | None:
+    """Returns a problem of a date of a manifest, or None."""
+    try:
+        date = datetime.fromisoformat(text)
+        # Clocks of different machines differ a little.
+        if date > datetime.now(UTC) + timedelta(hours=1):
+            return "in the future, so that its clock or this one is wrong"
+    except (ValueError, TypeError):
+        return "no date with a time zone"
+    return None

@@ -27,7 +27,7 @@ from contextlib import ExitStack, suppress
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Results
-from jbench.store.files import check_writable
+from jbench.store.files import make_directory
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import forecasts
 from jbench.sweeps.executors import Executor, Local, batches
@@ -84,7 +84,7 @@ def sweep(
         return {}
     for run in new:
         checked_task(run.task)
-    check_writable(results.record("run", to_do[0].id).path)
+    make_directory(results.record("run", to_do[0].id).path)
     executor = make_executor() if make_executor else Local(results)
     with ThreadPoolExecutor(executor.jobs) as pool, ExitStack() as stopping:
         stopping.callback(executor.stop)  # before the pool waits for its threads

@@ -7,8 +7,8 @@ from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
-from jbench.store.files import UnreadableError
-from jbench.store.provenance import provenance, sentence_of
+from jbench.store.flaws import UnreadableError
+from jbench.store.provenance import describe_changes, provenance
 from jbench.training.checkpoints import Checkpoint, copied, load
 from jbench.training.continuation import kept_runs
 from jbench.training.engines import restart_reason
@@ -99,7 +99,7 @@ def _resumed(
     changed = record.resume({"control_steps": steps, **other_run}, made_on)
     if changed:
         refused.append(
-            f"Since it began, {sentence_of(changed)}: results may differ from those of an "
+            f"Since it began, {describe_changes(changed)}: results may differ from those of an "
             "uninterrupted run."
         )
     report(Event("resumed", run.id, " ".join(refused), steps, continues=continues))

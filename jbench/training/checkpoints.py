@@ -27,7 +27,7 @@ from jbench.agents.plugin_engine import Trainer
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
-from jbench.store.files import UnreadableError
+from jbench.store.flaws import UnreadableError
 from jbench.training.log import Position, RunLog, rows_before
 
 FORMAT = 1

@@ -209,10 +209,10 @@ def test_cuda_is_refused_without_cuda_device(collected, refused):
 @pytest.mark.parametrize("column", ["action", "velocity_x"])
 def test_dataset_without_required_column_is_refused(results, column, refused):
     (dataset,) = Results(results).scan("dataset")[0]
-    rows = dataset.rows_of(dataset.parts("steps")[0])
+    rows = dataset.read_part(dataset.parts("steps")[0])
     put_in_place(dataset, parquet.to_bytes(rows.drop_columns([column])))
     error = refused("train-encoder", "--kind", "lld-vae", results=results, code=1)
-    assert re.search(rf"steps-\S+ of the dataset random/\S+ is damaged .*{column}", error)
+    assert re.search(rf"random/\S+/steps-\S+ is damaged .*{column}", error)
     assert not list((results / "encoders").rglob("manifest.json"))
 
 
@@ -229,7 +229,7 @@ def test_damaged_encoder_is_refused_and_unchanged(filled, tmp_path, damage, refu
     }[damage]
     path.write_bytes(damaged)
     error = refused("train", "--encoder", "pca:2", results=copy, code=1)
-    assert re.search(f"{WEIGHTS} of the encoder face_direction/pca2/.* is damaged", error)
+    assert re.search(f"face_direction/pca2/.*/{WEIGHTS} is damaged", error)
     assert path.read_bytes() == damaged
     assert not (copy / "runs").exists()
 

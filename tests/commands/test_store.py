@@ -217,7 +217,7 @@ def test_merge_reports_copied_equal_and_conflicting_records(tmp_path, results, r
     code, out, err = run_command("merge", str(results.path), str(other.path), results=mine)
     assert code == 1
     assert "6 same, 1 refused" in out
-    assert "episode_return of episodes, in rows 0 to 0" in err
+    assert "episode_return of episodes" in err
     assert err.endswith("Error: 1 record is refused, see above; the others are merged.\n")
     code, out, _ = run_command("merge", str(results.path), "--json", results=mine)
     assert {one["outcome"] for one in json.loads(out)["records"]} == {"same"}

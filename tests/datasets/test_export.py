@@ -141,7 +141,7 @@ def test_export_of_damaged_dataset_leaves_no_files(copied, root):
     damaged = find_dataset(Results(copied))
     part = damaged.record.path / damaged.record.parts("steps")[2].name
     part.write_bytes(part.read_bytes()[:-1])
-    with pytest.raises(WorkError, match=f"{part.name} of the dataset {damaged.id} is damaged"):
+    with pytest.raises(WorkError, match=f"{damaged.id}/{part.name} is damaged"):
         export_minari(damaged, "face_direction", root)
     assert files(root) == {}
     assert minari.list_local_datasets() == {}

@@ -104,7 +104,7 @@ def test_flipped_byte_is_reported(copied, table):
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
     for read in (copied.observations, lambda task: list(copied.blocks(task))):
-        with pytest.raises(WorkError, match=f"{entry.name} of the dataset {copied.id} is damaged"):
+        with pytest.raises(WorkError, match=f"{copied.id}/{entry.name} is damaged"):
             read("face_direction")
 
 

@@ -148,12 +148,12 @@ def test_dataset_without_column_is_refused(altered, tables, table, column):
         list(found.blocks(TASK))
     message = f"it has no column {column}: another version of jbench wrote it"
     assert message in str(error.value)
-    assert "of the dataset random/a is damaged" in str(error.value)
+    assert "is damaged" in str(error.value)
 
 
 def test_column_of_wrong_type_is_refused(altered, tables):
     words = pc.cast(tables["steps"]["position_x"], pa.string())
     words = pc.replace_substring(words, "0", "o")
     found = altered(steps=tables["steps"].set_column(2, "position_x", words))
-    with pytest.raises(WorkError, match="of the dataset random/a is damaged"):
+    with pytest.raises(WorkError, match="random/a/.* is damaged"):
         list(found.blocks(TASK))

@@ -200,7 +200,7 @@ def test_unfinished_encoder_is_refused_with_its_command(results, monkeypatch):
 def test_altered_file_is_reported(copied, name, damage):
     path = copied.path / name
     path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(WorkError, match=f"{name} of the encoder {copied.id} is damaged"):
+    with pytest.raises(WorkError, match=f"{copied.id}/{name} is damaged"):
         load_encoder(copied_results(copied), copied.id)
 
 

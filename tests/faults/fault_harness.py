@@ -76,7 +76,7 @@ def content(path):
 
 
 def _digest(record, table):
-    rows = pa.concat_tables([record.rows_of(entry) for entry in record.parts(table)])
+    rows = pa.concat_tables([record.read_part(entry) for entry in record.parts(table)])
     rows = rows.drop_columns([name for name in TIMES if name in rows.column_names])
     return hashlib.sha256(repr(rows.to_pylist()).encode()).hexdigest()
 

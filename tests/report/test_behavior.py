@@ -24,7 +24,7 @@ def add(results, policy, median=100.0, states=STATES):
     record = results.create("evaluation", f"face_direction/{policy}", settings)
     count = len(states["motor_velocity"])
     columns = {name: [0.0] * count for name in schema.POLICY_STATES.names} | states
-    rows = parquet.table_of(pd.DataFrame(columns), schema.POLICY_STATES)
+    rows = parquet.to_table(pd.DataFrame(columns), schema.POLICY_STATES)
     record.append({"policy_states": rows})
     record.finish({"median": median})
 

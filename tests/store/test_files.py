@@ -30,14 +30,6 @@ def test_write_replaces_file_and_leaves_no_temporary(tmp_path, before):
     assert names(tmp_path) == {"file"}
 
 
-def test_open_reader_keeps_old_content(tmp_path):
-    path = tmp_path / "file"
-    path.write_bytes(OLD)
-    with path.open("rb") as reader:
-        write_atomic(path, NEW)
-        assert reader.read() == OLD
-
-
 def test_file_is_readable_by_other_users(tmp_path):
     write_atomic(tmp_path / "file", NEW)
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
@@ -67,12 +59,6 @@ def test_write_over_directory_is_refused_and_leaves_no_temporary(tmp_path):
     with pytest.raises(WorkError, match="there can't be written"):
         write_atomic(tmp_path / "there", NEW)
     assert names(tmp_path) == {"there"}
-
-
-def test_make_directory_creates_parents_and_permits_existing_directory(tmp_path):
-    for _ in range(2):
-        make_directory(tmp_path / "a" / "b")
-        assert (tmp_path / "a" / "b").is_dir()
 
 
 @pytest.mark.parametrize("below", ["", "a", "a/b"])

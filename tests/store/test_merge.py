@@ -74,12 +74,6 @@ def test_second_merge_of_several_sources_changes_nothing(tmp_path, results):
     assert sorted(query.load(results).tables["runs"]["seed"].to_pylist()) == [0, 1, 2]
 
 
-def test_merge_creates_missing_results_directory(results, other):
-    run = add_whole_run(other)
-    assert not results.path.exists()
-    assert outcomes(results, other) == {run.id: "copied"}
-
-
 def test_runs_that_differ_only_in_time_are_same(results, other):
     mine, theirs = add_timed(results, [1.0, 2.0], 3.0), add_timed(other, [1.0, 2.0], 5.0)
     assert mine.manifest.files != theirs.manifest.files
@@ -122,7 +116,7 @@ def test_nan_equals_nan_and_differs_from_null(results, other):
 @pytest.mark.parametrize(
     ("returns", "says"),
     [
-        ([1.0, 2.5, 3.0], "episode_return of episodes, in rows 0 to 2"),
+        ([1.0, 2.5, 3.0], "episode_return of episodes"),
         ([1.0, 2.0, 3.0, 4.0], "another number of rows"),
         ([1.0, 2.0], "another number of rows"),
     ],
@@ -302,7 +296,7 @@ def test_killed_merge_is_completed_by_next_merge(results, other):
             time.sleep(random.Random(kill).uniform(0, 0.02))
             process.send_signal(signal.SIGKILL)
         # Committed records are intact; only leftover files may be found.
-        assert {f.severity for f in verify(results, 2).findings} <= {"leftover"}
+        assert {f.sort for f in verify(results, 2).findings} <= {"leftover"}
     merge(results, [other])
     merged = snapshot(results.path)
     assert {path: text for path, text in merged.items() if not path.endswith("lock")} == source

@@ -9,8 +9,10 @@ import pytest
 from jbench.cli import main
 from jbench.errors import WorkError
 from jbench.settings.run import RunSettings
-from jbench.store import Results, files, locks
+from jbench.store import Results, locks
+from jbench.store.flaws import UnreadableError
 from jbench.store.repair import Quarantine, repair
+from jbench.store.scan import look
 from jbench.store.verify import verify
 from jbench.training.status import plan
 from tests.store.store_rows import add_run, listed, names
@@ -62,7 +64,7 @@ def test_damaged_record_that_becomes_unreadable_is_kept(results, fail):
     broken, other = (run.path / name for name in listed(run))
     broken.write_bytes(broken.read_bytes()[:-1])
     findings = verify(results, 1).findings
-    assert [finding.severity for finding in findings] == ["damaged"]
+    assert [finding.sort for finding in findings] == ["damaged"]
     before = snapshot(results.path)
     fail("open", other, errno.EIO)
     done = repair(results, findings)
@@ -74,14 +76,14 @@ def test_record_whose_directory_cannot_be_listed_is_not_moved(results, fail):
     run = add_whole_run(results)
     fail("scandir", run.path, errno.EMFILE)
     with pytest.raises(WorkError, match=r"can't be read \(Too many open files\)"):
-        Quarantine(results).take_record(run.path)
+        Quarantine(results).take_record(look(results.path, "run", run.id))
 
 
 def test_message_about_unreadable_rows_never_suggests_deletion(results, record, fail):
     run = add_run(results, "c", [1.0])
     fail("open", run.path / listed(run)[0], errno.EMFILE)
-    with pytest.raises(files.UnreadableError) as caught:
-        run.rows_of(run.parts("episodes")[0])
+    with pytest.raises(UnreadableError) as caught:
+        run.read_part(run.parts("episodes")[0])
     assert "delete" not in str(caught.value)
 
 

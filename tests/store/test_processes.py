@@ -20,7 +20,7 @@ APPENDING = """
 record = results.find("run", "a/b")
 n = record.rows("t") // 3
 while True:
-    record.append({"t": numbers(n, n, n), "u": numbers(n)})
+    record.append({"t": numbers(n, n, n), "u": numbers(n)}, {"state.json": b"%d" % n})
     print(n, flush=True)
     n += 1
 """
@@ -84,6 +84,7 @@ def test_killed_writer_leaves_complete_appends_including_all_reported(results, r
         assert numbered == [n for n in range(len(numbered) // 3) for _ in range(3)]
         assert read(again, "u") == numbered[::3]
         done = len(numbered) // 3
+        assert again.read_file("state.json") == b"%d" % (done - 1)
         # The append that the kill interrupted may be committed but not yet reported.
         assert done - 1 - printed[-1] in (0, 1)
     again.finish({})

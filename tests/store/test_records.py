@@ -31,12 +31,6 @@ def test_rows_are_read_in_order_of_appends(results, record):
     assert again.rows("t") == 7
 
 
-def test_more_than_ten_parts_are_read_in_order(results, record):
-    for n in range(12):
-        record.append({"t": numbers(n)})
-    assert read(results.find("run", "a/b")) == list(range(12))
-
-
 def test_tables_of_record_are_independent(results, record):
     record.append({"t": numbers(1), "u": numbers(2, 3)})
     record.append({"u": numbers(4)})
@@ -62,11 +56,6 @@ def test_directory_without_manifest_is_no_record(results, record):
     assert results.find("run", "a/b") is None
     records, problems = results.scan("run")
     assert ([found.id for found in records], problems) == (["c"], [])
-
-
-@pytest.mark.parametrize("id", ["c", "a", "a/b/c"])
-def test_unknown_id_is_not_found(results, record, id):
-    assert results.find("run", id) is None
 
 
 def test_record_is_found_only_under_its_kind(results, record):
@@ -163,10 +152,6 @@ def test_manifest_records_provenance(record):
     assert {"processor", "threads", "git_revision"} <= made.keys()
 
 
-def test_provenance_is_not_part_of_settings(record):
-    assert manifest_of(record)["settings"] == {"seed": 1}
-
-
 def test_scan_returns_records_of_kind_oldest_first(results):
     for id, created in (("b", "2020"), ("a/x", "2022"), ("c/y/z", "2021")):
         alter_manifest(results.create("run", id, {}), created=created)
@@ -208,15 +193,3 @@ def test_unique_prefix_of_id_is_completed(results, monkeypatch):
     assert results.complete_id("encoder", "a/sac") == "a/sac"
     with pytest.raises(RequestError, match="Several runs begin with a/td3: "):
         results.complete_id("run", "a/td3")
-
-
-def test_id_is_completed_from_its_beginning_or_the_path_of_its_directory(
-    results, record, monkeypatch
-):
-    results.create("run", "a/c", {})
-    monkeypatch.chdir(results.path.parent)
-    relative = f"{results.path.name}/runs/a/b"
-    for typed in ("a/b", str(record.path), f"{record.path}/", relative, f"./{relative}/"):
-        assert results.complete_id("run", typed) == "a/b"
-    with pytest.raises(RequestError, match="Several runs begin with a: a/b, a/c; type more"):
-        results.complete_id("run", "a/")

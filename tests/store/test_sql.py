@@ -124,14 +124,6 @@ def test_error_says_what_to_type_instead(sql, hint):
     assert hint in str(refusal.value)
 
 
-def test_queries_share_no_state():
-    for _ in range(2):
-        frame = run_sql("with mine as (from runs) select count(*) as n from mine;", TABLES)
-        assert frame["n"].tolist() == [2]
-        with pytest.raises(RequestError):
-            run_sql("select * from mine", TABLES)
-
-
 def test_json_is_list_of_objects_with_null_for_missing_values():
     sql = """
         select 1 as whole, null::int as none, 'a' as text, null::varchar as no_text,
@@ -162,10 +154,6 @@ def test_json_of_lists_and_structs_has_null_for_missing_values():
     ]
 
 
-def test_json_of_no_rows_is_empty_list():
-    assert json.loads(to_json(run_sql("select * from runs where false", TABLES))) == []
-
-
 def test_sums_of_integers_and_dates_keep_their_types():
     sql = """
         select sum(x) as n, sum(case when x > 1 then x end) as gap, sum(x * (2::hugeint ** 60)) as
@@ -186,12 +174,6 @@ def test_sums_of_integers_and_dates_keep_their_types():
 def test_date_after_year_9999_is_its_text():
     frame = run_sql("select date '200000-01-02' as day", TABLES)
     assert json.loads(to_json(frame))[0]["day"].startswith("200000-01-02")
-
-
-@pytest.mark.parametrize("number", [0.1 + 0.2, 1 / 3, 424.58 / 1000])
-def test_json_preserves_floats_exactly(number):
-    frame = pd.DataFrame({"x": [number]})
-    assert json.loads(to_json(frame))[0]["x"] == number
 
 
 # In a child process, because pandas reads memory outside of the UUID's text.

@@ -7,15 +7,21 @@ import subprocess
 import sys
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from jbench.cli import main
-from jbench.errors import WorkError
-from jbench.store import Results, query
-from jbench.store.files import sha256
-from tests.store.store_rows import alter_manifest, listed, manifest_of
-from tests.store.store_whole import add_whole_run, snapshot
+from jbench.errors import RequestError, WorkError
+from jbench.store import Results, parquet, query
+from jbench.store.listing import list_runs
+from jbench.store.verify import verify
+from tests.store.store_rows import (
+    RUN_SETTINGS,
+    alter_manifest,
+    listed,
+    manifest_of,
+    put_in_place,
+)
+from tests.store.store_whole import add_chain, add_whole_run, snapshot
 
 SECRET = b"root:hunter2"
 ESCAPE = "\x1b]0;owned\x07\x1b[2J"
@@ -174,22 +180,6 @@ def test_lock_that_is_pipe_does_not_block(untrusted):
         pass
 
 
-def test_small_file_with_huge_row_count_is_refused(untrusted):
-    run = untrusted.scan("run")[0][0]
-    rows = 60_000_000
-    sink = pa.BufferOutputStream()
-    same = pa.table({"x": pa.array([True]).take(pa.array([0] * 1_000_000))})
-    with pq.ParquetWriter(sink, same.schema, compression="zstd") as writer:
-        for _ in range(rows // len(same)):
-            writer.write_table(same)
-    content = sink.getvalue().to_pybytes()
-    assert len(content) < 1_000_000
-    (run.path / listed(run)[0]).write_bytes(content)
-    first_entry(run, bytes=len(content), sha256=sha256(content), rows=rows)
-    with pytest.raises(WorkError, match="60000000 rows are more than a file has"):
-        untrusted.find("run", run.id).read("episodes", pa.schema([("x", pa.bool_())]))
-
-
 def test_manifest_with_deeply_nested_settings_is_refused(untrusted):
     run = untrusted.scan("run")[0][0]
     depth = sys.getrecursionlimit() * 10
@@ -197,3 +187,73 @@ def test_manifest_with_deeply_nested_settings_is_refused(untrusted):
     (run.path / "manifest.json").write_text(text)
     with pytest.raises(WorkError, match="is not a manifest that can be read"):
         untrusted.find("run", run.id)
+
+
+UNREADABLE = {
+    "terminal codes in a name": {"settings": {"algo": ESCAPE}},
+    "text that runs backwards": {"settings": {"algo": "\u202e"}},
+    "lines in a key": {"settings": {"hyperparameters": {"a\nb": 1}}},
+    "terminal codes in a date": {"created": ESCAPE},
+    "terminal codes in provenance": {"provenance": {"packages": [ESCAPE]}},
+    "text without end": {"settings": {"algo": "a" * 100_000}},
+    "integer without end": {"settings": {"seed": 10**4000}},
+    "integer without end in provenance": {"provenance": {"cores": 10**4000}},
+    "integer without end in a summary": {"summary": {"steps_done": 10**4000}},
+    "number that is none": {"settings": {"hyperparameters": [float("nan")]}},
+    "file without a name": {"files": [{"name": "", "bytes": 0, "sha256": "0" * 64}]},
+}
+
+
+@pytest.mark.parametrize("changes", UNREADABLE.values(), ids=UNREADABLE)
+def test_manifest_that_cannot_be_shown_is_reported_and_left_out(untrusted, changes):
+    bad = untrusted.scan("run")[0][0]
+    good = add_whole_run(untrusted, [1.0], seed=1)
+    before = manifest_of(bad)
+    alter_manifest(
+        bad,
+        **{
+            field: {**before[field], **change} if isinstance(change, dict) else change
+            for field, change in changes.items()
+        },
+    )
+    loaded = query.load(untrusted)
+    assert loaded.tables["runs"]["run"].to_pylist() == [good.id]
+    (problem,) = loaded.problems
+    assert problem.startswith(f"{bad.path}/manifest.json is not a manifest that can be read (")
+    lines, problems = list_runs(untrusted, {})
+    assert ([line.run for line in lines], problems) == ([good.id], [problem])
+    (flaw,) = verify(untrusted, 1).findings
+    assert (flaw.sort, flaw.id) == ("damaged", bad.id)
+
+
+@pytest.mark.parametrize("algo", ["cleanrl-td3", "sb3_contrib:TQC", "=cmd|' /C calc'!A0", "<b>"])
+def test_any_printable_name_is_read_and_is_no_formula_in_csv(untrusted, algo):
+    untrusted.create("run", "a/b", {**RUN_SETTINGS, "algo": algo})
+    answer = query.query_results(untrusted, "SELECT algo FROM runs WHERE run = 'a/b'")
+    assert (answer.rows["algo"].tolist(), answer.problems) == ([algo], [])
+    written = f"'{algo}" if algo[0] == "=" else algo
+    assert query.to_csv(answer.rows) == f"algo\n{written}\n"
+
+
+def test_record_that_could_not_be_read_is_not_created(results):
+    with pytest.raises(RequestError, match="The run a/b can't be saved"):
+        results.create("run", "a/b", {**RUN_SETTINGS, "algo": ESCAPE})
+    assert results.find("run", "a/b") is None
+
+
+def test_column_that_dataset_lacks_is_reported(results):
+    dataset = add_chain(results)[0]
+    rows = dataset.read_part(dataset.parts("steps")[0]).drop_columns(["motor_velocity"])
+    put_in_place(dataset, parquet.to_bytes(rows))
+    (flaw,) = (flaw for flaw in verify(results, 1).findings if flaw.sort == "damaged")
+    assert str(flaw).endswith("is damaged (it has no column motor_velocity).")
+
+
+def test_text_columns_survive_parquet_round_trip():
+    table = pa.table({"run": ["a", None, "a", ""], "n": [1, 2, 3, 4]})
+    content = parquet.to_bytes(table)
+    assert parquet.from_bytes(content, 4).equals(table)
+    coded = pa.field("run", pa.dictionary(pa.int32(), pa.string()))
+    assert pa.types.is_dictionary(parquet.from_bytes(content, 4, [coded]).schema.field("run").type)
+    with pytest.raises(ValueError, match="4 rows, not 5"):
+        parquet.from_bytes(content, 5)

@@ -14,18 +14,18 @@ from jbench.store.verify import examine, verify
 from tests.store.store_faults import Script, run_script
 from tests.store.store_rows import alter_manifest, listed, manifest_of, numbers, put_in_place
 from tests.store.store_whole import add, add_chain, add_whole_run, snapshot
-from tests.store.test_damage import BROKEN_MANIFESTS, DAMAGES, flip_a_byte, truncate
+from tests.store.test_damage import DAMAGES, flip_a_byte, truncate
 
 
 def sentences(results):
     """Severity, kind, id and message of each finding."""
-    return [(f.severity, f.kind, f.id, str(f)) for f in verify(results, 2).findings]
+    return [(f.sort, f.kind, f.id, str(f)) for f in verify(results, 2).findings]
 
 
 def assert_one(results, sort, record, says):
     """Asserts that there is one finding, with this severity, record and message."""
     (found,) = verify(results, 2).findings
-    assert (found.severity, found.kind, found.id) == (sort, record.kind, record.id)
+    assert (found.sort, found.kind, found.id) == (sort, record.kind, record.id)
     assert says in str(found), str(found)
 
 
@@ -50,7 +50,7 @@ def test_damaged_file_is_reported(results, name, damage, reason):
     run = add_whole_run(results, seed=5)
     (path,) = run.path.glob(f"{name}*")
     damage(path)
-    (found,) = (finding for finding in verify(results, 2).findings if finding.severity == "damaged")
+    (found,) = (finding for finding in verify(results, 2).findings if finding.sort == "damaged")
     assert (found.kind, found.id, found.path) == ("run", run.id, path)
     assert str(found).startswith(f"{path} is damaged (")
     assert reason in str(found)
@@ -89,14 +89,6 @@ def test_table_without_required_column_is_reported(results):
     assert_one(results, "damaged", record, "is damaged (it has no column run)")
 
 
-@pytest.mark.parametrize("breaking", BROKEN_MANIFESTS.values(), ids=BROKEN_MANIFESTS)
-def test_broken_manifest_is_reported(results, breaking):
-    run = add_whole_run(results, [1.0], finish=False)
-    path = run.path / "manifest.json"
-    path.write_bytes(breaking(path.read_bytes()))
-    assert_one(results, "damaged", run, f"{path} is not a manifest that can be read (")
-
-
 def test_manifest_of_newer_version_is_reported_as_foreign(results):
     run = add_whole_run(results)
     alter_manifest(run, schema_version=7)
@@ -109,7 +101,7 @@ def test_id_that_contradicts_settings_is_reported(results):
     alter_manifest(run, settings=altered)
     assert_one(results, "damaged", run, f"has settings of the hash {settings_hash(altered)}")
     alter_manifest(run, settings={**altered, "seed": "zero"})
-    assert_one(results, "damaged", run, "is invalid")
+    assert_one(results, "damaged", run, "has invalid settings (")
 
 
 def test_manifest_with_other_id_is_reported(results):
@@ -124,7 +116,7 @@ def test_directory_whose_name_is_no_id_is_reported(results):
     run = add_whole_run(results)
     run.path.rename(run.path.parent / "my copy")
     (found,) = verify(results, 2).findings
-    assert (found.severity, "is not an id" in found.problem) == ("damaged", True)
+    assert (found.sort, "is not an id" in found.problem) == ("damaged", True)
 
 
 def test_leftover_files_are_reported_in_every_directory(results):
@@ -167,21 +159,12 @@ def test_link_is_reported_and_not_followed(tmp_path, results):
     assert_one(results, "damaged", run, "manifest.json can't be read (a link to another place).")
 
 
-def test_kind_directory_that_is_link_is_not_read(tmp_path, results):
-    add_whole_run(Results(tmp_path / "other"))
-    results.path.mkdir()
-    (results.path / "runs").symlink_to(tmp_path / "other" / "runs")
-    (found,) = verify(results, 2).findings
-    assert found.severity == "foreign"
-    assert str(found) == f"{results.path}/runs leads out of the results directory; it is not used."
-
-
 def test_missing_reference_is_warning_and_no_fault(results):
     dataset, encoder, run, evaluation = add_chain(results)
     for lost, user in ((encoder, run), (run, evaluation)):
         shutil.move(lost.path, moved := results.path / "moved")
         found = verify(results, 2)
-        assert [(f.severity, f.id) for f in found.findings] == [("warning", user.id)]
+        assert [(f.sort, f.id) for f in found.findings] == [("warning", user.id)]
         assert f"names the {lost.kind} {lost.id}, which is not intact" in str(found.findings[0])
         assert found.faults == []
         shutil.move(moved, lost.path)
@@ -248,7 +231,7 @@ def test_unreadable_file_is_reported_as_foreign(results):
 from jbench.store.verify import verify
 store_faults.drop_privileges()
 for finding in verify(results, 2).findings:
-    print(finding.severity, finding)
+    print(finding.sort, finding)
 """
     for path in (run.path / "policy.json", run.path / "manifest.json", run.path):
         mode = path.stat().st_mode
@@ -303,8 +286,7 @@ print(found.problem, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     assert int(kilobytes) < 50_000
 
 
-# What settings may hold: see `manifest.py`.
-TEXT = st.text("abcXYZ0189 _.,:;+*/()[]=^%~-").map(lambda text: "a" + text)
+TEXT = st.text("abcXYZ0189é|<=^%~-\"'", max_size=20)
 JSON = st.recursive(
     st.none()
     | st.booleans()
@@ -318,7 +300,8 @@ JSON = st.recursive(
 
 @given(st.dictionaries(TEXT, JSON, max_size=4))
 @settings(max_examples=50)
-def test_settings_keep_hash_through_manifest_round_trip(values):
+def test_settings_keep_hash_through_manifest_round_trip(tmp_path_factory, values):
     manifest = Manifest(kind="run", id="a", settings=values, created="", updated="")
-    back = Manifest.from_bytes(manifest.to_bytes(), "here")
+    (path := tmp_path_factory.mktemp("manifest") / "manifest.json").write_bytes(manifest.to_bytes())
+    back = Manifest.read(path)
     assert settings_hash(back.settings) == settings_hash(values)

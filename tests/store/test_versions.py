@@ -79,7 +79,7 @@ def test_new_rows_are_read_together_with_old_rows(old):
 def test_unsupported_old_version_is_refused(old):
     run = only(old, "run")
     alter_manifest(run, schema_version=0)
-    says = "is of schema version 0, and this jbench reads from 1: read it with the jbench that wro"
+    says = "is of schema version 0, and this jbench reads from 1; read it with the jbench that wro"
     with pytest.raises(WorkError, match=says):
         old.find("run", run.id)
 

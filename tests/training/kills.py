@@ -151,7 +151,7 @@ class Killer:
             results = Results(path)
             self.steps[-1].append([steps_of(run, results) for run in self._runs])
             findings = verify(results, 1).findings
-            self.problems += [str(one) for one in findings if one.severity == "damaged"]
+            self.problems += [str(one) for one in findings if one.sort == "damaged"]
 
     def _fork(self, path, write_point=None, runs=None, keep_state=False):
         process = os.fork()

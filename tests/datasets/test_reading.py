@@ -155,5 +155,5 @@ def test_column_of_wrong_type_is_refused(altered, tables):
     words = pc.cast(tables["steps"]["position_x"], pa.string())
     words = pc.replace_substring(words, "0", "o")
     found = altered(steps=tables["steps"].set_column(2, "position_x", words))
-    with pytest.raises(WorkError, match="random/a/.* is damaged"):
+    with pytest.raises(WorkError, match=r"random/a/.* is damaged"):
         list(found.blocks(TASK))

@@ -10,7 +10,6 @@ from tests.store.store_rows import (
     add_run,
     alter_manifest,
     listed,
-    manifest_of,
     names,
     numbers,
     read,
@@ -129,17 +128,6 @@ def test_lock_that_is_directory_is_refused(record):
         record.lock().__enter__()
 
 
-def test_manifest_that_is_directory_is_reported(results, record):
-    (record.path / "manifest.json").unlink()
-    (record.path / "manifest.json").mkdir()
-    add_run(results, "c", [1.0])
-    records, (problem,) = results.scan("run")
-    assert [found.id for found in records] == ["c"]
-    assert problem == f"{record.path}/manifest.json can't be read (Is a directory)."
-    with pytest.raises(WorkError, match=r"manifest\.json can't be written"):
-        results.create("run", "a/b", {})
-
-
 def test_runs_directory_that_is_file_is_refused(results):
     results.path.mkdir()
     (results.path / "runs").write_text("mine")
@@ -196,10 +184,3 @@ def test_reader_finds_rows_after_record_is_compacted(results, record):
     assert reader.refresh()
     assert read(reader) == [0, 1, 2]
     assert not reader.refresh()
-
-
-def test_manifest_that_lists_file_twice_is_refused(results, record):
-    record.append({"t": numbers(1)})
-    alter_manifest(record, files=manifest_of(record)["files"] * 2)
-    with pytest.raises(WorkError, match="a file is listed twice"):
-        results.find("run", "a/b")

@@ -15,9 +15,8 @@ from jbench.store.repair import Quarantine, repair
 from jbench.store.scan import look
 from jbench.store.verify import verify
 from jbench.training.status import plan
-from tests.store.store_rows import add_run, listed, names
+from tests.store.store_rows import add_run, listed
 from tests.store.store_whole import add_whole_run, snapshot
-from tests.sweep_matrices import runs_of_matrix, write_matrix
 
 PASSING = ("EMFILE", "ENFILE", "EIO", "EROFS", "EDQUOT", "ESTALE", "EACCES", "EINTR")
 
@@ -148,20 +147,6 @@ def evaluated(tmp_path_factory):
     return path, command
 
 
-def test_leftover_file_beside_lock_is_set_aside(evaluated, capsys):
-    path, _ = evaluated
-    (record,) = Results(path).scan("evaluation")[0]
-    assert "lock" in names(record.path)
-    left = record.path / "policy_episodes-00009-12345678.parquet"
-    left.write_bytes(b"left")
-    assert main(["verify", "--results", str(path)]) == 1
-    assert main(["repair", "--results", str(path)]) == 0
-    assert f"{left} -> " in capsys.readouterr().out
-    assert main(["verify", "--results", str(path)]) == 0
-    assert not left.exists()
-    assert "lock" in names(record.path)
-
-
 def test_repeated_command_removes_leftover_of_finished_record(evaluated):
     path, command = evaluated
     (record,) = Results(path).scan("evaluation")[0]
@@ -190,18 +175,4 @@ def test_planning_removes_leftover_of_finished_run(results):
         plan([settings], results)
         assert left.exists()  # it may belong to the process that holds the lock
     assert plan([settings], results).ids("finished") == [settings.id]
-    assert not left.exists()
-
-
-def test_repeated_sweep_removes_leftover_of_finished_run(tmp_path, results):
-    matrix = write_matrix(tmp_path, seeds="0")
-    (settings,) = runs_of_matrix(matrix, results.path)
-    record = results.create("run", settings.id, settings.model_dump(mode="json"))
-    record.finish({})
-    left = record.path / ".writing-abc"
-    left.write_bytes(b"left")
-    command = ["sweep", matrix, "--results", str(results.path)]
-    assert main([*command, "--dry-run"]) == 0
-    assert left.exists()
-    assert main(command) == 0
     assert not left.exists()

@@ -46,23 +46,3 @@ def test_representations_have_names_used_by_runs(tables):
     # The sequence of ten robots is the only one that none of our runs uses.
     expected = [("dae12", False), ("full", False), ("full-augmented-sequence", True)]
     assert fetch(tables, sql) == expected
-
-
-def test_published_quantiles_never_cross(tables):
-    sql = """
-        select count(*) from published low join published high
-        using (figure, task, algo, representation, control_steps)
-        where low.quantile < high.quantile and low.episode_return > high.episode_return + 0.5
-    """
-    assert fetch(tables, sql) == [(0,)]
-
-
-def test_figure_8_medians_have_two_pairs_of_bands(tables):
-    sql = """
-        select median.figure, count(*), max(abs(median.episode_return - other.episode_return))
-        from published median join published other
-        using (task, algo, representation, control_steps, quantile)
-        where median.figure = 'fig8' and other.figure = 'fig8-10-90'
-        group by all
-    """
-    assert fetch(tables, sql) == [("fig8", 2 * 246, 0)]

@@ -1,9 +1,5 @@
 """Tests of queries on a results directory: only the tables that a query needs are read."""
 
-import os
-import subprocess
-import sys
-
 import duckdb
 import pytest
 
@@ -77,12 +73,6 @@ def test_ids_are_varchar_with_and_without_dictionary_encoding(filled):
     assert coded.cast(plain.schema).equals(plain)
 
 
-def test_error_of_wrong_query_lists_tables(filled):
-    for sql in ("FROM nothing", "SELECT nothing FROM runs"):
-        with pytest.raises(RequestError, match=r"nothing.*\(tables: datasets, encoder_epochs, "):
-            query.query_results(filled, sql)
-
-
 WRITING = """
 from tests.store.store_rows import add_run
 while True:
@@ -122,16 +112,3 @@ def test_query_never_spills_to_disk(filled):
     sql = "SELECT current_setting('temp_directory') AS place"
     assert duckdb.connect().execute(sql).fetchall() == [(".tmp",)]  # the default of DuckDB
     assert rows(filled, sql) == [[""]]
-
-
-def test_process_that_exits_after_query_exits_with_zero(filled):
-    script = (
-        "import sys\n"
-        "from pathlib import Path\n"
-        "from jbench.store import Results, query\n"
-        "print(len(query.query_results(Results(Path(sys.argv[1])), 'FROM episodes').rows))\n"
-    )
-    command = [sys.executable, "-c", script, os.fspath(filled.path)]
-    for _ in range(2):
-        done = subprocess.run(command, capture_output=True, text=True)
-        assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr

@@ -19,9 +19,8 @@ from tests.store.store_rows import (
     alter_manifest,
     listed,
     manifest_of,
-    put_in_place,
 )
-from tests.store.store_whole import add_chain, add_whole_run, snapshot
+from tests.store.store_whole import add_whole_run, snapshot
 
 SECRET = b"root:hunter2"
 ESCAPE = "\x1b]0;owned\x07\x1b[2J"
@@ -201,6 +200,7 @@ UNREADABLE = {
     "integer without end in a summary": {"summary": {"steps_done": 10**4000}},
     "number that is none": {"settings": {"hyperparameters": [float("nan")]}},
     "file without a name": {"files": [{"name": "", "bytes": 0, "sha256": "0" * 64}]},
+    "file twice": {"files": [{"name": "a", "bytes": 0, "sha256": "0" * 64}] * 2},
 }
 
 
@@ -239,14 +239,6 @@ def test_record_that_could_not_be_read_is_not_created(results):
     with pytest.raises(RequestError, match="The run a/b can't be saved"):
         results.create("run", "a/b", {**RUN_SETTINGS, "algo": ESCAPE})
     assert results.find("run", "a/b") is None
-
-
-def test_column_that_dataset_lacks_is_reported(results):
-    dataset = add_chain(results)[0]
-    rows = dataset.read_part(dataset.parts("steps")[0]).drop_columns(["motor_velocity"])
-    put_in_place(dataset, parquet.to_bytes(rows))
-    (flaw,) = (flaw for flaw in verify(results, 1).findings if flaw.sort == "damaged")
-    assert str(flaw).endswith("is damaged (it has no column motor_velocity).")
 
 
 def test_text_columns_survive_parquet_round_trip():

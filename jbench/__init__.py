@@ -12,69 +12,57 @@ These names are imported at their first use, so that `import jbench` is instant.
 
 import importlib
 import sys
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from jbench.agents.batched.batch import Batch
-    from jbench.agents.batched.rule import Rule
-    from jbench.agents.plugin import Agent, AgentSettings, EnvironmentSpec, Transition
-    from jbench.errors import RequestError, WorkError
-    from jbench.policies.copied import UnsupportedPolicyError
-    from jbench.recording.opened import OpenedResults
-    from jbench.recording.opened import open_results as open
-    from jbench.recording.recorder import AlreadyFinishedError, Recording, record
-    from jbench.settings.algorithms import OffPolicySettings
+if TYPE_CHECKING:  # the names of the package, which `_exports` reads
+    from jbench.agents.batched.batch import Batch as Batch
+    from jbench.agents.batched.rule import Rule as Rule
+    from jbench.agents.plugin import Agent as Agent
+    from jbench.agents.plugin import AgentSettings as AgentSettings
+    from jbench.agents.plugin import EnvironmentSpec as EnvironmentSpec
+    from jbench.agents.plugin import Transition as Transition
+    from jbench.errors import RequestError as RequestError
+    from jbench.errors import WorkError as WorkError
+    from jbench.policies.copied import UnsupportedPolicyError as UnsupportedPolicyError
+    from jbench.recording.opened import OpenedResults as OpenedResults
+    from jbench.recording.opened import open as open
+    from jbench.recording.recorder import AlreadyFinishedError as AlreadyFinishedError
+    from jbench.recording.recorder import Recording as Recording
+    from jbench.recording.request import record as record
+    from jbench.settings.algorithms import OffPolicySettings as OffPolicySettings
 
 __version__ = "0.1.0"
 
-_EXPORTS = {
-    "Agent": "jbench.agents.plugin:Agent",
-    "AgentSettings": "jbench.agents.plugin:AgentSettings",
-    "AlreadyFinishedError": "jbench.recording.recorder:AlreadyFinishedError",
-    "Batch": "jbench.agents.batched.batch:Batch",
-    "EnvironmentSpec": "jbench.agents.plugin:EnvironmentSpec",
-    "OffPolicySettings": "jbench.settings.algorithms:OffPolicySettings",
-    "OpenedResults": "jbench.recording.opened:OpenedResults",
-    "Recording": "jbench.recording.recorder:Recording",
-    "RequestError": "jbench.errors:RequestError",
-    "Rule": "jbench.agents.batched.rule:Rule",
-    "Transition": "jbench.agents.plugin:Transition",
-    "UnsupportedPolicyError": "jbench.policies.copied:UnsupportedPolicyError",
-    "WorkError": "jbench.errors:WorkError",
-    "open": "jbench.recording.opened:open_results",
-    "record": "jbench.recording.recorder:record",
-}
-
-__all__ = [
-    "Agent",
-    "AgentSettings",
-    "AlreadyFinishedError",
-    "Batch",
-    "EnvironmentSpec",
-    "OffPolicySettings",
-    "OpenedResults",
-    "Recording",
-    "RequestError",
-    "Rule",
-    "Transition",
-    "UnsupportedPolicyError",
-    "WorkError",
-    "open",
-    "record",
-]
-
 
 def __getattr__(name: str) -> Any:
-    if name not in _EXPORTS:
+    if name == "__all__":
+        return sorted(_exports())
+    if name not in _exports():
         raise AttributeError(f"module 'jbench' has no attribute {name!r}")
-    module, _, attribute = _EXPORTS[name].partition(":")
+    module, attribute = _exports()[name]
     return getattr(importlib.import_module(module), attribute)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_exports()})
+
+
+@cache
+def _exports() -> dict[str, tuple[str, str]]:
+    """Returns module and attribute of each name."""
+    import ast
+
+    return {
+        alias.asname: (node.module or "", alias.name)
+        for node in ast.walk(ast.parse(Path(__file__).read_text()))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.asname
+    }
 
 
 # Only the ids: the environments are imported when they are made.
 if "gymnasium" in sys.modules:
     importlib.import_module("jbench.registration").register_environments()
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

@@ -1,5 +1,6 @@
 """Trained policies as ONNX models, for programs without jbench."""
 
+import importlib.metadata
 import json
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from onnx import TensorProto, checker, helper
 from onnx.reference import ReferenceEvaluator
 
-from jbench import __version__
 from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
 from jbench.policies.traced import Graph
@@ -133,7 +133,7 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
         "control_timestep": json.dumps({"value": task.control_timestep, "unit": "s"}),
         "task": agent.task,
         "run": run,
-        "jbench": __version__,
+        "jbench": importlib.metadata.version("jbench"),
     }
 
 

@@ -29,7 +29,7 @@ _CURVE = ["task", "algo", "representation", "variant", "source"]
 _SEED_POINT = ["run", "seed", "returns", "window", "control_steps", "episode_return"]
 
 
-def open_results(path: Path | str = "results") -> "OpenedResults":
+def open(path: Path | str = "results") -> "OpenedResults":
     """Opens a results directory to read.
 
     Args:

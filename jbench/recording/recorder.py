@@ -1,10 +1,9 @@
-"""`jbench.record`: a run whose training loop is the caller's."""
+"""A run whose training loop is the caller's."""
 
 import contextlib
 import os
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -12,21 +11,16 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.divergence import DivergedError, Divergence
 from jbench.errors import RequestError, WorkError
-from jbench.loggers.logger import Logger, make_logger
+from jbench.loggers.logger import Logger
 from jbench.loggers.mirror import mirrored
-from jbench.names import LOGGERS, LoggerName, TimeLimit, evaluation_interval, known
 from jbench.policies.acting import Actor, acting
 from jbench.policies.copied import UnsupportedPolicyError
 from jbench.policies.network import SavedNetwork
-from jbench.recording.environments import RecordedEnvironment
-from jbench.recording.request import external_settings, provenance_of_loop
-from jbench.recording.writer import RunWriter, copied_network
+from jbench.recording.writer import RecordedEnvironment, RunWriter, copied_network
 from jbench.settings.records import ExternalSettings
-from jbench.simulation.find import code_of, find_task
+from jbench.simulation.find import find_task
 from jbench.store import Results
-from jbench.store.shipped import results_to_write
 from jbench.training.environment import load_encoder_of, make_env
 
 if TYPE_CHECKING:
@@ -35,64 +29,6 @@ if TYPE_CHECKING:
 
 class AlreadyFinishedError(WorkError):
     """The run is in the results already: `with jbench.record(...)` skips the rest of its block."""
-
-
-def record(
-    task: str,
-    *,
-    algo: str,
-    seed: int,
-    steps: int,
-    hyperparameters: Mapping[str, Any] | None = None,
-    results: Path | str = "results",
-    encoder: str | int = "none",
-    time_limit: TimeLimit = "bootstrap",
-    augment: int | None = None,
-    evaluate_every: int | None = None,
-    evaluate_episodes: int = 10,
-    package: str | None = None,
-    log: LoggerName | None = None,
-) -> "Recording":
-    """Records a training loop as a run of a results directory.
-
-    Args:
-        task: see `jbench.simulation.find_task`.
-        algo: label of the algorithm, such as cleanrl-td3.
-        seed: of the run; its environments and evaluations are seeded by it.
-        steps: control steps over all environments that the loop will make.
-        hyperparameters: JSON values by name; part of the run's id. Runs that differ in them are
-            drawn as separate curves. "seed" and "total_timesteps" are left out of them.
-        results: results directory.
-        encoder: as `jbench train --encoder`: "none" or "full", a number of latents, KIND:LATENTS
-            or an id.
-        time_limit: "bootstrap" truncates an episode at its time limit, "terminal" terminates it.
-        augment: seed of the augmented robot, or None for the plain robot.
-        evaluate_every: control steps between evaluations; None for a tenth of the run, at most
-            50,000.
-        evaluate_episodes: episodes in an evaluation.
-        package: distribution of the agent, whose version is recorded in the provenance.
-        log: experiment tracker that gets the rows, too, as `jbench train --log`.
-
-    Raises:
-        RequestError: if a value is invalid, there is no such encoder, the tracker is not
-            installed, or the results are the shipped ones.
-    """
-    place = results_to_write(Path(results))
-    settings = external_settings(
-        place,
-        task=task,
-        algo=algo,
-        seed=seed,
-        steps=steps,
-        hyperparameters={} if hyperparameters is None else hyperparameters,
-        encoder=str(encoder),
-        time_limit=time_limit,
-        augment=augment,
-        evaluate_every=evaluation_interval(steps) if evaluate_every is None else evaluate_every,
-        evaluate_episodes=evaluate_episodes,
-    )
-    logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
-    return Recording(settings, place, {**provenance_of_loop(package), **code_of(task)}, logger)
 
 
 class Recording:
@@ -195,7 +131,7 @@ class Recording:
         env = make_env(self._settings, self._encoder)
         seed = np.random.SeedSequence(self._settings.seed, spawn_key=(self._environments,))
         self._environments += 1
-        return RecordedEnvironment(env, int(seed.generate_state(1)[0]), self)
+        return RecordedEnvironment(env, int(seed.generate_state(1)[0]), self._running)
 
     def losses(self, **values: Any) -> None:
         """Sets the losses that are recorded with the next episodes.
@@ -262,21 +198,7 @@ class Recording:
         from jbench.recording.sb3 import RecordingCallback
 
         self._running()
-        return RecordingCallback(self)
-
-    def on_action(self, action: Any) -> None:
-        """Called by the environments before a control step; see `env`."""
-        writer = self._running()
-        if not np.isfinite(np.asarray(action, np.float64)).all():
-            raise DivergedError(Divergence(None, writer.control_steps, "actions"))
-
-    def on_step(self) -> None:
-        """Called by the environments after a control step."""
-        self._running().control_steps += 1
-
-    def on_episode(self, episode_return: float, length: int) -> None:
-        """Called by the environments at the end of an episode."""
-        self._running().episode(episode_return, length)
+        return RecordingCallback(self.losses, self.evaluate, self.keep_policy)
 
     def __getstate__(self) -> NoReturn:
         """Refuses to be copied into another process."""

@@ -1,4 +1,4 @@
-"""From the arguments of `jbench.record` to the settings of the run."""
+"""`jbench.record`: from its arguments to the settings of a run that is recorded."""
 
 import importlib.metadata
 import math
@@ -13,14 +13,85 @@ import numpy as np
 from jbench import plugins
 from jbench.encoders import find_encoder
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, kind_of
+from jbench.loggers.logger import make_logger
+from jbench.names import (
+    EPISODE_STEPS,
+    LOGGERS,
+    NO_ENCODER,
+    OFE,
+    LoggerName,
+    TimeLimit,
+    evaluation_interval,
+    kind_of,
+    known,
+)
+from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
 from jbench.settings.records import ExternalSettings
-from jbench.simulation.find import checked_task
+from jbench.simulation.find import checked_task, code_of
 from jbench.store import Results, files
+from jbench.store.shipped import results_to_write
 from jbench.training.request import representation_of
 
 _STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
+
+
+def record(
+    task: str,
+    *,
+    algo: str,
+    seed: int,
+    steps: int,
+    hyperparameters: Mapping[str, Any] | None = None,
+    results: Path | str = "results",
+    encoder: str | int = "none",
+    time_limit: TimeLimit = "bootstrap",
+    augment: int | None = None,
+    evaluate_every: int | None = None,
+    evaluate_episodes: int = 10,
+    package: str | None = None,
+    log: LoggerName | None = None,
+) -> Recording:
+    """Records a training loop as a run of a results directory.
+
+    Args:
+        task: see `jbench.simulation.find_task`.
+        algo: label of the algorithm, such as cleanrl-td3.
+        seed: of the run; its environments and evaluations are seeded by it.
+        steps: control steps over all environments that the loop will make.
+        hyperparameters: JSON values by name; part of the run's id. Runs that differ in them are
+            drawn as separate curves. "seed" and "total_timesteps" are left out of them.
+        results: results directory.
+        encoder: as `jbench train --encoder`: "none" or "full", a number of latents, KIND:LATENTS
+            or an id.
+        time_limit: "bootstrap" truncates an episode at its time limit, "terminal" terminates it.
+        augment: seed of the augmented robot, or None for the plain robot.
+        evaluate_every: control steps between evaluations; None for a tenth of the run, at most
+            50,000.
+        evaluate_episodes: episodes in an evaluation.
+        package: distribution of the agent, whose version is recorded in the provenance.
+        log: experiment tracker that gets the rows, too, as `jbench train --log`.
+
+    Raises:
+        RequestError: if a value is invalid, there is no such encoder, the tracker is not
+            installed, or the results are the shipped ones.
+    """
+    place = results_to_write(Path(results))
+    settings = external_settings(
+        place,
+        task=task,
+        algo=algo,
+        seed=seed,
+        steps=steps,
+        hyperparameters={} if hyperparameters is None else hyperparameters,
+        encoder=str(encoder),
+        time_limit=time_limit,
+        augment=augment,
+        evaluate_every=evaluation_interval(steps) if evaluate_every is None else evaluate_every,
+        evaluate_episodes=evaluate_episodes,
+    )
+    logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
+    return Recording(settings, place, {**provenance_of_loop(package), **code_of(task)}, logger)
 
 
 def external_settings(

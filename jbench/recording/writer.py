@@ -1,9 +1,10 @@
-"""The rows and the end of a recorded run."""
+"""The rows and the end of a recorded run, and environments that write rows."""
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 from torch import nn
@@ -65,6 +66,15 @@ class RunWriter:
             name: value.detach() if hasattr(value, "detach") else value
             for name, value in values.items()
         }
+
+    def check_action(self, action: Any) -> None:
+        """Checks the action of the next control step.
+
+        Raises:
+            DivergedError: if it is not finite.
+        """
+        if not np.isfinite(np.asarray(action, np.float64)).all():
+            raise DivergedError(Divergence(None, self.control_steps, "actions"))
 
     def episode(self, episode_return: float, length: int) -> None:
         """Adds a training episode that has just ended.
@@ -164,6 +174,46 @@ def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
         raise RequestError(
             f"{', '.join(values)} must be numbers or tensors of one element ({error})."
         ) from None
+
+
+class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """An environment whose episodes are recorded.
+
+    The first `reset` without a seed is seeded by the run. Rewards are those of the task, whatever
+    the wrappers around this environment make of them.
+    """
+
+    def __init__(
+        self, env: gymnasium.Env[Any, Any], seed: int, running: Callable[[], RunWriter]
+    ) -> None:
+        """Wraps an environment whose `info` has the statistics of a finished episode.
+
+        Args:
+            running: returns the writer; refuses if this is not in the block of the recording.
+        """
+        super().__init__(env)
+        self._seed: int | None = seed
+        self._running = running
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode."""
+        seed = self._seed if seed is None else seed
+        self._seed = None
+        return self.env.reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the environment."""
+        writer = self._running()
+        writer.check_action(action)
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        writer.control_steps += 1
+        # Removed, since a RecordEpisodeStatistics of the caller's own would refuse the key.
+        episode = info.pop("episode", None)
+        if episode is not None:
+            writer.episode(float(episode["r"]), int(episode["l"]))
+        return observation, reward, terminated, truncated, info
 
 
 def copied_network(actor: Actor, inputs: int, outputs: int) -> SavedNetwork:

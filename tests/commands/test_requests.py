@@ -14,7 +14,7 @@ from typer.main import get_command
 from jbench import __version__, names
 from jbench.cli import app, main
 from jbench.commands import parsing
-from jbench.recording.recorder import record
+from jbench.recording.request import record
 from jbench.store import Results
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.training import speed

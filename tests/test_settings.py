@@ -2,7 +2,8 @@
 
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.alike import alike, comparable, flatten
-from jbench.settings.run import RunSettings, Unreadable, read_run
+from jbench.settings.recorded import Unreadable, read_run
+from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels, variant_words
 
 RUN = {

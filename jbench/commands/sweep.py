@@ -112,14 +112,14 @@ def sweep(
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = parsing.processes(jobs, train_on)
 
-    options = WorkerOptions(checkpoint_every, final_episodes, keep_state)
+    worker = WorkerOptions(checkpoint_every, final_episodes, keep_state)
 
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, options)
+            return Local(database, at_a_time, train_on, worker)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, options)
+        return Ray(database, address, jobs, gpus_per_task, worker)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.

@@ -12,7 +12,7 @@ from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, TASKS, cl
 from jbench.policies.imported import ImportedPolicy, installed_policies, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip
-from jbench.settings.run import read_run
+from jbench.settings.recorded import read_run
 from jbench.simulation import Act, find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import shipped_results

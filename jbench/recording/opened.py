@@ -16,7 +16,7 @@ from jbench.report.data.curves import Curve
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
 from jbench.settings.alike import flatten
-from jbench.settings.run import Run, parse_run
+from jbench.settings.recorded import Run, parse_run
 from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
 

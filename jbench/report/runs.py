@@ -13,7 +13,8 @@ from jbench.report.data.build import divergence
 from jbench.report.data.configuration import display_name, shown_representation
 from jbench.report.data.sources import Source
 from jbench.settings.alike import flatten
-from jbench.settings.run import RunSettings, parse_run
+from jbench.settings.recorded import parse_run
+from jbench.settings.run import RunSettings
 from jbench.settings.variants import value_text
 
 COLUMNS = [

@@ -6,8 +6,9 @@ from typing import Any
 
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import canonical_json, settings_hash
+from jbench.settings.recorded import Run
 from jbench.settings.records import EXTERNAL
-from jbench.settings.run import Run, RunSettings
+from jbench.settings.run import RunSettings
 
 Flat = dict[tuple[str, ...], Any]
 """Settings by path, such as ("hyperparameters", "tau")."""

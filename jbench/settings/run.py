@@ -1,20 +1,13 @@
 """The settings of a run: one agent, one task, one seed."""
 
-import json
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Iterator
 from typing import Any, Self
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
     field_validator,
     model_validator,
 )
-from pydantic_core.core_schema import ValidationInfo
 
 from jbench.names import (
     EPISODE_STEPS,
@@ -28,7 +21,7 @@ from jbench.names import (
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import Count, Seed, Settings, in_id, omissible, typed, validated
-from jbench.settings.records import EXTERNAL, LABEL, ExternalSettings, OFESettings, Specs
+from jbench.settings.records import LABEL, OFESettings, Specs
 
 
 class RunSettings(Settings):
@@ -119,92 +112,75 @@ class RunSettings(Settings):
         return algo
 
     @model_validator(mode="after")
-    def _algorithm_is_of_the_engine(self) -> Self:
+    def _is_possible(self) -> Self:
+        for sentence in (*self._contradictions(), *self._contradictions_of_features()):
+            raise ValueError(sentence)
+        return self
+
+    def _contradictions(self) -> Iterator[str]:
+        """Yields what is wrong with the engine, the robots and the precision."""
         if self.is_ours:
             if self.engine == "plugin":
-                raise ValueError(f"{self.algo} has the engine batched or sb3, not plugin")
-            _ = self.algorithm
+                yield f"{self.algo} has the engine batched or sb3, not plugin"
+            _ = self.algorithm  # which checks the hyperparameters
         elif self.engine == "sb3" and ":" not in self.algo:
-            raise ValueError(f"the engine {self.engine} has no {self.algo}")
-        return self
-
-    @model_validator(mode="after")
-    def _is_of_the_jitterbug(self) -> Self:
-        if self.specs is None:
-            return self
-        if self.augment is not None:
-            raise ValueError(f"{self.task} has no augmented robots: leave augment and robots out")
-        if self.hyperparameters.get("mirror"):
-            raise ValueError(f"no mirror image is known of {self.task}: mirror must be false")
-        return self
-
-    @model_validator(mode="after")
-    def _only_batched(self) -> Self:
-        if self.engine == "batched":
-            return self
-        if not self.is_ours:
-            if self.precision != "float32":
-                raise ValueError("precision is a setting of the batched engine")
-            return self
-        if self.parallel is not None or self.precision != "float32":
-            raise ValueError("environments and precision are settings of the batched engine")
-        unknown = set(self.hyperparameters) & set(SETTINGS[self.algo].omitted())
-        if unknown:
-            raise ValueError(
-                f"stable-baselines3 has no {', '.join(sorted(unknown))}: choose the batched "
-                "engine, or settings other than the script's"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _can_learn_in_bfloat16(self) -> Self:
+            yield f"the engine {self.engine} has no {self.algo}"
+        if self.specs is not None and self.augment is not None:
+            yield f"{self.task} has no augmented robots: leave augment and robots out"
+        if self.specs is not None and self.hyperparameters.get("mirror"):
+            yield f"no mirror image is known of {self.task}: mirror must be false"
+        if self.engine != "batched" and self.precision != "float32":
+            yield "precision is a setting of the batched engine"
+        if self.engine == "sb3" and self.is_ours:
+            if self.parallel is not None:
+                yield "environments is a setting of the batched engine"
+            unknown = set(self.hyperparameters) & set(SETTINGS[self.algo].omitted())
+            if unknown:
+                yield (
+                    f"stable-baselines3 has no {', '.join(sorted(unknown))}: choose the batched "
+                    "engine, or settings other than the script's"
+                )
         # PPO's probability ratios would compare an old policy in float32 with a new one in
         # bfloat16; the layers of other packages' rules are torch's own.
         if self.precision == "bfloat16" and (self.algo == "ppo" or not self.is_ours):
             name = self.algo.upper() if self.is_ours else self.algo
-            raise ValueError(f"{name} does not learn in bfloat16: precision must be float32")
-        return self
+            yield f"{name} does not learn in bfloat16: precision must be float32"
+        least = self.robots * self.environments * EPISODE_STEPS
+        if self.robots > 1 and self.steps % least:
+            up = (self.steps // least + 1) * least
+            each = f" in each of {self.environments} environments" if self.environments > 1 else ""
+            yield (
+                f"{self.robots} robots can't share {self.steps} steps equally, in episodes of "
+                f"{EPISODE_STEPS} control steps{each}: steps must be {up}, or another multiple of "
+                f"{least}"
+            )
 
-    @model_validator(mode="after")
-    def _can_learn_features(self) -> Self:
+    def _contradictions_of_features(self) -> Iterator[str]:
+        """Yields what is wrong with features that are learned with the agent."""
         name = self.representation
         if (self.ofe is not None) != (kind_of(name) == OFE):
-            raise ValueError(f"features that are learned with the agent are called {OFE}N")
+            yield f"features that are learned with the agent are called {OFE}N"
         if self.ofe is None:
-            return self
+            return
         if name != self.ofe.representation:
-            raise ValueError(f"{self.ofe.units} features are called {self.ofe.representation}")
+            yield f"{self.ofe.units} features are called {self.ofe.representation}"
         if self.algo == "ppo":
-            raise ValueError(
+            yield (
                 f"{name} is for DDPG, TD3 and SAC: PPO keeps no transitions to learn features "
                 "from; choose td3, or another representation"
             )
         if self.engine != "batched":
             other = "stable-baselines3" if self.engine == "sb3" else self.algo
-            raise ValueError(f"{name} needs the batched engine: {other} does not have it")
+            yield f"{name} needs the batched engine: {other} does not have it"
         if not self.is_ours:
-            raise ValueError(f"{name} is for DDPG, TD3 and SAC, not for {self.algo}; choose td3")
+            yield f"{name} is for DDPG, TD3 and SAC, not for {self.algo}; choose td3"
         if self.encoder is not None:
-            raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
+            yield f"{name} learns from observations: it can't have an encoder, too"
         if self.hyperparameters.get("action_layer"):
-            raise ValueError(
+            yield (
                 f"{name} gives the critic features of observation and action: action_layer must "
                 "be 0"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _whole_episodes_on_each(self) -> Self:
-        least = self.robots * self.environments * EPISODE_STEPS
-        if self.robots > 1 and self.steps % least:
-            up = (self.steps // least + 1) * least
-            each = f" in each of {self.environments} environments" if self.environments > 1 else ""
-            raise ValueError(
-                f"{self.robots} robots can't share {self.steps} steps equally, in episodes of "
-                f"{EPISODE_STEPS} control steps{each}: steps must be {up}, or another multiple of "
-                f"{least}"
-            )
-        return self
 
     @property
     def id(self) -> str:
@@ -273,54 +249,3 @@ RESOLVED = {
 
 TYPED = tuple(name for name in RunSettings.model_fields if name not in RESOLVED)
 """Fields that are options of `jbench train` and keys of a sweep."""
-
-
-class Unreadable(BaseModel):
-    """Recorded settings that `RunSettings` rejects: of another program, or of a newer version.
-
-    A field that is not recorded, or has a wrong type, has its default.
-    """
-
-    model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
-
-    values: dict[str, Any] = Field(description="the settings as the manifest records them")
-    task: str | None = None
-    algo: str | None = None
-    representation: str | None = None
-    seed: int | float | None = None
-    steps: int | float | None = None
-    engine: str | None = None
-    evaluate_episodes: int = 0
-    hyperparameters: dict[str, Any] = {}
-    augment: Any = RunSettings.model_fields["augment"].default
-    robots: int = RunSettings.model_fields["robots"].default
-
-    @field_validator("*", mode="wrap")
-    @classmethod
-    def _or_default(
-        cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo
-    ) -> Any:
-        try:
-            return handler(value)
-        except ValidationError:
-            return cls.model_fields[str(info.field_name)].default
-
-
-Run = RunSettings | ExternalSettings | Unreadable
-"""Settings of any run in the database."""
-
-
-@lru_cache(maxsize=10_000)
-def parse_run(text: str) -> Run:
-    """Returns the settings of a run from the column `settings` of the table `runs`."""
-    return read_run(json.loads(text))
-
-
-def read_run(values: Mapping[str, Any]) -> Run:
-    """Returns the settings of a run from its manifest."""
-    kind = ExternalSettings if values.get("engine") == EXTERNAL else RunSettings
-    try:
-        return kind.model_validate(values)
-    except ValidationError:
-        named = {name: values[name] for name in Unreadable.model_fields if name in values}
-        return Unreadable(**{**named, "values": dict(values)})

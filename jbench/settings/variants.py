@@ -9,7 +9,8 @@ from typing import Any
 from jbench.settings.algorithms import SETTINGS, algorithm_settings
 from jbench.settings.alike import COMPARED, VARIANT, Flat, alike, flatten
 from jbench.settings.bases import SCRIPT
-from jbench.settings.run import Run, RunSettings
+from jbench.settings.recorded import Run
+from jbench.settings.run import RunSettings
 
 _HYPERPARAMETERS = "hyperparameters"
 _NAMED_SETTINGS = 4

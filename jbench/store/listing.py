@@ -10,7 +10,7 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS, RETURNS, ReturnsName
 from jbench.returns import final_evaluation, final_return
 from jbench.settings.alike import variant
-from jbench.settings.run import Run, Unreadable, read_run
+from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.variants import variant_words
 from jbench.store.database import Results
 from jbench.store.record import Record

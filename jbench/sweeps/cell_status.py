@@ -7,7 +7,8 @@ from typing import NamedTuple
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.settings.alike import COST, SEED, alike
-from jbench.settings.run import RunSettings, read_run
+from jbench.settings.recorded import read_run
+from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Record, Results
 from jbench.store.provenance import processor

@@ -14,7 +14,8 @@ from jbench.agents.algorithms import find_agent
 from jbench.agents.plugin import is_resumable
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
-from jbench.settings.run import RunSettings, read_run
+from jbench.settings.recorded import read_run
+from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 
 

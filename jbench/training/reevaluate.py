@@ -13,8 +13,9 @@ from jbench.cores import cores, one_thread
 from jbench.devices import find_device
 from jbench.errors import RequestError
 from jbench.policies.saved import has_policy, load_agent
+from jbench.settings.recorded import Unreadable, read_run
 from jbench.settings.records import ExternalSettings
-from jbench.settings.run import RunSettings, Unreadable, read_run
+from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.provenance import device_provenance, differences, provenance
 from jbench.training.engines import make_trainer

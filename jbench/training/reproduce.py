@@ -11,8 +11,9 @@ import numpy as np
 from jbench.cores import one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
+from jbench.settings.recorded import read_run
 from jbench.settings.records import ExternalSettings
-from jbench.settings.run import RunSettings, read_run
+from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema
 from jbench.store.merge import TIMES
 from jbench.training.batched_run import run_batch

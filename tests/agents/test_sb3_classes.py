@@ -7,7 +7,8 @@ from sb3_contrib import TQC
 from jbench.agents import sb3_classes
 from jbench.agents.algorithms import algorithm_fields
 from jbench.errors import RequestError
-from jbench.settings.run import RunSettings, read_run
+from jbench.settings.recorded import read_run
+from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.request import request_runs
 from jbench.training.sb3_run import run

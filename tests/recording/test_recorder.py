@@ -23,8 +23,8 @@ from jbench.policies.copied import copy_module
 from jbench.policies.saved import has_policy, load_agent
 from jbench.recording.request import plain_hyperparameters
 from jbench.registration import environment_id
+from jbench.settings.recorded import read_run
 from jbench.settings.records import ExternalSettings
-from jbench.settings.run import read_run
 from jbench.simulation import find_task, rollout
 from jbench.store import Results
 from jbench.tasks import resets

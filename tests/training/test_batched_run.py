@@ -190,9 +190,9 @@ def test_seeds_are_distributed_over_processes():
 
 
 def test_incompatible_settings_and_devices_are_refused():
-    with pytest.raises(ValueError, match="are settings of the batched engine"):
+    with pytest.raises(ValueError, match="setting of the batched engine"):
         settings(engine="sb3", parallel=2)
-    with pytest.raises(ValueError, match="are settings of the batched engine"):
+    with pytest.raises(ValueError, match="setting of the batched engine"):
         settings(engine="sb3", precision="bfloat16")
     with pytest.raises(RequestError, match="--device cuda is for --engine batched"):
         training_device("sb3", "cuda")

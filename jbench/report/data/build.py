@@ -25,7 +25,7 @@ from jbench.report.data.curves import BAND_SEEDS
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, FILE, TRAINING
 from jbench.settings.alike import comparable
-from jbench.settings.run import parse_run
+from jbench.settings.recorded import parse_run
 from jbench.settings.variants import variant_words
 from jbench.statistics import IntArray
 from jbench.wording import are, counted

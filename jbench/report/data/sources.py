@@ -27,7 +27,7 @@ from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episode
 from jbench.report.data.returns import FILE
 from jbench.report.request import Request, setting
 from jbench.settings.alike import flatten
-from jbench.settings.run import Run, parse_run
+from jbench.settings.recorded import Run, parse_run
 from jbench.settings.variants import value_text
 from jbench.store import Results, query
 from jbench.wording import are, counted

@@ -201,13 +201,9 @@ def test_forward_is_similar_to_scaled(returns):
     assert np.abs(interval(iqm, forward, scaled, confidence=0.9)).max() < 50
 
 
-def test_returns_during_training(evaluations):
-    for task, name, *cells in table("docs/answer-details.md", "20,000 | 40,000"):
-        chosen = chosen_from(evaluations, algo="td3", task=task, name=name)
-        assert cells == [f"{iqm(rows['mean']):.0f}" for _, rows in chosen.groupby("step")]
-    dae = chosen_from(evaluations, algo="td3", task=TASKS[0], name="dae12", step=60_000)
-    at = dae["mean"]
-    assert f"{at.min():.0f} to {at.max():.0f} (the ten" in text_of("answer")
+def test_whitened_latents_alone_are_compared_with_shipped_agents(evaluations):
+    dae = chosen_from(evaluations, algo="td3", task=TASKS[0], name="dae12", step=60_000)["mean"]
+    assert f"{dae.min():.0f} to {dae.max():.0f} (the ten" in text_of("answer")
 
 
 def test_deviation_of_every_configuration(returns):
@@ -342,10 +338,3 @@ def test_page_on_statistics_has_the_medians_of_ddpg(returns):
     assert (
         f"training return of {training:.0f} and a median evaluation return of {evaluation:.0f}"
     ) in text_of("statistics")
-
-
-def test_page_on_recording_has_the_shipped_runs(returns):
-    rows = dict(table("docs/recording.md", "| return |"))
-    assert_agrees(
-        rows["shipped `td3"], np.median, returns["evaluation", "td3", TASKS[0], "full"].final
-    )

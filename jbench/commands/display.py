@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jbench.commands.output import Output
 from jbench.errors import WorkError
@@ -12,10 +12,6 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.listing import evaluation_return
 from jbench.wording import counted
-
-if TYPE_CHECKING:
-    from jbench.report.table import Table
-
 
 FINAL_RETURNS = (
     "Final returns. Quote the evaluation return: the mean over the last evaluation, in which the "
@@ -35,11 +31,14 @@ def described(record: Record, **more: Any) -> dict[str, Any]:
     }
 
 
-def show_table(table: "Table", output: Output) -> None:
-    """Prints a table of a report."""
-    texts = table.texts()
-    rows = list(texts.itertuples(index=False, name=None))
-    output.table(table.title, [str(name) for name in texts], rows)
+_ENCODER_TABLES = {
+    "encoder_errors": "Errors on held-out episodes and on those of the hand-written policy",
+    "encoder_predictions": "R² of the next control step, and effective rank of the latents",
+    "encoder_epochs": "Mean squared error by epoch (scaled features)",
+    "encoder_features": "Mean squared error of each scaled feature on held-out episodes and on "
+    "those of the hand-written policy",
+}
+"""Titles of the tables of an encoder's errors; those of several encoders have only the first."""
 
 
 def show_encoders(records: Sequence[Record], output: Output, *, verbose: bool) -> None:
@@ -81,74 +80,22 @@ def _encoder_row(record: Record) -> dict[str, str]:
 
 
 def _show_errors(records: Sequence[Record], output: Output) -> None:
-    """Prints the errors of encoders; those of a single one by epoch and feature."""
-    if len(records) == 1:
-        _show_encoder(records[0], output)
-    rows = []
+    """Prints the tables of the errors of encoders, of eight epochs at most."""
+    import pandas as pd
+
+    for name in [*_ENCODER_TABLES][: 4 if len(records) == 1 else 1]:
+        frame = pd.concat(record.read(name).to_pandas() for record in records)
+        if name == "encoder_epochs":
+            frame = frame.iloc[:: -max(1, len(frame) // 8)][::-1]
+        if len(records) == 1:
+            frame = frame.drop(columns="encoder")
+        if len(frame):
+            output.frame(_ENCODER_TABLES[name], frame)
     for record in records:
-        (errors,) = record.read("encoder_errors").to_pylist()
-        predictions = record.read("encoder_predictions").to_pylist()
-        explained = ("random", "heuristic", "pca_heuristic")
-        rows.append(
-            (
-                record.id,
-                f"{errors['test_mse']:.5f}",
-                *(f"{errors[f'{which}_explained']:.3f}" for which in explained),
-                f"{predictions[0]['effective_rank']:.1f}" if predictions else "",
-            )
-        )
-        _show_singular_values(record, output)
-    header = ("encoder", "error", "random directions", "on the heuristic", "PCA", "effective rank")
-    output.table(
-        "Error on held-out episodes; variance that random directions explain there; variance "
-        "explained on episodes of the hand-written policy; effective rank of the latents",
-        header,
-        rows,
-    )
-
-
-def _show_singular_values(record: Record, output: Output) -> None:
-    """Prints the singular values of an encoder's dynamics, if it has any."""
-    values = record.manifest.summary.get("singular_values")
-    if values is not None:
-        above = ", ".join(f"{sum(v > least for v in values)} above {least}" for least in (0.9, 0.5))
-        output.say(
-            f"{record.id}: singular values of the dynamics {', '.join(f'{v:.3f}' for v in values)} "
-            f"({above})."
-        )
-
-
-def _show_encoder(record: Record, output: Output) -> None:
-    """Prints the errors of a trained encoder by epoch, and the final errors by feature."""
-    epochs = record.read("encoder_epochs").to_pylist()
-    losses = ("train_loss", "test_mse", "test_denoising_mse")
-    shown = sorted({*range(0, len(epochs), max(1, len(epochs) // 8)), len(epochs) - 1})
-    if epochs:
-        output.table(
-            f"{record.id}: mean squared error by epoch (scaled features)",
-            ("epoch", "training loss", "test, clean", "test, corrupted"),
-            [
-                (e["epoch"], *("" if e[name] is None else f"{e[name]:.5f}" for name in losses))
-                for e in (epochs[i] for i in shown)
-            ],
-        )
-    output.table(
-        "Mean squared error of each scaled feature on held-out episodes, and (last two columns) on "
-        "episodes of the hand-written policy",
-        ("feature", "error", "PCA", "variance", "explained", "error", "PCA"),
-        [
-            (
-                row["feature"],
-                f"{row['test_mse']:.5f}",
-                f"{row['pca_mse']:.5f}",
-                f"{row['test_variance']:.5f}",
-                f"{1 - row['test_mse'] / max(row['test_variance'], 1e-12):.3f}",
-                f"{row['heuristic_mse']:.5f}",
-                f"{row['pca_heuristic_mse']:.5f}",
-            )
-            for row in record.read("encoder_features").to_pylist()
-        ],
-    )
+        values = record.manifest.summary.get("singular_values")
+        if values is not None:  # of an encoder with linear dynamics
+            shown = ", ".join(f"{value:.3f}" for value in values)
+            output.say(f"{record.id}: singular values of the dynamics {shown}.")
 
 
 def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> None:

@@ -11,9 +11,17 @@ from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.commands.policies import database_and_policy
 from jbench.errors import RequestError
+from jbench.names import one_of
 from jbench.wording import counted, repair_hint
 
 _TASK = "face_direction"
+
+_OPTIONS = {
+    "onnx": ("RUN", "--inputs", "--format", "--out"),
+    "minari": ("--dataset", "--task", "--format", "--out"),
+    "--curves": ("--task", "--returns"),
+}
+"""Options of each format."""
 
 
 def export(
@@ -61,26 +69,19 @@ def export(
     json: bool = options.JSON,
 ) -> None:
     """Export a policy as ONNX, a dataset for Minari, or learning curves as JSON."""
-    if curves is not None:
-        typed = {"RUN": run, "--dataset": dataset, "--format": format, "--inputs": inputs}
-        for option, value in {**typed, "--out": out}.items():
-            if value is not None:
-                raise RequestError(f"{option} and --curves exclude each other; leave one out.")
-        return _curves(curves, returns or "evaluation", task, results, Output(json))
-    if returns is not None:
-        raise RequestError("--returns is for --curves FILE; type both, or leave it out.")
-    chosen = format or ("minari" if run is None else "onnx")
+    what = "--curves" if curves else format or ("minari" if run is None else "onnx")
+    typed = {"RUN": run, "--dataset": dataset, "--task": task, "--format": format}
+    for option, value in {**typed, "--inputs": inputs, "--returns": returns, "--out": out}.items():
+        if value is not None and option not in _OPTIONS[what]:
+            has = one_of(_OPTIONS[what], "and")
+            raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")
     output = Output(json)
-    if chosen == "minari":
-        if run is not None:
-            raise RequestError(f"{run}: RUN is for --format onnx; name a dataset with --dataset.")
-        if inputs is not None:
-            raise RequestError("--inputs is for policies; name a run, or leave it out.")
+    if curves is not None:
+        _curves(curves, returns or "evaluation", task, results, output)
+    elif what == "minari":
         _dataset(dataset, task, out, results, output)
     elif run is None:
         raise RequestError("--format onnx exports the policy of a run; type jbench export RUN.")
-    elif dataset is not None or task is not None:
-        raise RequestError("--dataset and --task are for datasets; leave them out with RUN.")
     else:
         _policy(run, inputs, out, results, output)
 

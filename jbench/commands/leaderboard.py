@@ -35,7 +35,6 @@ def leaderboard(
     """
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
-    from jbench.commands.display import show_table
     from jbench.report.leaderboard import ranked_configurations
     from jbench.report.request import Request
     from jbench.report.table import to_csv, to_markdown
@@ -56,7 +55,7 @@ def leaderboard(
     if markdown or as_csv:
         output.raw(to_markdown(table) if markdown else to_csv(ranked))
     else:
-        show_table(table, output)
+        output.frame(table.title, table.texts())
         output.say(table.caption)
     output.document({"entries": records(ranked), "problems": problems})
     output.warn_of_damage(problems)

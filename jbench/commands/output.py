@@ -12,6 +12,7 @@ from jbench.json_text import json_text
 from jbench.wording import are, counted, duration
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.table import Table
 
 _PLAIN_EVERY = 10.0  # s between plain lines of progress, where there is no terminal
@@ -68,6 +69,11 @@ class Output:
         with _writing():
             console.print(Text(title, style="bold"), soft_wrap=True)
             console.print(table)
+
+    def frame(self, title: str, frame: "pd.DataFrame") -> None:
+        """Prints a frame for people; numbers have six digits."""
+        cells = frame.astype(object).where(frame.notna(), None).to_numpy()
+        self.table(title, list(map(str, frame.columns)), [list(map(short, row)) for row in cells])
 
     def warn_of_damage(self, problems: Sequence[str], advice: str = "") -> None:
         """Prints a warning for each damaged record.

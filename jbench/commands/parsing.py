@@ -31,14 +31,12 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
         RequestError: if the value is unknown; the message lists the values of the runs.
     """
     known = {"task": names.TASKS, "algo": names.ALGORITHMS, "representation": ()}[setting]
-    if value in known or (setting == "representation" and _is_representation(value)):
-        return value
     if value.lower() in known:
         return value.lower()
     from jbench.store.listing import setting_values
 
-    held = sorted({one for results in databases for one in setting_values(results, setting)})
-    if value in held:
+    held = sorted({text for results in databases for text in setting_values(results, setting)})
+    if value in held or (setting == "representation" and _is_representation(value)):
         return value
     close = difflib.get_close_matches(value, sorted({*held, *known}), 1)
     what = "algorithm" if setting == "algo" else setting

@@ -186,7 +186,6 @@ def open_page(page: Path) -> bool:
 
 def _show(written: "Report", output: Output) -> None:
     """Prints the headline, the tables that were asked for, notes, and the path of the page."""
-    from jbench.commands.display import show_table
     from jbench.report.tables import tables
 
     request = written.frames.request
@@ -195,7 +194,7 @@ def _show(written: "Report", output: Output) -> None:
     asked |= {"claims"} if request.claims else set()
     for table in tables(written.frames):
         if table.name in asked:
-            show_table(table, output)
+            output.frame(table.title, table.texts())
     for note in written.notes:
         output.say(f"Note: {note}")
     output.say(written.frames.headline)

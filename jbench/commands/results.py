@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from typer import Argument, Option
 
 from jbench import names
 from jbench.commands import checking, options, parsing
-from jbench.commands.output import Output, short
+from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.wording import are, counted, done_of, duration, repair_hint, with_results
 
@@ -99,17 +99,16 @@ def query(
     elif as_csv:
         output.raw(to_csv(answer))
     else:
-        first = answer.head(_SHOWN)
-        cells = first.astype(object).where(first.notna(), None).to_numpy()
-        rows = [[_cut(short(cell)) for cell in row] for row in cells]
+        first = answer.head(_SHOWN).map(_cut)
         less = f", the first {_SHOWN} shown; --csv prints all" if len(answer) > _SHOWN else ""
-        output.table(counted(len(answer), "row") + less, list(answer.columns), rows)
+        output.frame(counted(len(answer), "row") + less, first)
     output.warn_of_damage(problems, repair_hint(results))
 
 
-def _cut(text: str) -> str:
+def _cut(cell: Any) -> Any:
     """Cuts a long text, such as the JSON of settings, so that its row stays one of a table."""
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    is_long = isinstance(cell, str) and len(cell) > _LONGEST
+    return f"{cell[: _LONGEST - 1]}…" if is_long else cell
 
 
 def verify(

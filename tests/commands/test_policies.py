@@ -75,7 +75,7 @@ def test_render_writes_reported_file(tmp_path):
             ("evaluate", "--target-yaw", "45", "--task", "move_to_position"),
             "--target-yaw is for tasks with a target direction, not for move_to_position",
         ),
-        (("export", "--inputs", "observation"), "--inputs is for policies; name a run"),
+        (("export", "--inputs", "observation"), "--inputs is not for minari"),
         (("sweep", "fig7", "--dry-run", "--log", "paper"), "'--log': 'paper' is not one of"),
         (("render", "--camera", "sky"), "Unknown camera 'sky'; choose"),
         (("render", "--out", "film.avi"), r"\.mp4.*\.gif.*\.png"),

@@ -241,8 +241,8 @@ def test_device_is_not_replaced(tmp_path, refused):
     ("arguments", "message"),
     [
         (("--format", "onnx"), "type jbench export RUN"),
-        (("a/b", "--format", "minari"), "name a dataset with --dataset"),
-        (("a/b", "--task", TASK), "leave them out with RUN"),
+        (("a/b", "--format", "minari"), "RUN is not for minari, which has --dataset"),
+        (("a/b", "--task", TASK), "--task is not for onnx"),
         (("a/b",), "No run a/b in"),
         (("a/b", "--out", "."), "--out . is a directory; name a file."),
         (("a/b", "--inputs", "pixels"), "'--inputs': 'pixels' is not one of 'si'"),

@@ -277,8 +277,8 @@ def test_exported_curves_are_those_of_the_runs(fabric, tmp_path, capsys):
     ("typed", "says"),
     [
         (["--curves", "c.json"], "No run has evaluation returns; type --returns training."),
-        (["--curves", "c.json", "--format", "onnx"], "--format and --curves exclude each other"),
-        (["--returns", "training"], "--returns is for --curves FILE"),
+        (["--curves", "c.json", "--format", "onnx"], "--format is not for --curves"),
+        (["--returns", "training"], "--returns is not for minari"),
         (["--curves", "."], "is a directory"),
     ],
 )

@@ -96,9 +96,7 @@ def test_damaged_run_is_reported_and_others_are_printed(results, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("tail", "--last", "-1"), "greater than or equal to 0"),
         (("tail", "--algo", "dqn"), "Unknown algorithm 'dqn'"),
-        (("train", "--log", "mlflow"), "'mlflow' is not one of 'tensorboard'"),
     ],
 )
 def test_invalid_request_is_refused(results, refused, arguments, message):

@@ -28,11 +28,11 @@ all episodes so far."""
 
 def settings_of(request: Request) -> Any:
     """Returns the settings of the task with one update per control step."""
-    from jbench.settings.algorithms import algorithm_settings, base_of
+    from jbench.settings.algorithms import algorithm_settings, default_base
 
     every = {"train_freq": 1, "gradient_steps": 1, "learning_starts": 256, "buffer_size": 100_000}
     changes = {} if request["algo"] == "ppo" else every
-    return algorithm_settings(request["algo"], base_of(request["task"]), changes)
+    return algorithm_settings(request["algo"], default_base(request["task"]), changes)
 
 
 def batched(request: Request) -> Run:

@@ -18,7 +18,7 @@ from jbench.settings.algorithms import (
     AlgorithmSettings,
     OffPolicySettings,
     algorithm_settings,
-    base_of,
+    default_base,
 )
 from jbench.settings.base import Settings, settings_with
 from jbench.settings.run import RunSettings
@@ -153,7 +153,7 @@ def algorithm_fields(
     fields: dict[str, Any] = {"algo": algo, "engine": engine_of(algo, engine)}
     changes = dict(overrides or {})
     if algo in ALGORITHMS:
-        own = algorithm_settings(algo, base_of(task, base), changes)
+        own = algorithm_settings(algo, default_base(task, base), changes)
         return fields | {"hyperparameters": own.model_dump(mode="json")}
     if base not in (None, "published"):
         raise RequestError(

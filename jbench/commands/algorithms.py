@@ -23,11 +23,11 @@ def algorithms(
 
     output = Output(json)
     listed, broken = [], []
-    for each in (*ALGORITHMS, *installed()) if name is None else (name,):
+    for algorithm in (*ALGORITHMS, *installed()) if name is None else (name,):
         try:
-            listed.append(_described(each))
+            listed.append(_described(algorithm))
         except WorkError as error:
-            broken.append({"name": each, "error": str(error)})
+            broken.append({"name": algorithm, "error": str(error)})
             output.warn(str(error))
     if name is None:
         rows = [

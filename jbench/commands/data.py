@@ -68,7 +68,7 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
         output.table(
             f"{counted(len(listed), 'dataset')} in {results}",
             header,
-            [_row(each) for each in listed],
+            [_row(dataset) for dataset in listed],
         )
     else:
         to_write = Path(names.RESULTS) if names.is_reference(results) else results
@@ -76,9 +76,12 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
         output.say(f"No datasets in {results}; {small} makes a small one.")
     described = [
         display.described(
-            each.record, status=each.record.status, steps=each.steps, bytes=each.record.size
+            dataset.record,
+            status=dataset.record.status,
+            steps=dataset.steps,
+            bytes=dataset.record.size,
         )
-        for each in listed
+        for dataset in listed
     ]
     output.document({"datasets": described, "problems": problems})
     output.warn_of_damage(problems)

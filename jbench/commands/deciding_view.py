@@ -19,7 +19,9 @@ _VERDICTS = {
 
 def introduction(chosen: Sequence[Comparison], max_seeds: int) -> str:
     """Returns the sentence printed at first: the comparisons and the error rate."""
-    rates = dict.fromkeys(f"{share:.2%}" for share in sorted(one.share for one in chosen))
+    rates = dict.fromkeys(
+        f"{share:.2%}" for share in sorted(comparison.share for comparison in chosen)
+    )
     return (
         f"Final returns are compared after each {sequential.BLOCK} seeds, up to {max_seeds}. Of "
         f"all {len(chosen)} decisions together one or more are wrong with a probability of at most "
@@ -31,18 +33,18 @@ def introduction(chosen: Sequence[Comparison], max_seeds: int) -> str:
 def show_look(look: Look, output: Output) -> None:
     """Prints each comparison's decision, its number of seeds, and the error rate spent."""
     outcomes = look.outcomes
-    decided = sum(one.decision.verdict != "undecided" for one in outcomes)
+    decided = sum(outcome.decision.verdict != "undecided" for outcome in outcomes)
     rows = []
-    for one in outcomes:
-        decision = one.decision
+    for outcome in outcomes:
+        decision = outcome.decision
         verdict = _VERDICTS[decision.verdict]
-        left = [run.id for run in one.needed if run.id in look.tried]
+        left = [run.id for run in outcome.needed if run.id in look.tried]
         if left:
             verdict += f": {left[0]} is not finished"
         known = decision.seeds > 0
         rows.append(
             [
-                one.comparison.name,
+                outcome.comparison.name,
                 verdict,
                 decision.seeds,
                 f"{decision.difference:+.0f}" if known else "",
@@ -58,15 +60,15 @@ def described_outcomes(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
     """Returns the entries of comparisons in the JSON document."""
     return [
         {
-            "comparison": one.comparison.name,
-            "task": one.comparison.ours.task,
-            "algo": one.comparison.ours.algo,
-            "representation": one.comparison.ours.representation,
-            "against": one.comparison.against,
-            "claim": one.comparison.claim,
-            "share": one.comparison.share,
-            **one.decision._asdict(),
-            "needed": [run.id for run in one.needed],
+            "comparison": outcome.comparison.name,
+            "task": outcome.comparison.ours.task,
+            "algo": outcome.comparison.ours.algo,
+            "representation": outcome.comparison.ours.representation,
+            "against": outcome.comparison.against,
+            "claim": outcome.comparison.claim,
+            "share": outcome.comparison.share,
+            **outcome.decision._asdict(),
+            "needed": [run.id for run in outcome.needed],
         }
-        for one in outcomes
+        for outcome in outcomes
     ]

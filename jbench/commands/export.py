@@ -107,15 +107,23 @@ def _curves(
         raise RequestError(f"No run has {returns} returns; type --returns {other}.")
     points = pd.concat(
         pd.DataFrame(
-            {"task": one.task, "method": one.label, "seed": seed, "steps": steps, "return": values}
+            {
+                "task": configuration.task,
+                "method": configuration.label,
+                "seed": seed,
+                "steps": steps,
+                "return": values,
+            }
         )
-        for one in chosen
-        for seed, steps, values in zip(one.seeds, one.control_steps, one.returns, strict=True)
+        for configuration in chosen
+        for seed, steps, values in zip(
+            configuration.seeds, configuration.control_steps, configuration.returns, strict=True
+        )
     )
     # A seed has no return after its end, or where it was not finite.
     points = points.dropna()
     write_atomic(file, to_json(points).encode())
-    runs = sum(len(one.runs) for one in chosen)
+    runs = sum(len(configuration.runs) for configuration in chosen)
     output.say(
         f"Exported the {returns} returns of {counted(runs, 'run')} to {file}: task, method, seed, "
         "million_steps and return."

@@ -76,14 +76,14 @@ def import_(
         returns=returns,
     )
     imported = import_curves(database, files, request)
-    for one in imported:
+    for curve in imported:
         output.say(
-            f"{one.id}: {one.points:,} points, {one.control_steps:,} control steps"
-            + ("" if one.is_new else "; imported before, nothing is changed")
+            f"{curve.id}: {curve.points:,} points, {curve.control_steps:,} control steps"
+            + ("" if curve.is_new else "; imported before, nothing is changed")
         )
-    new = sum(one.is_new for one in imported)
+    new = sum(curve.is_new for curve in imported)
     output.say(
         f"Imported {new:,} of {len(imported):,} curves into {results}; they are not verified. "
         f"Next: {with_results('jbench report', results)}"
     )
-    output.document({"imports": [one._asdict() for one in imported]})
+    output.document({"imports": [curve._asdict() for curve in imported]})

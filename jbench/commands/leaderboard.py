@@ -41,10 +41,10 @@ def leaderboard(
     from jbench.report.tables import leaderboard_table
     from jbench.store.query import records
 
-    found = [parsing.existing_results(directory) for directory in directories or [results]]
+    named = [parsing.existing_results(directory) for directory in directories or [results]]
     # A directory may be typed twice, also by two paths.
-    read = list({one.path.resolve(): one for one in found}.values())
-    databases = {str(one.name): one for one in read}
+    read = list({database.path.resolve(): database for database in named}.values())
+    databases = {str(database.name): database for database in read}
     request = Request(
         task=task and parsing.known_or_held("task", task, read),
         algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),

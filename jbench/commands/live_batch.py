@@ -19,7 +19,7 @@ _SPARKLINE = 16  # characters
 _BARS = "▁▂▃▄▅▆▇█"
 
 
-class Batch:
+class ProcessRow:
     """The progress of runs that share a process."""
 
     def __init__(self, runs: Sequence[RunSettings]) -> None:

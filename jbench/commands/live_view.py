@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from jbench.commands.live_batch import Batch
+from jbench.commands.live_batch import ProcessRow
 from jbench.commands.output import Output, printable
 from jbench.settings.run import RunSettings
 from jbench.training.events import Event
@@ -39,7 +39,7 @@ class TrainingView:
         self._runs, self._ended = {run.id: run for run in runs}, set[str]()
         self._total = sum(run.last_step for run in runs)
         self._done, self._gained = dict.fromkeys((run.id for run in runs), 0), 0
-        self._batches: list[Batch] = []
+        self._batches: list[ProcessRow] = []
         self._began = self._printed = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -59,7 +59,7 @@ class TrainingView:
         elif event.kind == "training":
             self._show_training(event.runs)
         elif event.kind == "started":
-            self._batches.append(Batch(event.runs))
+            self._batches.append(ProcessRow(event.runs))
         elif event.kind == "ended":
             self._remove_batches({run.id for run in event.runs})
         else:
@@ -150,7 +150,7 @@ class TrainingView:
         print(self._summary(), file=sys.stderr, flush=True)
 
 
-def _line(batch: Batch, *, ended: bool = False) -> str:
+def _line(batch: ProcessRow, *, ended: bool = False) -> str:
     """Returns the row of a process as plain text; without its speed if it has ended."""
     name, steps, rate, _, returns, left = batch.cells()
     parts = [f"{steps} control steps"]

@@ -37,8 +37,8 @@ def with_settings(
 
     def decorate(command: _Command) -> _Command:
         signature = inspect.signature(command, eval_str=True)
-        own = [each for each in signature.parameters.values() if each.kind is not each.VAR_KEYWORD]
-        parameters = [*own, *(_parameter(name, kind.model_fields[name]) for name in fields)]
+        typed = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        parameters = [*typed, *(_parameter(name, kind.model_fields[name]) for name in fields)]
         for i, parameter in enumerate(parameters):
             if main and parameter.name not in main:
                 option = copy(parameter.default)
@@ -129,7 +129,7 @@ def _ids(results: Path, kind: str, file: str = "manifest.json") -> list[str]:
     if names.is_reference(results):
         results = Path(__file__).parents[1] / names.REFERENCE
     root = results / f"{kind}s"
-    return sorted(found.parent.relative_to(root).as_posix() for found in root.rglob(file))
+    return sorted(path.parent.relative_to(root).as_posix() for path in root.rglob(file))
 
 
 def path(text: str | Path) -> Path:

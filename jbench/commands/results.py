@@ -152,7 +152,7 @@ def verify(
             "files": checked.files,
             "bytes": checked.bytes,
             "findings": [{**f._asdict(), "path": str(f.path)} for f in checked.findings],
-            **({"reevaluations": [one._asdict() for one in repeated]} if reevaluate else {}),
+            **({"reevaluations": [part._asdict() for part in repeated]} if reevaluate else {}),
         }
     )
     if any(fault.sort != "foreign" for fault in checked.faults):
@@ -162,8 +162,8 @@ def verify(
         )
     if checked.faults:
         raise WorkError("Some results can't be checked; see above. The others can still be used.")
-    compared = [one for one in repeated if one.compared]
-    if different := sum(one.verdict == "different" for one in compared):
+    compared = [part for part in repeated if part.compared]
+    if different := sum(part.verdict == "different" for part in compared):
         raise WorkError(
             f"{different} of {len(compared)} repeated runs have other returns than recorded; "
             "see above."
@@ -229,12 +229,12 @@ def merge(
     output, database = Output(json), parsing.results_to_write(results)
     sources = [parsing.results_at(other) for other in others]
     merged = join(database, sources, partial(output.progress, "merge", unit="records"))
-    refused = [one for one in merged if one.outcome == "refused"]
-    for one in refused:
-        output.warn(f"{one.record}: {one.reason}")
-    outcomes = _counted(one.outcome for one in merged) or "no records"
+    refused = [record for record in merged if record.outcome == "refused"]
+    for record in refused:
+        output.warn(f"{record.record}: {record.reason}")
+    outcomes = _counted(record.outcome for record in merged) or "no records"
     output.say(f"Merged into {results}: {outcomes}.")
-    output.document({"records": [one._asdict() for one in merged]})
+    output.document({"records": [record._asdict() for record in merged]})
     if refused:
         raise WorkError(
             f"{counted(len(refused), 'record')} {are(len(refused))} refused, see above; the others "

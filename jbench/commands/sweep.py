@@ -194,7 +194,7 @@ def _decide(
     if needed:
         configurations = counted(len(look.needed), "configuration")
         output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
-    tried = (run for one in look.outcomes for run in one.needed)
+    tried = (run for outcome in look.outcomes for run in outcome.needed)
     failures = failures_among(run_statuses(tried, results))
     output.document(
         {

@@ -26,25 +26,25 @@ def show_matrix(
     title: str, statuses: Sequence[CellStatus], jobs: int, times: bool, output: Output
 ) -> None:
     """Prints how many seeds of each configuration are finished, and on request the time left."""
-    settings = [_settings(each.cell) for each in statuses]
-    varied = [name for name in settings[0] if len({each[name] for each in settings}) > 1]
+    settings = [_settings(status.cell) for status in statuses]
+    varied = [name for name in settings[0] if len({values[name] for values in settings}) > 1]
     header = ["task", "algo", "representation", *varied]
     header += ["finished", "partial", "failed", "missing"]
     rows: list[list[object]] = [
         [
-            *(each.cell.task, each.cell.algo, each.cell.representation),
+            *(status.cell.task, status.cell.algo, status.cell.representation),
             *(shown[name] for name in varied),
-            *(each.finished, each.partial, each.failed, each.missing),
+            *(status.finished, status.partial, status.failed, status.missing),
         ]
-        for each, shown in zip(statuses, settings, strict=True)
+        for status, shown in zip(statuses, settings, strict=True)
     ]
     if times:
         header += ["time left", "estimated from"]
-        for row, each in zip(rows, statuses, strict=True):
-            row += [_time(each.seconds_left) if each.steps_left else "", each.estimate]
+        for row, status in zip(rows, statuses, strict=True):
+            row += [_time(status.seconds_left) if status.steps_left else "", status.estimate]
     output.table(title, header, rows)
-    if times and any(each.steps_left for each in statuses):
-        failed = ", the failed runs included" if any(each.failed for each in statuses) else ""
+    if times and any(status.steps_left for status in statuses):
+        failed = ", the failed runs included" if any(status.failed for status in statuses) else ""
         seconds = seconds_left(statuses, jobs)
         until = " until each configuration has a finished run" if seconds is None else failed
         output.say(
@@ -81,16 +81,16 @@ def described(statuses: Sequence[CellStatus]) -> list[dict[str, Any]]:
     """Returns the entries of configurations in the JSON document."""
     return [
         {
-            "task": each.cell.task,
-            "algo": each.cell.algo,
-            "representation": each.cell.representation,
-            "encoder": each.cell.runs[0].encoder,
-            "settings": each.cell.settings,
-            "steps": each.cell.runs[0].steps,
-            "runs": [run.id for run in each.cell.runs],
-            **{name: value for name, value in each._asdict().items() if name != "cell"},
+            "task": status.cell.task,
+            "algo": status.cell.algo,
+            "representation": status.cell.representation,
+            "encoder": status.cell.runs[0].encoder,
+            "settings": status.cell.settings,
+            "steps": status.cell.runs[0].steps,
+            "runs": [run.id for run in status.cell.runs],
+            **{name: value for name, value in status._asdict().items() if name != "cell"},
         }
-        for each in statuses
+        for status in statuses
     ]
 
 

@@ -43,7 +43,7 @@ def tail(
     database = parsing.existing_results(results)
     filters = parsing.run_filters(database, task, algo, representation, status, seed)
     output, follower, problems = Output(json), Follower(database, filters), 0
-    lines, found = _json_lines if json else _text_lines, False
+    lines, is_empty = _json_lines if json else _text_lines, True
     try:
         while True:
             for change in follower.look():
@@ -51,12 +51,12 @@ def tail(
                     output.warn(change)
                     problems += 1
                     continue
-                found = True
+                is_empty = False
                 if last is not None:
                     change = change._replace(rows=_last(change.rows, last))
                 output.raw("".join(f"{line}\n" for line in lines(change)))
             if once:
-                if not (found or problems):
+                if is_empty and not problems:
                     output.say(f"No such runs in {results}.")
                 break
             last = None

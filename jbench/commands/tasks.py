@@ -27,11 +27,11 @@ def tasks(
     listed, broken = [], []
     if name is None:
         suite = names.SUITE_TASKS if importlib.util.find_spec("dm_control") else ()
-        for each in (*names.TASKS, *installed_tasks(), *suite):
+        for task in (*names.TASKS, *installed_tasks(), *suite):
             try:
-                listed.append(_described(each))
+                listed.append(_described(task))
             except (RequestError, WorkError) as error:
-                broken.append({"name": each, "error": str(error)})
+                broken.append({"name": task, "error": str(error)})
                 output.warn(str(error))
         rows = [
             (t["name"], str(t["observation_size"]), str(t["action_size"]), _seconds(t))

@@ -79,7 +79,7 @@ def train(
     from jbench.commands.live_view import TrainingView
     from jbench.commands.log import logged
     from jbench.commands.sweep_view import show_dry_run
-    from jbench.settings.algorithms import base_of
+    from jbench.settings.algorithms import default_base
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local, WorkerOptions
     from jbench.sweeps.scheduler import sweep
@@ -111,7 +111,7 @@ def train(
     if keep_state:
         check_state_can_be_kept(runs[:1])
     display.warn_of_short_runs(runs[:1], output)
-    cells = [Cell(task, algo, runs[0].representation, runs, base_of(task, settings))]
+    cells = [Cell(task, algo, runs[0].representation, runs, default_base(task, settings))]
     if dry_run:
         show_dry_run(cells, database, processes, train_on, output)
         return

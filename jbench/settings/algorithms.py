@@ -213,7 +213,7 @@ SETTINGS: dict[str, type[AlgorithmSettings]] = {
 """Settings class of each algorithm."""
 
 
-def base_of(task: str, base: Base | None = None) -> Base:
+def default_base(task: str, base: Base | None = None) -> Base:
     """Returns the base as typed; of None, the task's: published for the Jitterbug, else suite."""
     return base or ("published" if task in TASKS else "suite")
 

@@ -70,7 +70,7 @@ def alike(run: Run, free: Collection[str]) -> str:
     return canonical_json(kept)
 
 
-def stack_of(run: RunSettings) -> str:
+def stack_key(run: RunSettings) -> str:
     """Returns a key that is equal for runs that can be trained as one stack on a GPU.
 
     With jbench's own update rules, tasks of the Jitterbug and encoders may differ. Features that

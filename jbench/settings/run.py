@@ -148,10 +148,11 @@ class RunSettings(Settings):
         least = self.robots * self.environments * EPISODE_STEPS
         if self.robots > 1 and self.steps % least:
             up = (self.steps // least + 1) * least
-            each = f" in each of {self.environments} environments" if self.environments > 1 else ""
+            count = self.environments
+            where = f" in each of {count} environments" if count > 1 else ""
             yield (
                 f"{self.robots} robots can't share {self.steps} steps equally, in episodes of "
-                f"{EPISODE_STEPS} control steps{each}: steps must be {up}, or another multiple of "
+                f"{EPISODE_STEPS} control steps{where}: steps must be {up}, or another multiple of "
                 f"{least}"
             )
 
@@ -226,7 +227,7 @@ class RunSettings(Settings):
         """Number of episodes of each environment with each robot."""
         return self.steps // (self.robots * self.environments * EPISODE_STEPS)
 
-    def augment_of(self, robot: int) -> int | None:
+    def robot_seed(self, robot: int) -> int | None:
         """Returns the seed of the augmented robot with this index, at most the last one."""
         return None if self.augment is None else self.augment + min(robot, self.robots - 1)
 

@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 from jbench.cores import cores
 from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY, ONE_THREAD
-from jbench.settings.alike import SEED, alike, stack_of
+from jbench.settings.alike import SEED, alike, stack_key
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.antiphase import divided
@@ -133,7 +133,7 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     """Returns the runs of each process.
 
     On a CPU the seeds of a cell are divided among `jobs` processes. On a GPU the cells of a stack
-    (`jbench.settings.alike.stack_of`) share one process; they are divided only among several jobs,
+    (`jbench.settings.alike.stack_key`) share one process; they are divided only among several jobs,
     or if they are too many for the GPU's memory or a process. A run of another engine has its own
     process.
     """
@@ -141,7 +141,7 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
         cells = _grouped(runs, lambda run: alike(run, SEED))
         return [part for cell in cells for part in divided(cell, jobs)]
     found = []
-    for stack in _grouped(runs, stack_of):
+    for stack in _grouped(runs, stack_key):
         cells = _grouped(stack, lambda run: alike(run, SEED))
         parts = max(
             jobs, stacks_for_memory(stack, device, jobs), math.ceil(len(stack) / _MAX_STACK)

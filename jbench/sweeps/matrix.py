@@ -17,7 +17,7 @@ from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.errors import RequestError
 from jbench.names import FULL, OFE, Base, evaluation_interval, known
 from jbench.seeds import parse_seeds
-from jbench.settings.algorithms import base_of
+from jbench.settings.algorithms import default_base
 from jbench.settings.base import Seed, Settings, in_id, typed_default, validated, whole
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import TYPED, RunSettings
@@ -207,7 +207,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
             fields["encoder_draws"] = first.draws
     runs = runs_of(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
     different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
-    return Cell(task, algo, name, runs, base_of(task, matrix.settings), different, dataset)
+    return Cell(task, algo, name, runs, default_base(task, matrix.settings), different, dataset)
 
 
 def _encoders(

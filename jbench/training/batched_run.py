@@ -45,7 +45,7 @@ def run_batch(
 
     Args:
         runs: settings that differ only in their seeds, or that can be one stack (see
-            `jbench.settings.alike.stack_of`); one run, if the agent is of another package.
+            `jbench.settings.alike.stack_key`); one run, if the agent is of another package.
         results: where the runs are written.
         encoder: encoder of the observations of all runs, or one for each run.
         device: see `jbench.devices.find_device`.

@@ -36,7 +36,7 @@ def make_trainer(
     check_specs(settings.task, settings.specs)
 
     def augment(episode: int) -> int | None:
-        return settings.augment_of(episode // settings.episodes_on_each)
+        return settings.robot_seed(episode // settings.episodes_on_each)
 
     if settings.engine == "plugin":
         (seed,), (encoder,) = seeds, encoders

@@ -166,7 +166,7 @@ class Evaluator(EvaluationSchedule):
             return actions.reshape(len(observations), -1)
 
         settings = self._settings
-        augment = settings.augment_of(settings.robot_at(engine.control_steps))
+        augment = settings.robot_seed(settings.robot_at(engine.control_steps))
         threads = engine.environments.threads
         # As many at a time as in other evaluations: a matrix product rounds by its size.
         block = self._settings.evaluate_episodes

@@ -175,7 +175,7 @@ def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
 
 def test_robots_of_sequence_have_equal_shares_of_episodes():
     run = settings("ddpg", robots=2, augment=5, steps=4 * EPISODE)
-    assert [run.augment_of(robot) for robot in (0, 1, 7)] == [5, 6, 6]
+    assert [run.robot_seed(robot) for robot in (0, 1, 7)] == [5, 6, 6]
     assert (run.episodes_on_each, run.robot_at(100), run.robot_at(101)) == (2, 0, 1)
 
 

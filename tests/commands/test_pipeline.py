@@ -86,21 +86,6 @@ def test_report_shows_every_cell(pipeline, tmp_path):
     assert all(Path(path).stat().st_size > 0 for path in printed["files"])
 
 
-def test_query_joins_episodes_and_runs(pipeline):
-    sql = (
-        "SELECT representation, count(*) AS episodes FROM episodes JOIN runs USING (run) "
-        "GROUP BY representation ORDER BY representation"
-    )
-    answer = json.loads(succeed("query", sql, "--json", results=pipeline).stdout)
-    assert answer == [
-        {"representation": "dae5", "episodes": 8},
-        {"representation": "full", "episodes": 8},
-    ]
-    text = succeed("query", sql, "--csv", results=pipeline).stdout
-    assert text == "representation,episodes\ndae5,8\nfull,8\n"
-    assert "dae5" in succeed("query", sql, results=pipeline).stdout
-
-
 def test_repeated_commands_change_nothing_and_report_it(pipeline):
     before = files(pipeline)
     collected = succeed(*COLLECT, results=pipeline)
@@ -158,9 +143,3 @@ def test_damaged_run_is_named_and_others_are_reported(pipeline, tmp_path):
     queried = jbench("query", counted, "--csv", results=copy)
     assert (queried.returncode, queried.stdout) == (1, "n\n3\n")
     assert part.name in queried.stderr
-
-
-def test_encoder_of_other_task_is_refused(pipeline, refused):
-    (row,) = load(Results(pipeline)).tables["encoders"].to_pylist()
-    wanted = ("train", "--task", "move_to_pose", "--encoder", row["encoder"])
-    assert "is for face_direction, not for move_to_pose" in refused(*wanted, results=pipeline)

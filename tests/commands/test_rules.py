@@ -8,7 +8,6 @@ from functools import partial
 import pytest
 
 from jbench.agents.algorithms import algorithm_fields
-from jbench.cli import main
 from jbench.policies.saved import WEIGHTS, has_policy
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -136,19 +135,6 @@ def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refuse
 
 
 @pytest.mark.parametrize(
-    ("algo", "sentence"),
-    [
-        ("missing", "The rule missing can't be loaded from other_rules:Missing"),
-        ("no-rule", "The rule no-rule is no subclass of jbench.Rule"),
-        ("jbench:Rule", "The rule jbench:Rule is no subclass of jbench.Rule; fix it, or"),
-        ("agent-settings", "Settings of the rule agent-settings is no subclass of jbench.Off"),
-    ],
-)
-def test_entry_point_that_is_not_a_rule_is_refused(installed, algo, sentence, tmp_path, refused):
-    assert sentence in refused("train", "--algo", algo, results=tmp_path / "results", code=1)
-
-
-@pytest.mark.parametrize(
     ("algo", "sentence", "episodes"),
     [
         ("no-actor", "The rule NoActor can't be trained: its actor is no nn.Sequential", 0),
@@ -178,16 +164,3 @@ def test_killed_run_resumes_bit_for_bit(installed, stacked, tmp_path, monkeypatc
     assert rows(records[0]) == rows(records[1])
     assert len(rows(records[0])) == 8 + 3
     assert records[0].read_file(WEIGHTS) == records[1].read_file(WEIGHTS)
-
-
-def test_rules_are_listed_with_settings_and_packages(installed, capsys):
-    assert main(["algorithms", "tqc", "--json"]) == 0
-    (found,) = json.loads(capsys.readouterr().out)["algorithms"]
-    assert (found["engine"], found["package"]) == ("batched", "tqc-rule 2.1")
-    described = {each["name"]: each for each in found["settings"]}
-    assert described["quantiles"]["default"] == 25
-    assert described["tau"]["description"] == "polyak coefficient of the target networks"
-    assert main(["algorithms", "--json"]) == 1
-    printed = json.loads(capsys.readouterr().out)
-    assert "tqc" in {each["name"] for each in printed["algorithms"]}
-    assert {"no-rule", "missing"} <= {each["name"] for each in printed["broken"]}

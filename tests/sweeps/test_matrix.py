@@ -6,7 +6,6 @@ import tomllib
 import pytest
 
 from jbench.cli import main
-from jbench.commands.parsing import parse_overrides
 from jbench.errors import RequestError
 from jbench.names import ALGORITHMS, SWEEPS, TASKS
 from jbench.settings.alike import SEED, alike, variant
@@ -15,9 +14,7 @@ from jbench.store import Results
 from jbench.store.shipped import shipped
 from jbench.sweeps.cell import all_runs
 from jbench.sweeps.matrix import Matrix, matrix_cells, read_matrix
-from jbench.training.request import request_runs
 from tests.documentation import ROOT, code_of
-from tests.sweep_matrices import write_matrix
 
 
 def cells_of(name, path, **changes):
@@ -39,10 +36,6 @@ def test_shipped_matrices_have_expected_cells_and_runs(name, cells, runs, tmp_pa
     found = cells_of(name, tmp_path)
     assert (len(found), len(list(all_runs(found)))) == (cells, runs)
     assert {run.engine for run in all_runs(found)} == {"batched"}
-
-
-def test_every_listed_matrix_is_shipped():
-    assert all(read_matrix(name) for name in SWEEPS)
 
 
 def test_figure_9_has_cells_of_paper(tmp_path):
@@ -176,32 +169,6 @@ def test_invalid_part_is_reported_in_one_line(text, says, tmp_path):
     assert "\n" not in str(raised.value)
 
 
-def test_runs_of_matrix_equal_runs_of_train_command(tmp_path):
-    matrix = write_matrix(tmp_path, algos='"td3", "ppo"', seeds="0,3-4")
-    asked = {
-        "task": "face_direction",
-        "encoder": "none",
-        "seeds": [0, 3, 4],
-        "steps": 2000,
-        "base": "published",
-        "time_limit": "bootstrap",
-        "evaluate_every": 2000,
-        "evaluate_episodes": 1,
-        "engine": "batched",
-    }
-    td3 = ["learning_starts=50", "train_freq=50", "gradient_steps=2", "batch_size=16"]
-    ppo = ["n_envs=2", "n_steps=128", "batch_size=64"]
-    for cell, overrides in zip(cells_of(matrix, tmp_path), (td3, ppo), strict=True):
-        typed = request_runs(
-            Results(tmp_path),
-            algo=cell.algo,
-            overrides=parse_overrides(["hidden_layers=[8]", *overrides]),
-            **asked,
-        )
-        assert cell.runs == typed
-        assert [run.id for run in cell.runs] == [run.id for run in typed]
-
-
 def test_every_run_setting_is_key_of_a_file_and_option_of_train(tmp_path, capsys):
     keys = {"steps": 4000, "engine": "batched", "time_limit": "terminal", "precision": "bfloat16"}
     keys |= {"augment": 3, "robots": 2, "environments": 2}
@@ -211,19 +178,26 @@ def test_every_run_setting_is_key_of_a_file_and_option_of_train(tmp_path, capsys
     assert set(options) == set(titles)
     lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
     lines += ["[evaluation]", *(f"{key} = {value}" for key, value in evaluation.items())]
+    lines += ["[hyperparameters.td3]", "tau = 0.5"]
     file = tmp_path / "all.toml"
     file.write_text("\n".join(['tasks = ["face_direction"]\nalgos = ["td3"]\nseeds = [0]', *lines]))
     (run,) = all_runs(cells_of(str(file), tmp_path))
     assert {key: getattr(run, name) for key, name in titles.items()} == options
     typed = [f"--{key.replace('_', '-')}={value}" for key, value in options.items()]
-    typed += ["--algo", "td3", "--seed", "0", "--dry-run", "--json", "--results", str(tmp_path)]
-    assert main(["train", *typed]) == 0
+    typed += [
+        "--set",
+        "tau=0.5",
+        "--algo",
+        "td3",
+        "--seed",
+        "0",
+        "--dry-run",
+        "--json",
+        "--results",
+        str(tmp_path),
+    ]
+    assert main(["train", *typed, "--results", str(tmp_path)]) == 0
     assert run.id in capsys.readouterr().out
-
-
-def test_seeds_and_steps_can_be_replaced(tmp_path):
-    cells = cells_of("fig9", tmp_path, seeds=[7], steps=300_000)
-    assert {(run.seed, run.steps) for run in all_runs(cells)} == {(7, 300_000)}
 
 
 def test_repeated_seeds_and_names_are_one_run(tmp_path):

@@ -3,9 +3,8 @@
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.importing.request import ImportedFile, ImportRequest, seed_of
-from jbench.importing.series import Series, check_points, numbers
-from jbench.importing.table import check_columns, read_table
+from jbench.importing.reader import Series, check_columns, check_points, numbers, read_table
+from jbench.importing.request import ImportedFile, ImportRequest, parse_seed
 
 STEPS = ("control_steps", "global_step", "timesteps", "steps", "step")
 RETURN = ("episode_return", "episodic_return", "return", "reward")
@@ -15,8 +14,8 @@ SEED = "seed"
 _NOT_CONTROL_STEPS = ("Step", "Wall Time", "Relative Time (Wall)", "Relative Time (Process)")
 """Axes of W&B; its `Step` counts calls of `wandb.log`."""
 
-_SIDES = ("__MIN", "__MAX")
-_OF_WANDB = ("_step", "_runtime", "_timestamp")
+_NO_METRICS = ("__MIN", "__MAX", "_step", "_runtime", "_timestamp")
+"""Endings of columns of W&B that are not a metric."""
 
 
 def read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
@@ -38,18 +37,19 @@ def read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
         if SEED not in table:
             raise request.no_seed()
         columns["seed"] = SEED
-    for name, column in columns.items():
-        check_columns(table, file, f"--{name}-column", column)
+    check_columns(table, file, {f"--{role}-column": column for role, column in columns.items()})
     table = _with_values(table, columns["return"], file)
-    kind = request.kind_of(columns["return"])
-    if "seed" not in columns:
-        seeds = [request.seed_in(str(file.path), "the path")] * len(table)
+    kind = request.returns_kind(columns["return"])
+    if "seed" in columns:
+        where = f"{columns['seed']} is"
+        seeds = [
+            parse_seed(text, f"{file.path}, line {line}: {where}")
+            for line, text in table[columns["seed"]].items()
+        ]
     else:
-        found = zip(table.index, table[columns["seed"]], strict=True)
-        named = f"{columns['seed']} is"
-        seeds = [seed_of(text, f"{file.path}, line {line}: {named}") for line, text in found]
+        seeds = [request.seed_in(str(file.path), "the path")] * len(table)
     return [
-        Series(file, seed, kind, _points(rows, columns["steps"], columns["return"], file), columns)
+        Series(file, seed, kind, _points(rows, columns, file), columns)
         for seed, rows in table.groupby(pd.Series(seeds, table.index))
     ]
 
@@ -66,40 +66,31 @@ def read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
     # W&B ends the last line without a line break.
     table = read_table(file, ends_line=False)
     steps = request.steps_column or str(table.columns[0])
-    check_columns(table, file, "--steps-column", steps)
+    check_columns(table, file, {"--steps-column": steps})
     if request.steps_column is None and steps in _NOT_CONTROL_STEPS:
         raise RequestError(
             f"The horizontal axis of {file.path} is {steps!r}, which need not be control steps; "
             f"choose the axis global_step in W&B, or type --steps-column {steps!r} if it is."
         )
-    found = _metrics(table)
-    metric = request.return_column
-    if metric is None and len(found) == 1:
-        metric = next(iter(found))
-    if metric is None or metric not in found:
+    runs: dict[str, dict[str, str]] = {}  # columns of each metric, by run
+    for column in map(str, table.columns):
+        run, dash, metric = column.rpartition(" - ")
+        if dash and not metric.endswith(_NO_METRICS):
+            runs.setdefault(metric, {})[run] = column
+    metric = request.return_column or (next(iter(runs)) if len(runs) == 1 else "")
+    if metric not in runs:
         reason = f"no metric {metric!r}" if metric else "not exactly one metric"
         raise RequestError(
             f"{file.path} has {reason}; type --return-column with one of "
-            f"{', '.join(sorted(found)) or '(none)'}; a chart has columns 'RUN - METRIC'."
+            f"{', '.join(sorted(runs)) or '(none)'}; a chart has columns 'RUN - METRIC'."
         )
     series = []
-    for run, column in found[metric].items():
-        rows = _with_values(table, column, file)
-        seed = request.seed_in(run, f"{file.path}, the run")
+    for run, column in runs[metric].items():
         columns = {"steps": steps, "return": column}
-        points = _points(rows, steps, column, file)
-        series.append(Series(file, seed, request.kind_of(metric), points, columns))
+        points = _points(_with_values(table, column, file), columns, file)
+        seed = request.seed_in(run, f"{file.path}, the run")
+        series.append(Series(file, seed, request.returns_kind(metric), points, columns))
     return series
-
-
-def _metrics(table: pd.DataFrame) -> dict[str, dict[str, str]]:
-    """Returns the columns of each metric by run."""
-    found: dict[str, dict[str, str]] = {}
-    for column in map(str, table.columns):
-        run, dash, metric = column.rpartition(" - ")
-        if dash and not metric.endswith(_SIDES) and metric not in _OF_WANDB:
-            found.setdefault(metric, {})[run] = column
-    return found
 
 
 def _with_values(table: pd.DataFrame, column: str, file: ImportedFile) -> pd.DataFrame:
@@ -110,12 +101,12 @@ def _with_values(table: pd.DataFrame, column: str, file: ImportedFile) -> pd.Dat
     return rows
 
 
-def _points(rows: pd.DataFrame, steps: str, returns: str, file: ImportedFile) -> pd.DataFrame:
+def _points(rows: pd.DataFrame, columns: dict[str, str], file: ImportedFile) -> pd.DataFrame:
     """Returns the points of a learning curve; see `Series.points`."""
     points = pd.DataFrame(
         {
-            "control_steps": numbers(rows, steps, file),
-            "episode_return": numbers(rows, returns, file),
+            "control_steps": numbers(rows, columns["steps"], file),
+            "episode_return": numbers(rows, columns["return"], file),
         }
     )
     check_points(points, file, lambda row: f"line {rows.index[row]}")

@@ -9,9 +9,8 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.errors import RequestError
-from jbench.importing.request import ImportedFile, open_file, seed_of
-from jbench.importing.series import MAX_STEPS, numbers
-from jbench.importing.table import read_table
+from jbench.importing.reader import MAX_STEPS, numbers, read_table
+from jbench.importing.request import ImportedFile, open_file, parse_seed
 from jbench.names import ReturnsName
 from jbench.store import schema
 from jbench.store.parquet import to_table
@@ -99,7 +98,8 @@ def _from_csv(file: ImportedFile) -> pd.DataFrame:
                 "steps and return."
             )
     seeds = [
-        seed_of(text, f"{file.path}, line {line}: seed is") for line, text in table["seed"].items()
+        parse_seed(text, f"{file.path}, line {line}: seed is")
+        for line, text in table["seed"].items()
     ]
     values = {name: numbers(table, name, file) for name in ("steps", "return")}
     return table[["task", "method"]].assign(seed=seeds, **values)
@@ -114,7 +114,7 @@ def _from_json(file: ImportedFile) -> pd.DataFrame:
             for method, seeds in methods.items()
             for name, curve in seeds.items()
         ]
-        return pd.concat([_json_curve(file, *one) for one in curves], ignore_index=True)
+        return pd.concat([_json_curve(file, *curve) for curve in curves], ignore_index=True)
     except RequestError:
         raise
     except (ValueError, AttributeError, RecursionError):
@@ -125,7 +125,7 @@ def _json_curve(
     file: ImportedFile, task: str, method: str, name: str, curve: dict[str, list[float]]
 ) -> pd.DataFrame:
     where = f"{file.path}: {method[:40]!r} on {task[:40]!r}, {name[:40]!r}"
-    seed = seed_of(name.removeprefix("seed_"), f"{where}: the seed is")
+    seed = parse_seed(name.removeprefix("seed_"), f"{where}: the seed is")
     try:
         steps, returns = (np.array(curve[key], np.float64) for key in ("million_steps", "return"))
         points = pd.DataFrame({"steps": (steps * 1e6).round(), "return": returns})

@@ -8,9 +8,9 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.errors import RequestError
-from jbench.importing import columns, evaluations, monitor, tensorboard
+from jbench.importing import columns, sb3, tensorboard
+from jbench.importing.reader import Series
 from jbench.importing.request import ImportedFile, ImportRequest, open_file
-from jbench.importing.series import Series
 from jbench.names import ImportFormat
 from jbench.settings.base import validated
 from jbench.settings.records import ImportSettings
@@ -18,32 +18,28 @@ from jbench.store import Results, schema
 from jbench.store.manifest import check_settings
 from jbench.store.parquet import to_table
 
-_READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series]]] = {
-    "sb3-monitor": monitor.read,
-    "sb3-evaluations": evaluations.read,
-    "tensorboard": tensorboard.read,
-    "wandb-csv": columns.read_wandb,
-    "csv": columns.read_csv,
-}
 
-
-class _Join(NamedTuple):
-    """How several files of a seed become one learning curve.
+class _Format(NamedTuple):
+    """How files of a format are read.
 
     Attributes:
+        read: returns the learning curves of a file.
+        join: returns the points of a seed's several files; None if it may have only one.
         order: column whose first value orders the files.
-        points: returns the points of the files in this order.
     """
 
-    order: str
-    points: Callable[[Sequence[Series]], pd.DataFrame]
+    read: Callable[[ImportedFile, ImportRequest], list[Series]]
+    join: Callable[[Sequence[Series]], pd.DataFrame] | None = None
+    order: str = ""
 
 
-_JOINED: dict[ImportFormat, _Join] = {
-    "sb3-monitor": _Join("wall_time", monitor.joined),
-    "tensorboard": _Join("control_steps", tensorboard.joined),
+_FORMATS: dict[ImportFormat, _Format] = {
+    "sb3-monitor": _Format(sb3.read_monitor, sb3.join_environments, "wall_time"),
+    "sb3-evaluations": _Format(sb3.read_evaluations),
+    "tensorboard": _Format(tensorboard.read, tensorboard.join_trainings, "control_steps"),
+    "wandb-csv": _Format(columns.read_wandb),
+    "csv": _Format(columns.read_csv),
 }
-"""Formats of which a seed may have several files."""
 
 
 class Imported(NamedTuple):
@@ -93,7 +89,7 @@ def import_curves(
             same = by_hash[file.sha256].path
             raise RequestError(f"{same} and {path} have the same content; name one of them.")
         by_hash[file.sha256] = file
-    read = _READERS[request.format]
+    read = _FORMATS[request.format].read
     by_seed: dict[int, list[Series]] = {}
     for file in by_hash.values():
         for series in read(file, request):
@@ -108,10 +104,10 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
     Raises:
         RequestError: if its parts are not parts of one curve, or a name can't be recorded.
     """
-    join = _JOINED.get(request.format)
-    if join is not None:
+    how = _FORMATS[request.format]
+    if how.join is not None:
         # The id must not depend on the order in which the files are named.
-        parts = sorted(parts, key=lambda one: (one.points[join.order].iloc[0], one.file.sha256))
+        parts = sorted(parts, key=lambda part: (part.points[how.order].iloc[0], part.file.sha256))
     elif len(parts) > 1:
         where = " and ".join(dict.fromkeys(str(part.file.path) for part in parts))
         raise RequestError(
@@ -119,7 +115,7 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
             "or import one of them."
         )
     first = parts[0]
-    points = first.points if join is None else join.points(parts)
+    points = first.points if how.join is None else how.join(parts)
     settings = validated(
         ImportSettings,
         "the import",

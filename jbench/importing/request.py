@@ -91,14 +91,14 @@ class ImportRequest:
                 rf"that matches its seed, such as 'seed(\d+)', or add the seed to the name{column}."
             )
         found = match[1] if match.re.groups else match[0]
-        return seed_of(found or "", f"--seed-from {self.seed_from} finds in {what} {text}")
+        return parse_seed(found or "", f"--seed-from {self.seed_from} finds in {what} {text}")
 
-    def kind_of(self, column: str) -> ReturnsName:
+    def returns_kind(self, column: str) -> ReturnsName:
         """Returns the kind of the returns in a column or tag."""
         return self.returns or ("evaluation" if column.startswith("eval") else "training")
 
 
-def seed_of(text: str, where: str) -> int:
+def parse_seed(text: str, where: str) -> int:
     """Returns the seed in a text; an error begins with `where`.
 
     Raises:

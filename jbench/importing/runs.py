@@ -52,9 +52,9 @@ def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
     # A manifest that jbench has not written may lack any of these.
     incomplete = frame[[*_SEED, "returns", "points", "control_steps"]].isna().any(axis=1)
     problems = [
-        f"The import {one} lacks a label, a seed, its kind of return or its length; it is not "
+        f"The import {id} lacks a label, a seed, its kind of return or its length; it is not "
         "reported."
-        for one in frame.loc[incomplete, "import"]
+        for id in frame.loc[incomplete, "import"]
     ]
     frame = frame[~incomplete].astype({"seed": np.int64})
     # Training returns first, and the longest curve first.
@@ -78,15 +78,15 @@ def _runs(chosen: pd.DataFrame) -> pd.DataFrame:
     runs = chosen.drop_duplicates("run")
     labels: list[Any] = runs[_LABELS].astype(str).to_dict("records")
     settings = [
-        json.dumps({**one, "seed": seed})
-        for one, seed in zip(labels, runs["seed"].tolist(), strict=True)
+        json.dumps({**names, "seed": seed})
+        for names, seed in zip(labels, runs["seed"].tolist(), strict=True)
     ]
     recorded = map(json.loads, runs["provenance"])
-    kept = [{name: one[name] for name in _PROVENANCE if name in one} for one in recorded]
+    kept = [{name: made[name] for name in _PROVENANCE if name in made} for made in recorded]
     return runs.assign(
-        variant=[variant(one) for one in labels],
+        variant=[variant(names) for names in labels],
         settings=settings,
-        provenance=[json.dumps(one) for one in kept],
+        provenance=[json.dumps(made) for made in kept],
     )
 
 

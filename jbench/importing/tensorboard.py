@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import pandas as pd
 
 from jbench.errors import RequestError
+from jbench.importing.reader import Series, check_points
 from jbench.importing.request import ImportedFile, ImportRequest
-from jbench.importing.series import Series, check_points
 
 KNOWN_TAGS = ("charts/episodic_return", "rollout/ep_rew_mean")
 """Tags of training returns: of CleanRL, an episode each, and of stable-baselines3, means of 100."""
@@ -31,10 +31,10 @@ def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
     points = pd.DataFrame(scalars[tag], columns=["control_steps", "wall_time", "episode_return"])
     check_points(points, file, lambda row: f"value {row + 1} of {tag}")
     seed = request.seed_in(str(file.path), "the path")
-    return [Series(file, seed, request.kind_of(tag), points, {"return": tag})]
+    return [Series(file, seed, request.returns_kind(tag), points, {"return": tag})]
 
 
-def joined(parts: Sequence[Series]) -> pd.DataFrame:
+def join_trainings(parts: Sequence[Series]) -> pd.DataFrame:
     """Returns the points of a seed whose training was continued in further files.
 
     Args:
@@ -43,12 +43,13 @@ def joined(parts: Sequence[Series]) -> pd.DataFrame:
     Raises:
         RequestError: if the files are not parts of one training.
     """
-    for one, other in itertools.pairwise(parts):
-        first, last = other.points["control_steps"].iloc[0], one.points["control_steps"].iloc[-1]
-        if first <= last:
+    for earlier, later in itertools.pairwise(parts):
+        first = later.points["control_steps"].iloc[0]
+        if first <= earlier.points["control_steps"].iloc[-1]:
             raise RequestError(
-                f"{one.file.path} and {other.file.path} are both of seed {one.seed} and both have "
-                f"values at {first:,.0f} control steps: they are two trainings; import one of them."
+                f"{earlier.file.path} and {later.file.path} are both of seed {later.seed} and both "
+                f"have values at {first:,.0f} control steps: they are two trainings; import one of "
+                "them."
             )
     return pd.concat([part.points for part in parts], ignore_index=True)
 

@@ -15,7 +15,7 @@ from tensorboard.util.tensor_util import make_tensor_proto
 
 from jbench.cli import main
 from jbench.errors import RequestError
-from jbench.importing.request import seed_of
+from jbench.importing.request import parse_seed
 from jbench.store import Results
 from jbench.store.verify import verify
 
@@ -350,7 +350,7 @@ def test_truncated_wandb_chart_is_refused(wandb_file, import_error):
         ("control_steps,episode_return\n1000,5\n500,6\n", "line 3: the control steps go back"),
         ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 is no number"),
         ("control_steps,episode_return\n1000,5\n,6\n", "line 3: control_steps is ''"),
-        ("control_steps,episode_return\n1000,5\n2000,6,7\n", "line 3: 3 fields"),
+        ("control_steps,episode_return\n1000,5\n2000,6,7\n", "Expected 2 fields in line 3, saw 3"),
         ("count,return\n1000,5\n", "type --steps-column with one of count, return"),
         ("control_steps,episode_return\n1000,\n", "has no value of episode_return"),
         ("a,a\n1,2\n", "two columns 'a'"),
@@ -380,9 +380,9 @@ def test_invalid_request_is_refused(arguments, message, monitor_file, import_err
 
 
 def test_zeros_before_seed_are_not_counted_as_digits():
-    assert seed_of("0" * 5000 + "7", "") == 7
+    assert parse_seed("0" * 5000 + "7", "") == 7
     with pytest.raises(RequestError, match="whole number"):
-        seed_of("0" * 20 + "9" * 20, "")
+        parse_seed("0" * 20 + "9" * 20, "")
 
 
 def test_second_file_of_seed_is_refused(tmp_path, import_error):

@@ -1,5 +1,6 @@
-"""A learning curve that was read, and the checks of its points."""
+"""CSV files as data frames of texts, and the checks of a learning curve's points."""
 
+import io
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -33,6 +34,77 @@ class Series(NamedTuple):
     returns: ReturnsName
     points: pd.DataFrame
     columns: Mapping[str, str]
+
+
+def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> pd.DataFrame:
+    """Returns the rows of a CSV file as texts, indexed by their line.
+
+    Args:
+        skip: lines before the header.
+        ends_line: whether the last line of a whole file ends with a line break.
+
+    Raises:
+        RequestError: if it has no rows, is cut off, or not a CSV file.
+    """
+    try:
+        text = file.content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise RequestError(f"{file.path} is not a CSV file: it is not text (UTF-8).") from None
+    last = text.count("\n") + (not text.endswith("\n"))
+    first = "".join(text.split("\n")[skip : skip + 1])
+    try:
+        lines = pd.read_csv(
+            io.StringIO(text),
+            # The separator that the header has most; spreadsheets of some languages write ;.
+            sep=max(",;\t", key=first.count),
+            skiprows=skip,
+            header=None,
+            dtype=object,
+            keep_default_na=False,
+            skip_blank_lines=False,
+            engine="python",  # the other one fills short rows with empty texts
+        )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        is_cut = "end of data" in str(error)
+        reason = f", line {last}: the file is cut off" if is_cut else f": {error}"
+        raise RequestError(f"{file.path}{reason}; it can't be read as CSV.") from None
+    lines.index += skip + 1
+    table = lines.dropna(how="all").iloc[1:]
+    header = lines.iloc[0].tolist()
+    for line, row in table[table.isna().any(axis=1)].iterrows():
+        cut = "; the file is cut off" if line == last else ""
+        raise RequestError(
+            f"{file.path}, line {line}: {row.count()} fields, but the header has {len(header)}"
+            f"{cut}."
+        )
+    if ends_line and not text.endswith(("\n", "\r")):
+        raise RequestError(
+            f"{file.path}, line {last}: the line has no end, so the file is cut off; copy it "
+            "again, or remove that line."
+        )
+    doubled = {name for name in header if header.count(name) > 1}
+    if doubled:
+        raise RequestError(f"{file.path} has two columns {min(doubled)!r}; rename one of them.")
+    if table.empty:
+        raise RequestError(f"{file.path} has a header, but no rows; leave the file out.")
+    return table.set_axis(header, axis=1)
+
+
+def check_columns(table: pd.DataFrame, file: ImportedFile, columns: Mapping[str, str]) -> None:
+    """Checks that there are the columns that options name.
+
+    Args:
+        columns: by option.
+
+    Raises:
+        RequestError: if one is missing.
+    """
+    for option, name in columns.items():
+        if name not in table:
+            raise RequestError(
+                f"{file.path} has no column {name!r}; type {option} with one of "
+                f"{', '.join(map(str, table))}."
+            )
 
 
 def numbers(table: pd.DataFrame, name: str, file: ImportedFile) -> NDArray[np.float64]:

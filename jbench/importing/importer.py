@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
-import pyarrow as pa
 
 from jbench.errors import RequestError
 from jbench.importing import columns, sb3, tensorboard
@@ -59,14 +58,6 @@ class Imported(NamedTuple):
     is_new: bool
 
 
-class _Curve(NamedTuple):
-    """A whole learning curve, before it is written."""
-
-    settings: ImportSettings
-    rows: pa.Table
-    names: list[str]
-
-
 def import_curves(
     results: Results, paths: Sequence[Path], request: ImportRequest
 ) -> list[Imported]:
@@ -95,11 +86,13 @@ def import_curves(
         for series in read(file, request):
             by_seed.setdefault(series.seed, []).append(series)
     curves = [_curve(parts, request) for _, parts in sorted(by_seed.items())]
-    return [_write(results, curve) for curve in curves]
+    return [_write(results, *curve) for curve in curves]
 
 
-def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
-    """Returns the learning curve of a seed.
+def _curve(
+    parts: Sequence[Series], request: ImportRequest
+) -> tuple[ImportSettings, pd.DataFrame, list[str]]:
+    """Returns settings and points of the learning curve of a seed, and the names of its files.
 
     Raises:
         RequestError: if its parts are not parts of one curve, or a name can't be recorded.
@@ -132,21 +125,7 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
         check_settings(settings.values)
     except ValueError as error:
         raise RequestError(f"{first.file.path}: {error}; rename the column in the file.") from None
-    names = [_printable(str(part.file.path)) for part in parts]
-    return _Curve(settings, _rows(points, settings.id), names)
-
-
-def _rows(points: pd.DataFrame, id: str) -> pa.Table:
-    """Returns the rows of the table `import_points`."""
-    filled = points.reset_index(drop=True)
-    if "wall_time" in filled:
-        filled["wall_time"] -= filled["wall_time"].min()
-    if "point" not in filled:
-        filled["point"] = range(len(filled))
-    if "episode" not in filled:
-        filled["episode"] = 0
-    filled["import"] = id
-    return to_table(filled, schema.IMPORT_POINTS)
+    return settings, points, [_printable(str(part.file.path)) for part in parts]
 
 
 def _printable(name: str) -> str:
@@ -154,15 +133,23 @@ def _printable(name: str) -> str:
     return "".join(c if c.isprintable() else "_" for c in name)
 
 
-def _write(results: Results, curve: _Curve) -> Imported:
-    settings, rows, names = curve
-    points = int(rows["point"][-1].as_py()) + 1
-    steps = int(rows["control_steps"][-1].as_py())
-    imported = Imported(settings.id, settings.seed, points, steps, True)
+def _write(
+    results: Results, settings: ImportSettings, points: pd.DataFrame, names: list[str]
+) -> Imported:
+    rows = points.reset_index(drop=True)
+    if "wall_time" in rows:
+        rows["wall_time"] -= rows["wall_time"].min()
+    for name, default in {"point": rows.index, "episode": 0, "import": settings.id}.items():
+        if name not in rows:
+            rows[name] = default
+    last = {
+        "points": int(rows["point"].iloc[-1]) + 1,
+        "control_steps": int(rows["control_steps"].iloc[-1]),
+    }
     with results.locked("import", settings.id) as existing:
-        if existing is not None and existing.status == "finished":
-            return imported._replace(is_new=False)
-        record = results.create("import", settings.id, settings.values, {"files": names})
-        record.append({"import_points": rows})
-        record.finish({"points": points, "control_steps": steps})
-    return imported
+        is_new = existing is None or existing.status != "finished"
+        if is_new:
+            record = results.create("import", settings.id, settings.values, {"files": names})
+            record.append({"import_points": to_table(rows, schema.IMPORT_POINTS)})
+            record.finish(last)
+    return Imported(settings.id, settings.seed, **last, is_new=is_new)

@@ -139,9 +139,11 @@ def _write(
     rows = points.reset_index(drop=True)
     if "wall_time" in rows:
         rows["wall_time"] -= rows["wall_time"].min()
-    for name, default in {"point": rows.index, "episode": 0, "import": settings.id}.items():
-        if name not in rows:
-            rows[name] = default
+    rows["import"] = settings.id
+    if "point" not in rows:
+        rows["point"] = rows.index
+    if "episode" not in rows:
+        rows["episode"] = 0
     last = {
         "points": int(rows["point"].iloc[-1]) + 1,
         "control_steps": int(rows["control_steps"].iloc[-1]),

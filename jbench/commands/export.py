@@ -133,8 +133,9 @@ def _curves(
 
 
 def _policy(run: str, inputs: str | None, out: Path | None, results: Path, output: Output) -> None:
-    if importlib.util.find_spec("onnx") is None:
-        raise RequestError("--format onnx needs the package onnx; type pip install 'jbench[onnx]'.")
+    for package in ("onnx", "onnxscript"):
+        if importlib.util.find_spec(package) is None:
+            raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
     from jbench.policies.find import find_trained_agent
     from jbench.policies.onnx_export import export_onnx
     from jbench.store.files import check_output

@@ -1,4 +1,4 @@
-"""Saved policies: layers applied one after another, evaluated with numpy only."""
+"""Saved policies: layers applied one after another, with numpy, or with torch to export them."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 import safetensors
 import safetensors.numpy
+from array_api_compat import array_namespace
 from numpy.typing import NDArray
+
+from jbench.tasks.features import Array
 
 Float = NDArray[np.float32]
 
@@ -29,36 +32,43 @@ class SavedLayer:
     numbers: Mapping[str, float] = field(default_factory=dict)
 
 
-def _layer_norm(x: Float, weight: Float, bias: Float, epsilon: float) -> Float:
+def _layer_norm(x: Array, weight: Array, bias: Array, epsilon: float) -> Array:
     centered = x - x.mean(axis=-1, keepdims=True)
-    variance = np.square(centered).mean(axis=-1, keepdims=True)
-    normalized: Float = centered / np.sqrt(variance + epsilon) * weight + bias
-    return normalized
+    variance = (centered * centered).mean(axis=-1, keepdims=True)
+    return centered / array_namespace(x).sqrt(variance + epsilon) * weight + bias
 
 
-def _sigmoid(x: Float) -> Float:
-    halved: Float = np.tanh(0.5 * x)  # does not overflow
-    return 0.5 + 0.5 * halved
+def _tanh(x: Array) -> Array:
+    return array_namespace(x).tanh(x)
 
 
-LAYERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Float]]] = {
+def _sigmoid(x: Array) -> Array:
+    return 0.5 + 0.5 * _tanh(0.5 * x)  # does not overflow
+
+
+def _elu(x: Array, alpha: float) -> Array:
+    xp = array_namespace(x)
+    return xp.where(x > 0, x, alpha * xp.expm1(x.clip(max=0)))
+
+
+LAYERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Array]]] = {
     "linear": (("weight", "bias"), (), lambda x, weight, bias: x @ weight.T + bias),
     "layer_norm": (("weight", "bias"), ("epsilon",), _layer_norm),
     "scale": (("factor",), (), lambda x, factor: x * factor),
     "shift": (("offset",), (), lambda x, offset: x + offset),
     "divide": (("divisor",), (), lambda x, divisor: x / divisor),
     "columns": ((), ("first",), lambda x, first: x[..., int(first) :]),
-    "clip": ((), ("low", "high"), lambda x, low, high: np.clip(x, low, high)),
-    "relu": ((), (), lambda x: np.maximum(x, 0)),
-    "tanh": ((), (), np.tanh),
+    "clip": ((), ("low", "high"), lambda x, low, high: x.clip(low, high)),
+    "relu": ((), (), lambda x: x.clip(0)),
+    "tanh": ((), (), _tanh),
     "sigmoid": ((), (), _sigmoid),
     "silu": ((), (), lambda x: x * _sigmoid(x)),
-    "elu": (
+    "elu": ((), ("alpha",), _elu),
+    "leaky_relu": (
         (),
-        ("alpha",),
-        lambda x, alpha: np.where(x > 0, x, alpha * np.expm1(np.minimum(x, 0))),
+        ("slope",),
+        lambda x, slope: array_namespace(x).where(x > 0, x, slope * x),
     ),
-    "leaky_relu": ((), ("slope",), lambda x, slope: np.where(x > 0, x, slope * x)),
 }
 """Names of the arrays and numbers of each kind of layer, and its function."""
 
@@ -90,19 +100,22 @@ class SavedNetwork:
             for layer in self.layers
         ]
 
-    def act(self, observations: Float) -> Float:
-        """Returns actions (..., action_size) for (encoded) observations (..., size)."""
-        values = observations.astype(np.float32, copy=False)
-        results = [values]
+    def act(self, observations: Array) -> Array:
+        """Returns actions (..., action_size) for (encoded) observations (..., size).
+
+        They are float32 arrays of numpy, or tensors, from which `torch.onnx` makes a model.
+        """
+        xp = array_namespace(observations)
+        results = [xp.astype(observations, xp.float32, copy=False)]
         for layer in self.layers:
+            values = results[-1]
             if layer.kind == _CONCAT:
                 earlier = results[int(layer.numbers["earlier"])]
-                values = np.concatenate([earlier, values], axis=-1)
+                results.append(xp.concat([earlier, values], axis=-1))
             else:
-                values = LAYERS[layer.kind][2](values, **layer.arrays, **layer.numbers)
-            values = values.astype(np.float32, copy=False)
-            results.append(values)
-        return np.clip(values, -1, 1)
+                arrays = {name: xp.asarray(array) for name, array in layer.arrays.items()}
+                results.append(LAYERS[layer.kind][2](values, **arrays, **layer.numbers))
+        return results[-1].clip(-1, 1)
 
     def files(self) -> tuple[bytes, bytes]:
         """Returns the arrays as safetensors, by names such as 0.weight, and the rest as JSON."""

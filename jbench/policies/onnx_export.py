@@ -2,18 +2,20 @@
 
 import importlib.metadata
 import json
+import logging
+import warnings
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
-from onnx import TensorProto, checker, helper
+import torch
+from onnx import checker, helper
 from onnx.reference import ReferenceEvaluator
+from torch import Tensor, nn
 
 from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
-from jbench.policies.traced import Graph
 from jbench.simulation import find_task
 from jbench.store.files import make_directory, write_atomic
 from jbench.tasks.features import TASK_SPECS, denormalize, feature_range, normalize
@@ -26,7 +28,7 @@ _CHECKED = 256  # observations for which the model is compared with the policy
 _TOLERANCE = 1e-4  # of an action; float32 rounding in another order is a hundredth of that
 
 
-class Exported(NamedTuple):
+class OnnxFile(NamedTuple):
     """A model that was written.
 
     Attributes:
@@ -42,7 +44,7 @@ class Exported(NamedTuple):
 
 def export_onnx(
     agent: TrainedAgent, run: str, path: Path, in_si_units: bool | None = None
-) -> Exported:
+) -> OnnxFile:
     """Writes the policy of a run as an ONNX model and compares the two.
 
     The model has an input `observation` (robots, dim(O)) and an output `action` (robots, dim(A)),
@@ -68,19 +70,9 @@ def export_onnx(
             "observation."
         )
     in_si_units = has_units if in_si_units is None else in_si_units
-    graph = Graph()
-    inputs = graph.input(INPUT)
-    try:
-        observations = normalize(agent.task, inputs) if in_si_units else inputs
-        # A traced array stands for an array of numpy.
-        actions = agent.act(cast(NDArray[np.float32], observations))
-        graph.add("Identity", actions, output=OUTPUT)
-    except (TypeError, AttributeError) as error:
-        raise RequestError(
-            f"The run {run} can't be exported to ONNX: its encoder or policy is more than layers "
-            f"of numpy operations ({str(error).splitlines()[0]})."
-        ) from None
-    model = _model(graph, agent.task)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of names that are deprecated within torch
+        model = _model(agent, run, in_si_units)
     helper.set_model_props(model, metadata(agent, run, in_si_units))
     checker.check_model(model, full_check=True)
     difference = _difference(model, agent, in_si_units)
@@ -89,7 +81,7 @@ def export_onnx(
     content = model.SerializeToString()
     make_directory(path.parent)
     write_atomic(path, content)
-    return Exported(path, len(content), difference, in_si_units)
+    return OnnxFile(path, len(content), difference, in_si_units)
 
 
 def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]:
@@ -137,19 +129,51 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
     }
 
 
-def _model(graph: Graph, task: str) -> onnx.ModelProto:
-    def value(name: str, columns: int) -> onnx.ValueInfoProto:
-        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["robots", columns])
+class _Actor(nn.Module):
+    """An agent as a module from its observation, or from the features in SI units."""
 
-    sizes = find_task(task)
-    inputs, outputs = value(INPUT, sizes.observation_size), value(OUTPUT, sizes.action_size)
-    made = helper.make_graph(graph.nodes, "policy", [inputs], [outputs], graph.constants)
-    return helper.make_model(
-        made,
-        producer_name="jbench",
-        opset_imports=[helper.make_opsetid("", _OPSET)],
-        ir_version=_IR_VERSION,
-    )
+    def __init__(self, agent: TrainedAgent, in_si_units: bool) -> None:
+        super().__init__()
+        self._agent, self._in_si_units = agent, in_si_units
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        task = self._agent.task
+        actions: Tensor = self._agent.act(normalize(task, inputs) if self._in_si_units else inputs)
+        return actions
+
+
+def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
+    # The exporter warns of operators of torchvision, which is not installed.
+    logging.getLogger("torch.onnx._internal.exporter._registration").setLevel(logging.ERROR)
+    example = torch.zeros(2, find_task(agent.task).observation_size)
+    shapes = ({0: torch.export.Dim("robots")},)
+    actor = _Actor(agent, in_si_units)
+    try:
+        actor(example)  # so that constants which are made once are not made while it is traced
+        traced = torch.export.export(actor, (example,), dynamic_shapes=shapes)
+        program = torch.onnx.export(
+            traced,
+            input_names=[INPUT],
+            output_names=[OUTPUT],
+            opset_version=_OPSET,
+            verbose=False,
+        )
+    except Exception as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+        raise RequestError(
+            f"The run {run} can't be exported to ONNX: torch can't trace its encoder or policy "
+            f"({reason})."
+        ) from None
+    assert program is not None
+    model = program.model_proto
+    graph = model.graph
+    model.ir_version, model.producer_name, model.producer_version = _IR_VERSION, "jbench", ""
+    del graph.value_info[:]
+    for part in (graph, *graph.node, *graph.initializer, *graph.input, *graph.output):
+        del part.metadata_props[:]  # such as the paths of source files
+    for value in (*graph.input, *graph.output):
+        value.type.tensor_type.shape.dim[0].dim_param = "robots"
+    return model
 
 
 def _difference(model: onnx.ModelProto, agent: TrainedAgent, in_si_units: bool) -> float:

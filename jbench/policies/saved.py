@@ -3,9 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import SavedNetwork
@@ -13,6 +10,7 @@ from jbench.settings.records import EXTERNAL, Specs
 from jbench.simulation.find import check_specs, find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
+from jbench.tasks.features import Array
 from jbench.wording import with_results
 
 WEIGHTS = "policy.safetensors"
@@ -32,21 +30,19 @@ class TrainedAgent:
     policy: SavedNetwork
     encoder: Encoder | None
 
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    def act(self, observations: Array) -> Array:
         """Returns actions (..., action_size) for observations (..., dim(O)) of the task.
 
         Raises:
             RequestError: if the observations have another size.
         """
         size = find_task(self.task).observation_size
-        # ONNX models are made from a traced array, which has no shape.
-        if isinstance(observations, np.ndarray) and observations.shape[-1:] != (size,):
+        if observations.shape[-1:] != (size,):
             raise RequestError(
                 f"The agent was trained on {self.task}: pass observations of the shape "
                 f"(..., {size}), not {observations.shape}."
             )
-        actions: NDArray[np.float32] = on_observations(self.encoder, self.policy.act)(observations)
-        return actions
+        return on_observations(self.encoder, self.policy.act)(observations)
 
 
 def has_policy(record: Record) -> bool:

@@ -6,8 +6,8 @@ from typing import Any
 from jbench.commands.output import Output
 from jbench.report.analysis.claims import MARGIN
 from jbench.statistics import sequential
-from jbench.sweeps.comparisons import Comparison
-from jbench.sweeps.deciding import Look, Outcome
+from jbench.sweeps.comparisons import MatrixComparison
+from jbench.sweeps.deciding import ComparisonOutcome, InterimAnalysis
 
 _VERDICTS = {
     "larger": "higher",
@@ -17,7 +17,7 @@ _VERDICTS = {
 }
 
 
-def introduction(chosen: Sequence[Comparison], max_seeds: int) -> str:
+def introduction(chosen: Sequence[MatrixComparison], max_seeds: int) -> str:
     """Returns the sentence printed at first: the comparisons and the error rate."""
     rates = dict.fromkeys(
         f"{share:.2%}" for share in sorted(comparison.share for comparison in chosen)
@@ -30,15 +30,15 @@ def introduction(chosen: Sequence[Comparison], max_seeds: int) -> str:
     )
 
 
-def show_look(look: Look, output: Output) -> None:
+def show_analysis(analysis: InterimAnalysis, output: Output) -> None:
     """Prints each comparison's decision, its number of seeds, and the error rate spent."""
-    outcomes = look.outcomes
+    outcomes = analysis.outcomes
     decided = sum(outcome.decision.verdict != "undecided" for outcome in outcomes)
     rows = []
     for outcome in outcomes:
         decision = outcome.decision
         verdict = _VERDICTS[decision.verdict]
-        left = [run.id for run in outcome.needed if run.id in look.tried]
+        left = [run.id for run in outcome.needed if run.id in analysis.tried]
         if left:
             verdict += f": {left[0]} is not finished"
         known = decision.seeds > 0
@@ -56,7 +56,7 @@ def show_look(look: Look, output: Output) -> None:
     output.table(f"Comparisons decided: {decided} of {len(outcomes)}", header, rows)
 
 
-def described_outcomes(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+def described_outcomes(outcomes: Sequence[ComparisonOutcome]) -> list[dict[str, Any]]:
     """Returns the entries of comparisons in the JSON document."""
     return [
         {

@@ -177,29 +177,29 @@ def _decide(
     output: Output,
 ) -> None:
     """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
-    from jbench.commands.deciding_view import described_outcomes, introduction, show_look
+    from jbench.commands.deciding_view import described_outcomes, introduction, show_analysis
     from jbench.statistics.sequential import BLOCK
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.comparisons import comparisons, read_comparisons
-    from jbench.sweeps.deciding import looks
+    from jbench.sweeps.deciding import interim_analyses
     from jbench.training.status import failures_among, run_statuses
 
     chosen = comparisons(cells, read_comparisons(matrix), claims)
     if max_seeds < BLOCK or max_seeds % BLOCK:
         raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
     output.say(introduction(chosen, max_seeds))
-    for look in looks(chosen, results, max_seeds, train):
-        show_look(look, output)
-    needed = [run.id for run in all_runs(look.needed)]
+    for analysis in interim_analyses(chosen, results, max_seeds, train):
+        show_analysis(analysis, output)
+    needed = [run.id for run in all_runs(analysis.needed)]
     if needed:
-        configurations = counted(len(look.needed), "configuration")
+        configurations = counted(len(analysis.needed), "configuration")
         output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
-    tried = (run for outcome in look.outcomes for run in outcome.needed)
+    tried = (run for outcome in analysis.outcomes for run in outcome.needed)
     failures = failures_among(run_statuses(tried, results))
     output.document(
         {
             "matrix": matrix,
-            "comparisons": described_outcomes(look.outcomes),
+            "comparisons": described_outcomes(analysis.outcomes),
             "needed": needed,
             "failures": failures,
         }

@@ -1,9 +1,9 @@
 """Comparisons of a matrix: those that its file lists, or each representation with the baselines."""
 
 from collections.abc import Collection, Iterator, Sequence
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Literal, NamedTuple, Self
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field, model_validator
 
 from jbench.errors import RequestError
 from jbench.names import kind_of, known
@@ -28,12 +28,18 @@ class Planned(Settings):
     first: str
     second: str
     claim: Claim = "a"
-    share: float | None = None
-    max_seeds: _Count | None = None
+    share: Annotated[float, Field(gt=0)] | None = None
+    max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] | None = None
     steps: _Count | None = None
 
+    @model_validator(mode="after")
+    def _check_names(self) -> Self:
+        if self.first == self.second:
+            raise RequestError(f"first and second are both {self.first}; name two representations.")
+        return self
 
-class Comparison(NamedTuple):
+
+class MatrixComparison(NamedTuple):
     """Two cells that differ only in their representation.
 
     Attributes:
@@ -83,7 +89,7 @@ def read_comparisons(name: str) -> list[Planned]:
     planned = []
     for n, entry in enumerate(entries, 1):
         with named(f"{name}, {COMPARISON} {n}"):
-            planned.append(_planned(entry))
+            planned.append(validated(Planned, f"[[{COMPARISON}]]", **entry))
     with named(name):
         _shares(planned)
     return planned
@@ -91,7 +97,7 @@ def read_comparisons(name: str) -> list[Planned]:
 
 def comparisons(
     cells: Sequence[Cell], planned: Sequence[Planned] = (), claims: Collection[str] = ()
-) -> list[Comparison]:
+) -> list[MatrixComparison]:
     """Returns the planned comparisons, or those of each reduced representation with each baseline.
 
     A planned comparison has its share of the error rate whether or not the others are requested;
@@ -104,87 +110,74 @@ def comparisons(
         RequestError: if there are no comparisons, a claim matches none of them, or the cells have
             not exactly one pair for a planned comparison.
     """
-    every = _found(cells, planned) if planned else list(_with_baselines(cells))
+    every = _with_cells(cells, planned) if planned else list(_with_baselines(cells))
     if not every:
         raise RequestError(
             "No two configurations of this matrix differ only in a representation and full or "
             "scaled, so there is nothing to decide; leave --until-decided out."
         )
-    names = list(dict.fromkeys(name for one in every for name in one.claims))
+    names = list(dict.fromkeys(name for pair in every for name in pair.claims))
     for claim in claims:
         known("comparison", claim, names)
-    chosen = [one for one in every if not claims or {*one.claims} & {*claims}]
+    chosen = [pair for pair in every if not claims or {*pair.claims} & {*claims}]
     if planned:
         return chosen
-    return [one._replace(share=ERROR_RATE / len(chosen)) for one in chosen]
-
-
-def _planned(entry: dict[str, Any]) -> Planned:
-    for key in entry:
-        known(f"key of [[{COMPARISON}]]", key, tuple(Planned.model_fields))
-    for key, field in Planned.model_fields.items():
-        if field.is_required() and key not in entry:
-            raise RequestError(f'the key {key} is missing; write {key} = "…".')
-    if isinstance(entry.get("claim"), str):
-        known("claim", entry["claim"], get_args(Claim))
-    one = validated(Planned, f"[[{COMPARISON}]]", **entry)
-    if one.first == one.second:
-        raise RequestError(f"first and second are both {one.first}; name two representations.")
-    if one.share is not None and one.share <= 0:
-        raise RequestError(f"share is {one.share:g}; write a number above 0, such as 0.01.")
-    if one.max_seeds is not None and one.max_seeds % BLOCK:
-        raise RequestError(f"max_seeds is {one.max_seeds}; write a multiple of {BLOCK}.")
-    return one
+    return [pair._replace(share=ERROR_RATE / len(chosen)) for pair in chosen]
 
 
 def _shares(planned: Sequence[Planned]) -> list[float]:
     """Returns the shares of planned comparisons; those without one divide the rest equally."""
-    given = sum(one.share or 0 for one in planned)
-    rest = sum(one.share is None for one in planned)
+    given = sum(entry.share or 0 for entry in planned)
+    rest = sum(entry.share is None for entry in planned)
     if given > ERROR_RATE + 1e-9 or (rest and given > ERROR_RATE - 1e-9):
         left = f", and {rest} without a share need a rest" if rest else ""
         raise RequestError(
             f"the shares of the comparisons add up to {given:g}{left}; together they have "
             f"{ERROR_RATE:g}, so write smaller ones."
         )
-    return [(ERROR_RATE - given) / rest if one.share is None else one.share for one in planned]
+    return [
+        (ERROR_RATE - given) / rest if entry.share is None else entry.share for entry in planned
+    ]
 
 
-def _found(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[Comparison]:
+def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[MatrixComparison]:
     """Returns the planned comparisons with their cells."""
-    found: list[Comparison] = []
-    for n, (one, share) in enumerate(zip(planned, _shares(planned), strict=True), 1):
+    listed: list[MatrixComparison] = []
+    for n, (entry, share) in enumerate(zip(planned, _shares(planned), strict=True), 1):
         with named(f"{COMPARISON} {n}"):
-            pair = _pair(cells, one)
-            if any(
-                (*pair, one.claim) == (other.ours, other.theirs, other.claim) for other in found
-            ):
-                raise RequestError(f"{one.first} against {one.second} is listed twice.")
-            found.append(Comparison(*pair, one.second, share, one.claim, one.max_seeds))
-    return found
+            ours, theirs = _pair(cells, entry)
+            comparison = MatrixComparison(
+                ours, theirs, entry.second, share, entry.claim, entry.max_seeds
+            )
+            same = (ours, theirs, entry.claim)
+            if same in [(other.ours, other.theirs, other.claim) for other in listed]:
+                raise RequestError(f"{entry.first} against {entry.second} is listed twice.")
+            listed.append(comparison)
+    return listed
 
 
-def _pair(cells: Sequence[Cell], one: Planned) -> tuple[Cell, Cell]:
+def _pair(cells: Sequence[Cell], entry: Planned) -> tuple[Cell, Cell]:
     """Returns the two cells of a planned comparison."""
-    known("task", one.task, tuple(dict.fromkeys(cell.task for cell in cells)))
-    cells = [cell for cell in cells if cell.task == one.task]
-    known(f"algorithm on {one.task}", one.algo, tuple(dict.fromkeys(cell.algo for cell in cells)))
-    cells = [cell for cell in cells if cell.algo == one.algo]
-    where = f"representation of {one.algo} on {one.task}"
-    for name in (one.first, one.second):
-        known(where, name, tuple(dict.fromkeys(name for cell in cells for name in _names(cell))))
+    task, algo = entry.task, entry.algo
+    known("task", task, tuple(dict.fromkeys(cell.task for cell in cells)))
+    cells = [cell for cell in cells if cell.task == task]
+    known(f"algorithm on {task}", algo, tuple(dict.fromkeys(cell.algo for cell in cells)))
+    cells = [cell for cell in cells if cell.algo == algo]
+    names = tuple(dict.fromkeys(name for cell in cells for name in _names(cell)))
+    for name in (entry.first, entry.second):
+        known(f"representation of {algo} on {task}", name, names)
     pairs = [
         (ours, theirs)
         for ours in cells
         for theirs in cells
-        if one.first in _names(ours)
-        and one.second in _names(theirs)
-        and one.steps in (None, ours.runs[0].steps)
+        if entry.first in _names(ours)
+        and entry.second in _names(theirs)
+        and entry.steps in (None, ours.runs[0].steps)
         and _key(ours) == _key(theirs)
     ]
-    both = f"{one.first} and {one.second} of {one.algo} on {one.task}"
+    both = f"{entry.first} and {entry.second} of {algo} on {task}"
     if not pairs:
-        steps = "" if one.steps is None else f" with {one.steps} control steps"
+        steps = "" if entry.steps is None else f" with {entry.steps} control steps"
         raise RequestError(
             f"the matrix has no {both}{steps} that differ only in their representation; give both "
             "the same settings."
@@ -201,13 +194,13 @@ def _names(cell: Cell) -> tuple[str, str]:
     return cell.representation, cell.runs[0].representation
 
 
-def _with_baselines(cells: Sequence[Cell]) -> Iterator[Comparison]:
+def _with_baselines(cells: Sequence[Cell]) -> Iterator[MatrixComparison]:
     by_kind = {(_key(cell), _kind(cell)): cell for cell in cells}
     for cell in cells:
         for against in BASELINES:
             theirs = by_kind.get((_key(cell), against))
             if _kind(cell) not in BASELINES and theirs is not None:
-                yield Comparison(cell, theirs, against, ERROR_RATE)
+                yield MatrixComparison(cell, theirs, against, ERROR_RATE)
 
 
 def _kind(cell: Cell) -> str:

@@ -18,24 +18,24 @@ from jbench.statistics import FloatArray, sequential
 from jbench.statistics.step_down import Decision, decide
 from jbench.store import Record, Results
 from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.comparisons import Claim, Comparison
+from jbench.sweeps.comparisons import Claim, MatrixComparison
 from jbench.training.status import run_status
 
 
-class Outcome(NamedTuple):
-    """Outcome of a comparison with the finished seeds.
+class ComparisonOutcome(NamedTuple):
+    """ComparisonOutcome of a comparison with the finished seeds.
 
     Attributes:
         decision: decision at the deciding interim analysis, or at the last one.
         needed: unfinished runs up to the next analysis; empty if it is decided or has all seeds.
     """
 
-    comparison: Comparison
+    comparison: MatrixComparison
     decision: Decision
     needed: list[RunSettings]
 
 
-class Look(NamedTuple):
+class InterimAnalysis(NamedTuple):
     """One interim analysis of all comparisons.
 
     Attributes:
@@ -43,7 +43,7 @@ class Look(NamedTuple):
         tried: runs that were trained before this analysis, by id, finished or not.
     """
 
-    outcomes: list[Outcome]
+    outcomes: list[ComparisonOutcome]
     needed: list[Cell]
     tried: dict[str, RunSettings]
 
@@ -55,11 +55,11 @@ class Numbers:
         self._results = results
         self._known: dict[tuple[str, Claim], float] = {}
 
-    def of(self, cell: Cell, max_seeds: int, claim: Claim) -> FloatArray:
+    def first_seeds(self, cell: Cell, max_seeds: int, claim: Claim) -> FloatArray:
         """Returns the returns of the first seeds, up to the first unfinished one."""
         returns = []
         for seed in range(max_seeds):
-            run = run_of(cell, seed)
+            run = run_with_seed(cell, seed)
             if (run.id, claim) not in self._known:
                 if run_status(run, self._results).state != "finished":
                     break
@@ -97,7 +97,7 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
     return mean
 
 
-def run_of(cell: Cell, seed: int) -> RunSettings:
+def run_with_seed(cell: Cell, seed: int) -> RunSettings:
     """Returns the run of a cell with any seed, which need not be in the matrix."""
     run = cell.runs[0].model_copy(update={"seed": seed})
     if run.encoder_draws is None:
@@ -119,8 +119,8 @@ def _with_runs(cell: Cell, runs: Sequence[RunSettings]) -> Cell:
 
 
 def outcomes(
-    chosen: Sequence[Comparison], numbers: Numbers, results: Results, max_seeds: int
-) -> list[Outcome]:
+    chosen: Sequence[MatrixComparison], numbers: Numbers, results: Results, max_seeds: int
+) -> list[ComparisonOutcome]:
     """Returns the outcome of each comparison with the finished seeds.
 
     Args:
@@ -128,41 +128,48 @@ def outcomes(
         max_seeds: maximum number of seeds per cell where a comparison has none, a multiple of the
             block size.
     """
-    most = [one.max_seeds or max_seeds for one in chosen]
+    limits = [comparison.max_seeds or max_seeds for comparison in chosen]
     pairs = [
-        (numbers.of(one.ours, limit, one.claim), numbers.of(one.theirs, limit, one.claim))
-        for one, limit in zip(chosen, most, strict=True)
+        (
+            numbers.first_seeds(comparison.ours, limit, comparison.claim),
+            numbers.first_seeds(comparison.theirs, limit, comparison.claim),
+        )
+        for comparison, limit in zip(chosen, limits, strict=True)
     ]
-    looks = [limit // sequential.BLOCK for limit in most]
-    decisions = decide(pairs, [one.share for one in chosen], looks, MARGIN)
+    looks = [limit // sequential.BLOCK for limit in limits]
+    decisions = decide(pairs, [comparison.share for comparison in chosen], looks, MARGIN)
     return [
-        Outcome(one, decision, _needed(one, decision, limit, results))
-        for one, decision, limit in zip(chosen, decisions, most, strict=True)
+        ComparisonOutcome(comparison, decision, _needed(comparison, decision, limit, results))
+        for comparison, decision, limit in zip(chosen, decisions, limits, strict=True)
     ]
 
 
 def _needed(
-    one: Comparison, decision: Decision, max_seeds: int, results: Results
+    comparison: MatrixComparison, decision: Decision, max_seeds: int, results: Results
 ) -> list[RunSettings]:
     if decision.verdict != "undecided":
         return []
     seeds = range(min(decision.seeds + sequential.BLOCK, max_seeds))
-    runs = (run_of(cell, seed) for cell in (one.ours, one.theirs) for seed in seeds)
+    runs = (
+        run_with_seed(cell, seed) for cell in (comparison.ours, comparison.theirs) for seed in seeds
+    )
     return [run for run in runs if run_status(run, results).state != "finished"]
 
 
-def next_cells(outcomes: Sequence[Outcome], tried: Mapping[str, RunSettings]) -> list[Cell]:
+def next_cells(
+    outcomes: Sequence[ComparisonOutcome], tried: Mapping[str, RunSettings]
+) -> list[Cell]:
     """Returns the cells of undecided comparisons, each with the runs that it needs next.
 
     A comparison gets no more seeds if it needs a run that was tried and is still unfinished.
     """
     cells: dict[str, Cell] = {}
-    for one in outcomes:
-        if any(run.id in tried for run in one.needed):
+    for outcome in outcomes:
+        if any(run.id in tried for run in outcome.needed):
             continue
-        for cell in (one.comparison.theirs, one.comparison.ours):
-            key = run_of(cell, 0).id
-            mine = {run.id: run for run in one.needed if run_of(cell, run.seed) == run}
+        for cell in (outcome.comparison.theirs, outcome.comparison.ours):
+            key = run_with_seed(cell, 0).id
+            mine = {run.id: run for run in outcome.needed if run_with_seed(cell, run.seed) == run}
             if mine:
                 before = {run.id: run for run in cells[key].runs} if key in cells else {}
                 runs = sorted((before | mine).values(), key=lambda run: run.seed)
@@ -170,12 +177,12 @@ def next_cells(outcomes: Sequence[Outcome], tried: Mapping[str, RunSettings]) ->
     return list(cells.values())
 
 
-def looks(
-    chosen: Sequence[Comparison],
+def interim_analyses(
+    chosen: Sequence[MatrixComparison],
     results: Results,
     max_seeds: int,
     train: Callable[[Sequence[Cell]], object] | None,
-) -> Iterator[Look]:
+) -> Iterator[InterimAnalysis]:
     """Adds seeds in blocks until the comparisons are decided or have all; yields each analysis.
 
     Args:
@@ -184,9 +191,9 @@ def looks(
     """
     numbers, tried = Numbers(results), dict[str, RunSettings]()
     while True:
-        found = outcomes(chosen, numbers, results, max_seeds)
-        needed = next_cells(found, tried)
-        yield Look(found, needed, tried)
+        reached = outcomes(chosen, numbers, results, max_seeds)
+        needed = next_cells(reached, tried)
+        yield InterimAnalysis(reached, needed, tried)
         if not needed or train is None:
             return
         tried = tried | {run.id: run for run in all_runs(needed)}

@@ -86,7 +86,7 @@ def finish(results, run, returns, evaluations=2):
 
 def fill(results, cell, numbers):
     for seed, number in enumerate(numbers):
-        finish(results, deciding.run_of(cell, seed), [number - 10, number + 10])
+        finish(results, deciding.run_with_seed(cell, seed), [number - 10, number + 10])
 
 
 def outcomes_of(results, cells, claims=(), most=30):
@@ -95,12 +95,12 @@ def outcomes_of(results, cells, claims=(), most=30):
 
 
 def test_final_return_is_mean_of_last_evaluation(results, cells):
-    run = deciding.run_of(cells[0], 0)
+    run = deciding.run_with_seed(cells[0], 0)
     assert deciding.compared_return(finish(results, run, [400.0, 500.0])) == 450
     # Without evaluations: the mean of the last quarter of the training episodes, 60 and 70.
-    run = deciding.run_of(cells[0], 1)
+    run = deciding.run_with_seed(cells[0], 1)
     assert deciding.compared_return(finish(results, run, [], evaluations=0)) == 65
-    run = deciding.run_of(cells[0], 2)
+    run = deciding.run_with_seed(cells[0], 2)
     with pytest.raises(WorkError, match="can't be compared"):
         deciding.compared_return(finish(results, run, [float("nan")]))
 
@@ -172,7 +172,7 @@ def test_listed_comparisons_replace_those_with_baselines(listed, results, cells)
     full, pca, random, _ = cells
     for cell, final in ((full, 300.0), (pca, 100.0), (random, 100.0)):
         for seed in range(5):
-            finish(results, deciding.run_of(cell, seed), [final + seed])
+            finish(results, deciding.run_with_seed(cell, seed), [final + seed])
     found = deciding.outcomes(asked, deciding.Numbers(results), results, 30)
     assert [one.decision.difference for one in found] == [0, -100]  # (c): the first is -1 for all
     assert [len(one.needed) for one in found] == [0, 10]  # the first has its maximum
@@ -181,16 +181,28 @@ def test_listed_comparisons_replace_those_with_baselines(listed, results, cells)
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("max_seeds = 5", "max_seed = 5", "Unknown key of [[comparison]] 'max_seed'"),
-        ("max_seeds = 5", "max_seeds = 7", "max_seeds is 7; write a multiple of 5."),
+        (
+            "max_seeds = 5",
+            "max_seed = 5",
+            "[[comparison]] has no key max_seed; did you mean max_seeds?",
+        ),
+        (
+            "max_seeds = 5",
+            "max_seeds = 7",
+            "max_seeds of [[comparison]] can't be 7: it should be a multiple of 5",
+        ),
         ("share = 0.01", "share = 0.05", "add up to 0.05, and 1 without a share need a rest"),
-        ("share = 0.01", "share = -0.01", "share is -0.01; write a number above 0"),
-        ('algo = "td3"\n', "", "the key algo is missing"),
+        (
+            "share = 0.01",
+            "share = -0.01",
+            "share of [[comparison]] can't be -0.01: it should be greater than 0",
+        ),
+        ('algo = "td3"\n', "", "algo of [[comparison]] has no default: give it a value."),
         ('algo = "td3"', 'algo = "td4"', "Unknown algorithm on face_direction 'td4'"),
         ('algo = "td3"', 'algo = "ddpg"', "Unknown representation of ddpg on face_direction"),
         ('"random2"', '"random3"', "Unknown representation of td3 on face_direction 'random3'"),
         ('"random2"', '"pca3"', "first and second are both pca3"),
-        ('claim = "c"', 'claim = "b"', "Unknown claim 'b'"),
+        ('claim = "c"', 'claim = "b"', "claim of [[comparison]] can't be 'b'"),
         ('claim = "c"', "steps = 2e3", "with 2000 control steps that differ only"),
         ('second = "full"\nclaim = "c"', 'second = "random2"', "is listed twice"),
         ("[[comparison]]", "[comparison]", "write [[comparison]] above each"),
@@ -224,14 +236,14 @@ def test_only_undecided_comparisons_get_more_seeds(results, cells):
         for cell in deciding.next_cells(found, {})
     }
     assert needed == {"full": [5, 6, 7, 8, 9], "pca3": [4], "random2": [5, 6, 7, 8, 9]}
-    assert outcomes_of(results, cells, ["pca3"])[0].needed == [deciding.run_of(pca, 4)]
+    assert outcomes_of(results, cells, ["pca3"])[0].needed == [deciding.run_with_seed(pca, 4)]
 
-    finish(results, deciding.run_of(pca, 4), [140.0])
+    finish(results, deciding.run_with_seed(pca, 4), [140.0])
     for cell, start in ((full, 550), (random, 551)):
         for seed in range(5, 10):
-            finish(results, deciding.run_of(cell, seed), [start + seed])
+            finish(results, deciding.run_with_seed(cell, seed), [start + seed])
     for seed in range(5, 10):
-        finish(results, deciding.run_of(pca, seed), [100.0 + seed])
+        finish(results, deciding.run_with_seed(pca, seed), [100.0 + seed])
     pca_outcome, random_outcome = outcomes_of(results, cells)
     assert (pca_outcome.decision.verdict, pca_outcome.needed) == ("smaller", [])
     assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", [])
@@ -248,7 +260,7 @@ def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(tmp_path, results):
     cells = matrix_cells(read_matrix(str(file)), results)  # of the seeds 0 and 1
     runs = draws(range(10)).runs
     assert len({run.encoder for run in runs}) == 10
-    assert [deciding.run_of(cells[1], run.seed) for run in runs] == runs
+    assert [deciding.run_with_seed(cells[1], run.seed) for run in runs] == runs
     for cell in cells:
         fill(results, cell, [100, 900, 200, 800, 500])
     found = outcomes_of(results, cells, ["pca3/full"])
@@ -262,7 +274,7 @@ def test_failed_run_stops_only_its_comparisons(results, cells):
     full, pca, random, _ = cells
     for cell in (full, random):
         fill(results, cell, [500, 510, 520, 530, 540])
-    bad = deciding.run_of(pca, 3)
+    bad = deciding.run_with_seed(pca, 3)
     results.create("run", bad.id, bad.model_dump(mode="json")).fail("no luck")
     found = outcomes_of(results, cells)
     tried = {bad.id: bad}
@@ -292,7 +304,7 @@ def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(matrix, results,
     arguments = ("--until-decided", "random2", "--max-seeds", "10", "--jobs", "1", "--json")
     typed = partial(succeed, "sweep", matrix, *arguments, results=results.path, short=True)
     document = json.loads(typed("--dry-run").stdout)
-    assert document["needed"] == [deciding.run_of(cells[2], 4).id]
+    assert document["needed"] == [deciding.run_with_seed(cells[2], 4).id]
     assert document["comparisons"][0]["low"] is None
     assert not list((results.path / "encoders").rglob("manifest.json"))
 

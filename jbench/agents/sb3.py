@@ -1,4 +1,4 @@
-"""The four algorithms of stable-baselines3, built from our settings."""
+"""The four algorithms of stable-baselines3, built from our settings, and policies of its models."""
 
 from typing import Any
 
@@ -12,11 +12,13 @@ from stable_baselines3.common.noise import (
     NormalActionNoise,
     OrnsteinUhlenbeckActionNoise,
 )
+from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from jbench.agents.sb3_policy import actor_of
-from jbench.policies.network import SavedNetwork, linear_layer, relu_layers
+from jbench.policies.acting import normalization
+from jbench.policies.copied import UnsupportedPolicyError, copy_module
+from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer, relu_layers
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
@@ -93,10 +95,58 @@ def policy(agent: BaseAlgorithm) -> SavedNetwork:
     """Returns a copy of the agent's deterministic policy."""
     linear = [
         linear_layer(*(array.detach().numpy().copy() for array in (module.weight, module.bias)))
-        for module in actor_of(agent.policy).modules()
+        for module in actor_module(agent.policy).modules()
         if isinstance(module, nn.Linear)
     ]
     return SavedNetwork(relu_layers(linear, "clip" if isinstance(agent, PPO) else "tanh"))
+
+
+def copy_model(model: Any, inputs: int, outputs: int) -> SavedNetwork:
+    """Returns a copy of the deterministic policy of a model.
+
+    Args:
+        inputs: size of an (encoded) observation.
+        outputs: size of an action.
+
+    Raises:
+        UnsupportedPolicyError: if it is not a sequence of supported layers, or for other sizes.
+    """
+    policy = model.policy
+    owner = policy.actor if hasattr(policy, "actor") else policy
+    if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
+        raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
+    network = copy_module(actor_module(policy), inputs, outputs)
+    return SavedNetwork([*_normalization_layers(model), *network.layers])
+
+
+def actor_module(policy: Any) -> nn.Module:
+    """Returns the layers of a model's policy from an observation to the deterministic action.
+
+    Raises:
+        UnsupportedPolicyError: if the kind of the policy is not known.
+    """
+    actor: Any = getattr(policy, "actor", None)
+    if hasattr(actor, "latent_pi"):  # SAC, TQC
+        return nn.Sequential(actor.latent_pi, actor.mu, nn.Tanh())
+    if hasattr(actor, "mu"):  # DDPG, TD3
+        return nn.Sequential(actor.mu)
+    if hasattr(policy, "mlp_extractor"):  # PPO, A2C, TRPO
+        squash = nn.Tanh() if policy.squash_output else nn.Hardtanh()
+        return nn.Sequential(policy.mlp_extractor.policy_net, policy.action_net, squash)
+    raise UnsupportedPolicyError(f"the actor of a {type(policy).__name__} is not known")
+
+
+def _normalization_layers(model: Any) -> list[SavedLayer]:
+    found = normalization(model)
+    if found is None:
+        return []
+    statistics: Any = found.obs_rms
+    deviation = np.sqrt(statistics.var + found.epsilon)
+    return [
+        SavedLayer("shift", {"offset": -statistics.mean.astype(np.float32)}),
+        SavedLayer("scale", {"factor": (1 / deviation).astype(np.float32)}),
+        SavedLayer("clip", numbers={"low": -found.clip_obs, "high": found.clip_obs}),
+    ]
 
 
 def _noise(settings: OffPolicySettings, shape: Any) -> ActionNoise | None:

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import nn
 
 from jbench import plugins
-from jbench.agents.sb3_policy import copy_model
+from jbench.agents.sb3 import copy_model
 from jbench.errors import RequestError
 from jbench.policies.copied import UnsupportedPolicyError
 from jbench.settings.base import canonical_json

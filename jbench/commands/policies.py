@@ -38,7 +38,7 @@ def evaluate(
     from jbench.commands import display
     from jbench.policies.evaluate import evaluate as run_episodes
     from jbench.policies.find import full_name
-    from jbench.policies.imported import code_of
+    from jbench.policies.imported import policy_code
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
     from jbench.simulation import find_task
@@ -59,7 +59,7 @@ def evaluate(
         specs=find_task(task).specs,
         policy=Path(policy).name if is_sb3_zip(policy) else policy,
         target_yaw=None if target_yaw is None else math.radians(target_yaw),
-        code=code_of(policy),
+        code=policy_code(policy),
         **chosen,
     )
     before = database.find("evaluation", settings.id)

@@ -97,13 +97,13 @@ class _Chain:
                 )
             if node.op == "placeholder":
                 return layers
-            before = [one for one in node.all_input_nodes if one.op != "get_attr"]
+            before = [node for node in node.all_input_nodes if node.op != "get_attr"]
             if len(before) != 1:
                 raise UnsupportedPolicyError(f"{node.name} takes {len(before)} results, not one")
-            layers = [*self._layers_of(node, before[0]), *layers]
+            layers = [*self._node_layers(node, before[0]), *layers]
             node = before[0]
 
-    def _layers_of(self, node: fx.Node, before: fx.Node) -> list[SavedLayer]:
+    def _node_layers(self, node: fx.Node, before: fx.Node) -> list[SavedLayer]:
         """Returns the layers of a node that takes the result of one other node."""
         if node.op == "call_module":
             return module_layers(self._module.get_submodule(str(node.target)))
@@ -112,7 +112,7 @@ class _Chain:
             return [SavedLayer(_PLAIN[target])]
         if target in _IDENTITY:
             return []
-        arguments = [None if one is before else self._value(one) for one in node.args]
+        arguments = [None if value is before else self._value(value) for value in node.args]
         if target in _CLAMPS:
             return [_clamp(arguments[1:], node.kwargs)]
         if target in _ARITHMETIC and len(arguments) == 2 and not node.kwargs:

@@ -182,7 +182,7 @@ def _locate(results: Results, name: str) -> tuple[Results, str]:
 def _shipped_run(name: str) -> str:
     """Returns the run id of the shipped policy whose name is, or begins with, `name`."""
     names = shipped_policies()
-    matches = [one for one in names if one.startswith(name)]
+    matches = [shipped for shipped in names if shipped.startswith(name)]
     if len(matches) == 1:
         return matches[0].removeprefix(SHIPPED)
     if matches:
@@ -191,7 +191,7 @@ def _shipped_run(name: str) -> str:
             "(jbench runs --results reference shows how they differ)."
         )
     close = get_close_matches(name, names, 3)
-    choices = [one for one in names if one in close] or names
+    choices = [shipped for shipped in names if shipped in close] or names
     instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"
     raise RequestError(f"No policy is shipped as {name}; {instead}.")
 

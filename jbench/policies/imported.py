@@ -36,7 +36,7 @@ def is_imported_policy(name: str) -> bool:
     return not of_ours and (plugins.is_imported(name) or name in installed_policies())
 
 
-def code_of(name: str) -> str | None:
+def policy_code(name: str) -> str | None:
     """Returns what identifies the code or file of a policy; None for policies of jbench.
 
     Returns:

@@ -95,7 +95,7 @@ def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[Save
         raise _UnsupportedError("it explores with gSDE")
     if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):
         raise _UnsupportedError("it has a features extractor of its own")
-    last = next((one for one in _ACTORS if any(name.startswith(one) for name in weights)), None)
+    last = next((p for p in _ACTORS if any(name.startswith(p) for name in weights)), None)
     if last is None:
         raise _UnsupportedError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
     hidden, activation, output = _ACTORS[last]

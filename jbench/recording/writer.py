@@ -225,7 +225,7 @@ def copied_network(actor: Actor, inputs: int, outputs: int) -> SavedNetwork:
     if isinstance(actor, nn.Module):
         return copy_module(actor, inputs, outputs)
     if hasattr(actor, "predict") and hasattr(actor, "policy"):
-        from jbench.agents.sb3_policy import copy_model
+        from jbench.agents.sb3 import copy_model
 
         return copy_model(actor, inputs, outputs)
     raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")

@@ -12,8 +12,15 @@ from PIL import Image
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS
 from jbench.policies.find import ActingPolicy
-from jbench.rendering.episode import Frame, Picture, Scene, render_episode
-from jbench.rendering.overlay import SCALE, strip_picture, video_picture
+from jbench.rendering.episode import (
+    SCALE,
+    Frame,
+    Picture,
+    Scene,
+    render_episode,
+    strip_picture,
+    video_picture,
+)
 from jbench.store.files import check_output, write_atomic
 
 SUFFIXES = (".mp4", ".gif", ".png")

@@ -14,7 +14,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from jbench.agents import sb3, sb3_classes
 from jbench.agents.algorithms import code_of
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
-from jbench.agents.sb3_policy import copy_model
 from jbench.encoders import Encoder
 from jbench.errors import WorkError, sentence_of_failure
 from jbench.policies.network import SavedNetwork
@@ -120,7 +119,7 @@ def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> SavedNetwork:
     if settings.is_ours:
         return sb3.policy(agent)
     spaces: Any = agent.observation_space, agent.action_space
-    return copy_model(agent, *(space.shape[0] for space in spaces))
+    return sb3.copy_model(agent, *(space.shape[0] for space in spaces))
 
 
 class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -7,7 +7,7 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.policies.find import find_policy
-from jbench.policies.imported import code_of, is_imported_policy
+from jbench.policies.imported import is_imported_policy, policy_code
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 
@@ -98,16 +98,16 @@ def test_policy_that_cannot_act_is_refused_before_episode(module, name, error, s
 
 def test_builtin_names_are_not_imported():
     assert not any(is_imported_policy(name) for name in ("constant:0.5", "random", "heuristic"))
-    assert code_of("constant:0.5") is None
+    assert policy_code("constant:0.5") is None
 
 
 def test_changed_code_changes_id_of_evaluation(module, tmp_path):
     name = f"{module}:half"
     about = {"task": "face_direction", "policy": name}
-    before = EvaluationSettings(**about, code=code_of(name))
+    before = EvaluationSettings(**about, code=policy_code(name))
     with (tmp_path / f"{module}.py").open("a") as file:
         file.write("\nmore = 1\n")
-    after = EvaluationSettings(**about, code=code_of(name))
+    after = EvaluationSettings(**about, code=policy_code(name))
     assert before.id != after.id
     assert after.id.startswith(f"face_direction/{module}.half/s00-")
 

@@ -10,8 +10,7 @@ from PIL import Image
 
 from jbench.errors import RequestError
 from jbench.rendering import write
-from jbench.rendering.episode import Scene, render_episode
-from jbench.rendering.overlay import strip_picture, video_picture
+from jbench.rendering.episode import Scene, render_episode, strip_picture, video_picture
 from jbench.rendering.write import default_size, mp4, render_to_file
 from tests.rendering.render_policies import Constant
 

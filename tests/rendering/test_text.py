@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jbench.rendering.episode import Frame
-from jbench.rendering.overlay import strip_picture, times, video_picture, write
+from jbench.rendering.episode import Frame, strip_picture, times, video_picture, write
 from tests.rendering.render_policies import PAD
 
 HEIGHT, WIDTH = 480, 640

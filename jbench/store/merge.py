@@ -137,6 +137,10 @@ def _other_files(mine: Record, other: Record) -> str | None:
         for record in (mine, other)
     ]
     names = sorted({name for name, _ in contents[0] ^ contents[1]})
+    if names == ["policy.json", "policy.safetensors"]:
+        # Older versions wrote the same policy in another format.
+        formats = {b'"network"' in record.read_file("policy.json") for record in (mine, other)}
+        names = names if len(formats) == 1 else []
     return f"in {', '.join(names)}" if names else None
 
 

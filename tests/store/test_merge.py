@@ -148,6 +148,19 @@ def test_run_with_conflicting_policy_is_refused(results, other):
     assert (one.outcome, "(in policy.json)" in one.reason) == ("refused", True)
 
 
+def test_policy_in_the_format_of_an_older_version_is_no_conflict(results, other):
+    mine = add_whole_run(results)
+    theirs = other.create("run", mine.id, mine.settings)
+    theirs.append({"episodes": mine.read("episodes")})
+    weights = {"policy.safetensors": b"same weights by other names"}
+    theirs.finish({}, {"policy.json": b'{"network": []}', **weights})
+    older = Results(other.path.parent / "older")
+    run = older.create("run", mine.id, mine.settings)
+    run.append({"episodes": mine.read("episodes")})
+    run.finish({}, {"policy.json": b'{"layers": 1}', "policy.safetensors": b"weights"})
+    assert outcomes(older, other) == {mine.id: "same"}
+
+
 def test_finished_run_replaces_unfinished_run_which_is_set_aside(results, other):
     mine = add_whole_run(results, [1.0, 2.0], finish=False)
     theirs = add_whole_run(other, [1.0, 2.5, 4.0])

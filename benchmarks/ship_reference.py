@@ -70,7 +70,7 @@ def copy(record: Record, target: Results, listed: tuple[FileEntry, ...]) -> None
     files.make_directory(path)
     for entry in listed:
         if record.path != path:
-            files.copy_atomic(record.path / entry.name, path / entry.name, entry.sha256)
+            files.write_atomic(path / entry.name, record.read_file(entry.name))
     files.write_atomic(path / MANIFEST, manifest.to_bytes())
     files.remove(files.unlisted(path, {MANIFEST, *(entry.name for entry in listed)}))
 

@@ -1,11 +1,4 @@
-"""A results directory and its records.
-
-results/
-datasets/<id>/  encoders/<id>/  runs/<id>/  evaluations/<id>/  imports/<id>/
-manifest.json                      settings, status and list of files
-<table>-<n>-<hash>.parquet, *.safetensors, *.json
-<role>-<hash>.*                    checkpoints
-"""
+"""A results directory and its records; `docs/database.md` describes the layout."""
 
 import contextlib
 from collections.abc import Iterator, Mapping
@@ -25,7 +18,6 @@ class Results:
     """A results directory.
 
     Attributes:
-        path: of the directory.
         name: what `--results` and messages call it: the path, or `reference` for the shipped ones.
     """
 
@@ -89,7 +81,9 @@ class Results:
         Raises:
             RequestError: if the text is no part of an id, or the beginning of several ids.
         """
-        text = self._id_of_path(kind, text.rstrip("/"))
+        text, root = text.rstrip("/"), (self.path / f"{kind}s").resolve()
+        if root in Path(text).resolve().parents:
+            text = Path(text).resolve().relative_to(root).as_posix()
         if (self.record(kind, text).path / MANIFEST).exists():
             return text
         ids = [record.id for record in self.scan(kind, text)[0]]
@@ -100,11 +94,6 @@ class Results:
                 f"Several {kind}s begin with {text}: {shown}{more}; type more of it."
             )
         return ids[0] if ids else text
-
-    def _id_of_path(self, kind: Kind, text: str) -> str:
-        """Returns the id of the record in a directory of these results; else the text itself."""
-        folder, root = Path(text).resolve(), (self.path / f"{kind}s").resolve()
-        return folder.relative_to(root).as_posix() if root in folder.parents else text
 
     @contextlib.contextmanager
     def locked(self, kind: Kind, id: str) -> Iterator[Record | None]:

@@ -21,14 +21,9 @@ from jbench.errors import RequestError, WorkError
 _File = TypeVar("_File", bound=BinaryIO | io.BufferedReader)
 
 _TEMPORARY = ".writing-"
-_CHUNK = 1 << 20  # bytes read at a time
-
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 PLAIN = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 """Flags to open an untrusted file, which may be a symlink or a pipe; some systems lack some."""
-
-_REPLACE_SECONDS = 2.0
 
 
 class NotPlainError(OSError):
@@ -82,23 +77,27 @@ def write_atomic(path: Path, content: bytes) -> None:
     Raises:
         WorkError: if the disk is full or fails; an existing file is unchanged.
     """
-    with _replacing(path) as file:
-        file.write(content)
-
-
-def copy_atomic(source: Path, path: Path, sha256: str) -> None:
-    """Copies a file atomically, checking its SHA-256.
-
-    Raises:
-        WorkError: if the source can't be read or has another SHA-256, or as for `write_atomic`.
-    """
-    digest = hashlib.sha256()
-    with _replacing(path) as file:
-        for chunk in _chunks(source):
-            digest.update(chunk)
-            file.write(chunk)
-        if digest.hexdigest() != sha256:
-            raise WorkError(f"{source} is damaged (its checksum differs); it is not copied.")
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY, dir=path.parent)
+        with _closing(os.fdopen(handle, "wb")) as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        _replace(temporary, path)
+        temporary = None
+        _sync_directory(path.parent)
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise WorkError(
+                f"No room left to write {path.name} in {path.parent}; what was finished is kept: "
+                "free some space and type the command again."
+            ) from None
+        raise WorkError(f"{path} can't be written ({error.strerror}).") from None
+    finally:
+        if temporary is not None:
+            remove([Path(temporary)])
 
 
 def move(path: Path, to: Path) -> None:
@@ -110,7 +109,7 @@ def move(path: Path, to: Path) -> None:
     make_directory(to.parent)
     try:
         if os.path.lexists(to):
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+            raise WorkError(f"{path} can't be moved to {to}, which exists.")
         path.rename(to)
     except OSError as error:
         raise WorkError(f"{path} can't be moved to {to} ({error.strerror}).") from None
@@ -118,32 +117,6 @@ def move(path: Path, to: Path) -> None:
     with contextlib.suppress(OSError):
         _sync_directory(to.parent)
         _sync_directory(path.parent)
-
-
-@contextlib.contextmanager
-def _replacing(path: Path) -> Iterator[BinaryIO]:
-    """Yields a file to write, which replaces the one at `path` at the end of the block."""
-    temporary = None
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY, dir=path.parent)
-        with _closing(os.fdopen(handle, "wb")) as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        _replace(temporary, path)
-        temporary = None
-        _sync_directory(path.parent)
-    except OSError as error:
-        if error.errno in _FULL:
-            raise WorkError(
-                f"No room left to write {path.name} in {path.parent}; what was finished is kept: "
-                "free some space and type the command again."
-            ) from None
-        raise WorkError(f"{path} can't be written ({error.strerror}).") from None
-    finally:
-        if temporary is not None:
-            remove([Path(temporary)])
 
 
 @contextlib.contextmanager
@@ -190,15 +163,6 @@ def close(handle: int) -> None:
         os.close(handle)
 
 
-def _chunks(path: Path) -> Iterator[bytes]:
-    try:
-        with open_plain(path) as file:
-            while chunk := file.read(_CHUNK):
-                yield chunk
-    except OSError as error:
-        raise WorkError(f"{path} can't be read ({error.strerror}).") from None
-
-
 def entries(directory: Path) -> list[os.DirEntry[str]]:
     """Returns the entries of a directory, sorted by name.
 
@@ -216,14 +180,12 @@ def unlisted(directory: Path, listed: set[str]) -> list[Path]:
     Raises:
         OSError: if the directory can't be listed.
     """
+    kinds = (".parquet", ".safetensors", ".json")
     return [
         directory / entry.name
         for entry in entries(directory)
         if entry.name not in listed
-        and (
-            entry.name.startswith(_TEMPORARY)
-            or entry.name.endswith((".parquet", ".safetensors", ".json"))
-        )
+        and (entry.name.startswith(_TEMPORARY) or entry.name.endswith(kinds))
         and not entry.is_dir(follow_symlinks=False)
     ]
 
@@ -242,7 +204,7 @@ def sha256(content: bytes) -> str:
 
 def _replace(temporary: str, path: Path) -> None:
     """Renames a file; on Windows, waits for readers of the file that it replaces."""
-    deadline = time.monotonic() + _REPLACE_SECONDS
+    deadline = time.monotonic() + 2  # seconds
     while True:
         try:
             return os.replace(temporary, path)

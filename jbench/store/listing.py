@@ -82,21 +82,18 @@ def list_runs(
 def _with_variants(lines: list[tuple[RunLine, Record]]) -> list[RunLine]:
     """Returns the lines with the variants of their records, if their settings are readable."""
     cells: dict[tuple[str | None, ...], dict[str, Run]] = {}
-    for line, record in lines:
+    keys = [((line.algo, line.representation), variant(record.settings)) for line, record in lines]
+    for (cell, key), (_, record) in zip(keys, lines, strict=True):
         run = read_run(record.settings)
         if not isinstance(run, Unreadable):
-            cell = cells.setdefault((line.algo, line.representation), {})
-            cell[variant(record.settings)] = run
-    words = {cell: variant_words(variants) for cell, variants in cells.items()}
-    none: dict[str, str] = {}
-    return [
-        line._replace(
-            variant=words.get((line.algo, line.representation), none).get(
-                variant(record.settings), ""
-            )
-        )
-        for line, record in lines
-    ]
+            cells.setdefault(cell, {})[key] = run
+    words = {
+        (cell, key): text
+        for cell, variants in cells.items()
+        for key, text in variant_words(variants).items()
+    }
+    named = zip(lines, keys, strict=True)
+    return [line._replace(variant=words.get(key, "")) for (line, _), key in named]
 
 
 def matches(line: RunLine, filters: Mapping[str, Collection[Any]]) -> bool:
@@ -113,11 +110,8 @@ def setting_values(results: Results, setting: str) -> set[str]:
 
 def make_line(record: Record) -> RunLine:
     """Returns the line of a run or an import, without its final returns."""
-    settings, manifest, is_import = (
-        read_run(record.settings),
-        record.manifest,
-        record.kind == "import",
-    )
+    settings, manifest = read_run(record.settings), record.manifest
+    is_import = record.kind == "import"
     summary = {name: _number(value) for name, value in manifest.summary.items()}
     episodes = int(summary.get("points") or 0) if is_import else record.rows("episodes")
     done = summary.get("control_steps" if is_import else "steps_done")

@@ -61,12 +61,7 @@ def is_held(directory: Path) -> bool:
 
 
 def share(directory: Path) -> contextlib.AbstractContextManager[None]:
-    """Creates a directory if necessary, and holds a shared lock of it during the block.
-
-    Raises:
-        RequestError: if the directory can't be created.
-        WorkError: if the file system has no locks.
-    """
+    """Holds a shared lock of a directory, which is made if necessary; raises as `hold`."""
     files.make_directory(directory)
     return hold(directory, str(directory), LockFlags.SHARED)
 
@@ -81,7 +76,6 @@ def _refuses(directory: Path, access: int, kind: LockFlags) -> bool:
 
     Args:
         access: mode in which to open the file; some file systems require write access.
-        kind: exclusive or shared.
     """
     try:
         handle = os.open(directory / LOCK, access | files.PLAIN)

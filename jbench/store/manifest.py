@@ -127,6 +127,11 @@ class Manifest(BaseModel):
             raise ValueError("a file is listed twice, or is the manifest")
         return files
 
+    @property
+    def is_old(self) -> bool:
+        """Whether tables may lack columns of this schema version."""
+        return self.schema_version < SCHEMA_VERSION
+
     @classmethod
     def new(
         cls, kind: Kind, id: str, settings: Mapping[str, Any], made_on: Mapping[str, Any]

@@ -18,15 +18,7 @@ from jbench.revision import git_revision
 if TYPE_CHECKING:
     import torch
 
-_PACKAGES = (
-    "dm-control",
-    "gymnasium",
-    "mujoco",
-    "numpy",
-    "pyarrow",
-    "stable-baselines3",
-    "torch",
-)
+_PACKAGES = ("dm-control", "gymnasium", "mujoco", "numpy", "pyarrow", "stable-baselines3", "torch")
 
 _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKAGES} | {
     *("device", "gpu", "cuda", "driver", "package", "source_sha256"),
@@ -91,10 +83,11 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, 
 
     Entries that an older version did not record are not compared.
     """
-    then = {**before, **_packages(before)}
+    packages = before.get("packages")
+    then = {**before, **(packages if isinstance(packages, Mapping) else {})}
     return {
         name: [then[name], value]
-        for name, value in {**now, **_packages(now)}.items()
+        for name, value in {**now, **now.get("packages", {})}.items()
         if name in _DECISIVE and name in then and then[name] != value
     }
 
@@ -128,11 +121,6 @@ def shell_command(recorded: Mapping[str, Any]) -> str:
     """Returns the recorded command as it is typed in a shell."""
     program, *arguments = map(str, recorded.get("command") or ["jbench"])
     return shlex.join(["jbench" if program == "__main__.py" else program, *arguments])
-
-
-def _packages(recorded: Mapping[str, Any]) -> Mapping[str, Any]:
-    packages = recorded.get("packages")
-    return packages if isinstance(packages, Mapping) else {}
 
 
 @cache

@@ -25,14 +25,14 @@ from jbench.wording import not_formula
 
 
 class Tables(NamedTuple):
-    """Tables of a results directory, and an error for each unreadable record."""
+    """Tables of a results directory, and an error for each damaged record, which is left out."""
 
     tables: dict[str, pa.Table]
     problems: list[str]
 
 
 class Answer(NamedTuple):
-    """The rows of a query, and an error for each damaged record, which is left out."""
+    """The rows of a query, and the problems of its tables."""
 
     rows: pd.DataFrame
     problems: list[str]
@@ -45,7 +45,7 @@ def load(
     coded: bool = False,
     columns: Mapping[str, Sequence[str]] | None = None,
 ) -> Tables:
-    """Reads and checks tables of a results directory; damaged records are left out.
+    """Reads and checks tables of a results directory.
 
     Args:
         names: of the tables; files of other tables are not read.
@@ -59,7 +59,7 @@ def load(
         tables["published"] = published()
     for kind, (table, _, of_files) in KINDS.items():
         schemas = {
-            name: _selected(_coded(fields) if coded else fields, selected.get(name))
+            name: _select_columns(fields, selected.get(name, fields.names), coded)
             for name, fields in of_files.items()
             if name in names
         }
@@ -92,11 +92,7 @@ def published() -> pa.Table:
 
 
 def query_results(results: Results, sql: str) -> Answer:
-    """Runs one SELECT over the results.
-
-    Raises:
-        RequestError: see `run_sql`.
-    """
+    """Runs one SELECT over the results; see `run_sql`."""
     # Arrow's own allocator releases and requests memory for each file, a third of the time.
     pa.set_memory_pool(pa.system_memory_pool())
     # Only tables whose names occur in the SQL are read. If the SQL builds a name, DuckDB does not
@@ -184,24 +180,19 @@ def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
     return frame
 
 
-def _sharing_a_word(message: str, tables: Iterable[str]) -> str:
-    """Returns the columns that share a word with the missing one, such as steps, and a comma."""
-    missing = re.search(r'column "(\w+)" not found', message)
-    words = set(missing[1].lower().split("_")) if missing else set()
-    columns = {name for table in tables for name in schema.TABLES[table].names}
-    return "".join(f'"{name}", ' for name in sorted(columns) if words & set(name.split("_")))
-
-
-_COLUMN_HINT = "DESCRIBE with a table lists its columns; text is in single quotes, such as 'td3'."
-
-
 def _refusal(error: duckdb.Error, tables: Iterable[str], sql: str) -> RequestError:
     message, *more = str(error).splitlines()
     for line in more:
         if line.startswith("Candidate bindings"):
-            nearest = line.partition(":")[2].strip(": ")
-            nearest = f"{_sharing_a_word(message, _named(sql))}{nearest}"
-            message += f" The nearest columns: {nearest}. {_COLUMN_HINT}"
+            # DuckDB misses columns that share a word with the missing one, such as steps.
+            missing = re.search(r'column "(\w+)" not found', message)
+            words = set(missing[1].lower().split("_")) if missing else set()
+            columns = {name for table in _named(sql) for name in schema.TABLES[table].names}
+            near = [f'"{name}"' for name in sorted(columns) if words & set(name.split("_"))]
+            message += (
+                f" The nearest columns: {', '.join([*near, line.partition(':')[2].strip(': ')])}. "
+                "DESCRIBE with a table lists its columns; text is in single quotes, such as 'td3'."
+            )
         elif line.startswith(("Did you mean", "Either add")):
             message += f" {line}"
     return RequestError(f"{message} (tables: {', '.join(sorted(tables))}).")
@@ -250,12 +241,9 @@ def _read(
     )
 
 
-def _selected(columns: pa.Schema, names: Sequence[str] | None) -> pa.Schema:
-    """Returns some columns of a schema; None: all."""
-    return columns if names is None else pa.schema([columns.field(name) for name in names])
-
-
-def _coded(columns: pa.Schema) -> pa.Schema:
-    """Returns a schema whose first column, the record's id, is a dictionary."""
-    key = columns.field(0)
-    return columns.set(0, key.with_type(pa.dictionary(pa.int32(), key.type)))
+def _select_columns(columns: pa.Schema, names: Sequence[str], coded: bool) -> pa.Schema:
+    """Returns columns of a schema; if coded, its first one, the record's id, as a dictionary."""
+    if coded:
+        key = columns.field(0)
+        columns = columns.set(0, key.with_type(pa.dictionary(pa.int32(), key.type)))
+    return pa.schema([columns.field(name) for name in names])

@@ -14,7 +14,7 @@ import pyarrow as pa
 from jbench.errors import WorkError
 from jbench.store import files, listed, locks, schema
 from jbench.store.flaws import DamagedError
-from jbench.store.manifest import MANIFEST, SCHEMA_VERSION, FileEntry, Kind, Manifest, Status
+from jbench.store.manifest import MANIFEST, FileEntry, Kind, Manifest, Status
 from jbench.store.provenance import resumed
 from jbench.wording import with_results
 
@@ -72,11 +72,6 @@ class Record:
         return self.manifest.settings
 
     @property
-    def is_current(self) -> bool:
-        """Whether its tables have the columns of this schema version."""
-        return self.manifest.schema_version == SCHEMA_VERSION
-
-    @property
     def size(self) -> int:
         """Bytes of the committed files."""
         return sum(entry.bytes for entry in self.manifest.files)
@@ -107,8 +102,8 @@ class Record:
         return pa.concat_tables([columns.empty_table(), *parts])
 
     def read_part(self, entry: FileEntry, columns: pa.Schema | None = None) -> pa.Table:
-        """Returns the rows of one file; by default with the columns that it has. See `read`."""
-        return listed.read_rows(self.path, entry, self.advice, columns, not self.is_current)
+        """Returns the rows of one file, by default with the columns that it has; see `read`."""
+        return listed.read_rows(self.path, entry, self.advice, columns, self.manifest.is_old)
 
     def read_file(self, name: str) -> bytes:
         """Returns the content of a committed file by its name or role.
@@ -164,9 +159,7 @@ class Record:
         for role, content in checkpoints.items():
             added.append(listed.write_checkpoint(self.path, role, content))
         before, dropped = self.manifest.files, {*checkpoints, *drop}
-        kept = [
-            entry for entry in before if entry.role not in dropped and entry.table not in replace
-        ]
+        kept = [e for e in before if e.role not in dropped and e.table not in replace]
         # The same rows are the same file.
         after = {entry.name: entry for entry in (*kept, *added)}
         self._update(files=tuple(after.values()))
@@ -214,13 +207,9 @@ class Record:
         self.clean()
 
     def copy_from(self, source: "Record") -> None:
-        """Copies a record of another results directory; call it while holding the lock.
-
-        Raises:
-            WorkError: if a file of the source is damaged, or the disk is full.
-        """
+        """Copies an intact record of other results; call it while holding the lock."""
         for entry in source.manifest.files:
-            files.copy_atomic(source.path / entry.name, self.path / entry.name, entry.sha256)
+            files.write_atomic(self.path / entry.name, listed.read(source.path, entry))
         self._commit(source.manifest)
         self.clean()
 
@@ -235,21 +224,13 @@ class Record:
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Locks the record during the block.
-
-        Raises:
-            WorkError: if another process holds the lock.
-        """
+        """Locks the record during the block; see `locks.hold`."""
         files.make_directory(self.path)
         with locks.hold(self.path, f"the {self.kind} {self.id}"):
             yield
 
     def uncommitted(self) -> list[Path]:
-        """Returns the files that an interrupted writer left uncommitted.
-
-        Raises:
-            OSError: if the directory can't be listed.
-        """
+        """Returns the files that an interrupted writer left uncommitted; see `files.unlisted`."""
         return files.unlisted(self.path, {MANIFEST, *(e.name for e in self.manifest.files)})
 
     def _join(self, table: str) -> FileEntry:

@@ -91,8 +91,8 @@ def verify(results: Results, threads: int, progress: Progress = no_progress) -> 
     for folder, (record, _) in zip(folders, checked, strict=True):
         findings += faults.get((folder.kind, folder.id), ())
         findings += () if record is None else _warnings(record, intact)
-    count = sum(len(record.manifest.files) for record in records)
-    return Verified(len(records), count, sum(record.size for record in records), findings)
+    sizes = [entry.bytes for record in records for entry in record.manifest.files]
+    return Verified(len(records), len(sizes), sum(sizes), findings)
 
 
 def examine(results: Results, kind: Kind, id: str) -> list[Flaw]:
@@ -162,7 +162,7 @@ def _check_files(records: Sequence[Record], threads: int, progress: Progress) ->
 
 def _check_file(listed_file: tuple[Record, FileEntry]) -> Flaw | None:
     record, entry = listed_file
-    columns = schema.FILES.get(entry.table or "") if record.is_current else None
+    columns = None if record.manifest.is_old else schema.FILES.get(entry.table or "")
     try:
         listed.check(record.path, entry, () if columns is None else columns.names)
     except RecordError as error:

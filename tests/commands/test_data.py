@@ -150,7 +150,7 @@ def test_export_refuses_damaged_dataset_and_other_schema_version(results, refuse
     part.write_bytes(whole)
     alter_manifest(newest, schema_version=0)
     output = refused("export", "--dataset", newest.id, results=results, code=1)
-    assert "is of schema version 0, and this jbench reads from 1: read it with the jbench" in output
+    assert "is of schema version 0, and this jbench reads from 1; read it with the jbench" in output
     assert not list(results.glob("minari/**/*.hdf5"))
 
 

@@ -1,10 +1,9 @@
-"""Fault injection for child processes: forbidden renames, dropped privileges, a full disk.
+"""Fault injection for child processes: dropped privileges, a full disk.
 
 The kernel itself rejects each operation, also for root, whom file permissions do not restrict.
 """
 
 import ctypes
-import platform
 import resource
 import signal
 import struct
@@ -26,9 +25,6 @@ results = Results(Path(sys.argv[1]))
 
 CANNOT = 77
 """Exit code of a process that could not inject its fault."""
-
-_RENAMES = {"x86_64": (82, 264, 316), "aarch64": (38, 276)}
-_EPERM = 1
 
 
 class Script(Piped):
@@ -54,30 +50,6 @@ def run_script(results, script):
         pytest.skip("this system can't be made to refuse")
     assert process.returncode == 0
     return lines
-
-
-def forbid_renames():
-    """Forbids renames for the rest of this process (seccomp)."""
-    prctl = ctypes.CDLL(None, use_errno=True).prctl
-    numbers = _RENAMES.get(platform.machine())
-    if numbers is None:
-        sys.exit(CANNOT)
-    load, jump_if_equal, give = 0x20, 0x15, 0x06
-    steps = [struct.pack("HBBI", load, 0, 0, 0)]  # the number of the call
-    for left, number in zip(range(len(numbers), 0, -1), numbers, strict=True):
-        steps.append(struct.pack("HBBI", jump_if_equal, left, 0, number))
-    steps.append(struct.pack("HBBI", give, 0, 0, 0x7FFF0000))  # allowed
-    steps.append(struct.pack("HBBI", give, 0, 0, 0x00050000 | _EPERM))
-    code = ctypes.create_string_buffer(b"".join(steps))
-    program = ctypes.create_string_buffer(
-        struct.pack("HxxxxxxQ", len(steps), ctypes.addressof(code))
-    )
-    no_new_privileges, set_filter, filter_mode = 38, 22, 2
-    refused = prctl(no_new_privileges, 1, 0, 0, 0) or prctl(
-        set_filter, filter_mode, ctypes.byref(program), 0, 0
-    )
-    if refused:
-        sys.exit(CANNOT)
 
 
 def drop_privileges():

@@ -19,23 +19,12 @@ def test_new_checkpoint_replaces_older_one_of_its_role(results, record):
     assert len([name for name in listed(record) if name.endswith(".safetensors")]) == 1
 
 
-def test_checkpoints_of_other_roles_are_kept(results, record):
+def test_checkpoint_is_kept_until_its_role_has_another(results, record):
     record.append({}, {"a.json": b"1", "b.json": b"2"})
-    record.append({}, {"a.json": b"3"})
+    record.append({"t": numbers(1)}, {"b.json": b"2"})
+    record.append({"t": numbers(2)}, {"a.json": b"3"})
     again = results.find("run", "a/b")
     assert (again.read_file("a.json"), again.read_file("b.json")) == (b"3", b"2")
-
-
-def test_checkpoint_with_identical_content_is_kept(results, record):
-    for _ in range(2):
-        record.append({"t": numbers(1)}, {ROLE: b"same"})
-    assert results.find("run", "a/b").read_file(ROLE) == b"same"
-
-
-def test_append_without_checkpoint_keeps_last_checkpoint(results, record):
-    record.append({}, {ROLE: b"kept"})
-    record.append({"t": numbers(1)})
-    assert results.find("run", "a/b").read_file(ROLE) == b"kept"
 
 
 def test_finish_removes_checkpoints_and_keeps_files(results, record):

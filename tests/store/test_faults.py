@@ -64,15 +64,6 @@ except WorkError as error:
     assert names(record.path) == {"manifest.json", *listed(record)}
 
 
-def test_append_that_cannot_rename_keeps_committed_rows(results, record):
-    record.append({"t": numbers(1)})
-    printed = run_script(results, "store_faults.forbid_renames()\n" + APPENDING)
-    assert "t-00001-" in printed[0]
-    assert printed[0].endswith(".parquet can't be written (Operation not permitted).")
-    assert printed[1] == "[1]"
-    assert_unchanged(results, record)
-
-
 @pytest.mark.parametrize("where", ["manifest.json", "a/b", "a"])
 def test_unreadable_record_is_reported_and_others_are_read(results, record, where):
     add_run(results, "c", [1.0])
@@ -88,21 +79,6 @@ print([record.id for record in records], *problems, sep="\\n")
     path.chmod(mode)
     assert found == "['c']"
     assert problem.startswith(f"{path} can't be read (Permission denied)")
-
-
-def test_unreadable_file_is_reported_with_its_record(results, record):
-    record.append({"t": numbers(1)})
-    path = record.path / listed(record)[0]
-    path.chmod(0o000)
-    script = """
-store_faults.drop_privileges()
-try:
-    read(results.find("run", "a/b"))
-except WorkError as error:
-    print(error)
-"""
-    (printed,) = run_script(results, script)
-    assert printed.startswith(f"{path} can't be read (Permission denied)")
 
 
 def test_unwritable_results_directory_is_refused_on_create(tmp_path, results):

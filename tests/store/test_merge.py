@@ -19,11 +19,10 @@ from tests.store.store_rows import (
     alter_manifest,
     episodes,
     incompressible,
-    listed,
     manifest_of,
 )
 from tests.store.store_whole import add, add_chain, add_whole_run, snapshot
-from tests.store.test_damage import DAMAGES
+from tests.store.test_damage import truncate
 
 
 @pytest.fixture
@@ -185,38 +184,21 @@ def test_unfinished_or_failed_run_never_replaces_finished_run(results, other):
 def test_longer_of_two_unfinished_runs_is_kept(results, other):
     mine = add_whole_run(results, [1.0, 2.0], finish=False)
     theirs = add_whole_run(other, [1.0, 2.0, 3.0], finish=False)
+    add_whole_run(again := Results(other.path.parent / "again"), [1.0, 2.5, 3.0], finish=False)
+    assert outcomes(results, again) == {mine.id: "refused"}
     assert outcomes(other, results) == {mine.id: "kept"}
     assert outcomes(results, other) == {mine.id: "replaced"}
     assert returns_of(results, mine.id) == returns_of(other, theirs.id) == [1.0, 2.0, 3.0]
 
 
-def test_unfinished_runs_with_conflicting_rows_are_refused(results, other):
-    mine = add_whole_run(results, [1.0, 2.0], finish=False)
-    add_whole_run(other, [1.0, 2.5, 3.0], finish=False)
-    (one,) = merge(results, [other])
-    assert one.outcome == "refused"
-    assert returns_of(results, mine.id) == [1.0, 2.0]
-
-
-@pytest.mark.parametrize(("damage", "reason"), DAMAGES)
-def test_damaged_record_in_source_is_refused_and_reported(results, other, damage, reason):
-    bad, good = add_whole_run(other), add_whole_run(other, seed=1)
-    damage(bad.path / listed(bad)[0])
-    merged = {one.record: one for one in merge(results, [other])}
-    assert merged[f"run {good.id}"].outcome == "copied"
-    assert merged[f"run {bad.id}"].outcome == "refused"
-    assert reason in merged[f"run {bad.id}"].reason
-    assert results.find("run", bad.id) is None
-    assert verify(results, 2).findings == []
-
-
 def test_record_with_invalid_manifest_or_wrong_id_is_refused(results, other):
-    broken, newer, renamed = (add_whole_run(other, seed=seed) for seed in range(3))
+    broken, newer, renamed, cut = (add_whole_run(other, seed=seed) for seed in range(4))
+    truncate(cut.path / "policy.json")
     (broken.path / "manifest.json").write_bytes(b"{")
     alter_manifest(newer, schema_version=7)
     alter_manifest(renamed, settings={"seed": 5})
     reasons = [one.reason for one in merge(results, [other]) if one.outcome == "refused"]
-    for says in ("not a manifest that can be read", "schema version 7", "not those that its id"):
+    for says in ("not a manifest", "version 7", "not those that its id", "1 bytes, not 2"):
         assert sum(says in reason for reason in reasons) == 1
     assert results.scan("run") == ([], [])
 

@@ -138,23 +138,15 @@ def test_unreadable_results_directory_is_reported(results, monkeypatch):
         Results(results.path)
 
 
-@pytest.fixture(scope="module")
-def evaluated(tmp_path_factory):
-    """Results written by a subcommand, whose record has a lock file."""
-    path = tmp_path_factory.mktemp("evaluated") / "results"
-    command = ["evaluate", "--episodes", "1", "--threads", "1"]
-    assert main([*command, "--results", str(path)]) == 0
-    return path, command
-
-
-def test_repeated_command_removes_leftover_of_finished_record(evaluated):
-    path, command = evaluated
-    (record,) = Results(path).scan("evaluation")[0]
+def test_repeated_command_removes_leftover_of_finished_record(results):
+    command = ["evaluate", "--episodes", "1", "--threads", "1", "--results", str(results.path)]
+    assert main(command) == 0
+    (record,) = results.scan("evaluation")[0]
     left = record.path / ".writing-abc"
     left.write_bytes(b"left")
-    assert main([*command, "--results", str(path)]) == 0
+    assert main(command) == 0
     assert not left.exists()
-    assert verify(Results(path), 1).findings == []
+    assert verify(results, 1).findings == []
 
 
 def test_planning_removes_leftover_of_finished_run(results):

@@ -12,8 +12,8 @@ import pytest
 
 from jbench.errors import WorkError
 from jbench.store import Results
-from tests.store.store_faults import Script, run_script
-from tests.store.store_rows import listed, names, numbers, read
+from tests.store.store_faults import Script
+from tests.store.store_rows import listed, names, read
 
 # Rows of one append have the same number; it is printed once the append has returned.
 APPENDING = """
@@ -41,14 +41,6 @@ HOLDING = """
 with results.record("run", "a/b").lock():
     print("held", flush=True)
     time.sleep(600)
-"""
-
-WITHOUT_ROOM = """
-store_faults.limit_file_size(20_000)
-try:
-    results.find("run", "a/b").append({"t": numbers(2), "u": incompressible(10_000)})
-except WorkError as error:
-    print(error)
 """
 
 
@@ -106,16 +98,6 @@ def test_record_is_consistent_after_kill_at_any_time(results):
             assert read(again) in [whole[:end] for end in (0, 2, 4, 6)]
 
 
-def test_append_of_two_tables_on_full_disk_commits_neither(results, record):
-    record.append({"t": numbers(1)})
-    (printed,) = run_script(results, WITHOUT_ROOM)
-    assert printed.startswith("No room left to write u-00000-")
-    again = results.find("run", "a/b")
-    assert (read(again), read(again, "u")) == ([1], [])
-    again.clean()
-    assert names(record.path) == {"manifest.json", *listed(record)}
-
-
 def test_lock_is_exclusive_and_released_when_its_holder_is_killed(results):
     record = results.record("run", "a/b")
     with process_of(results, HOLDING) as process:
@@ -126,14 +108,6 @@ def test_lock_is_exclusive_and_released_when_its_holder_is_killed(results):
             pass  # another record's lock is another lock
     with record.lock(), pytest.raises(WorkError, match="Another process"):
         record.lock().__enter__()
-
-
-def test_lock_is_released_after_error(results):
-    record = results.record("run", "a/b")
-    with pytest.raises(KeyError), record.lock():
-        raise KeyError
-    with record.lock(), pytest.raises(WorkError, match="Another process"):
-        Results(results.path).record("run", "a/b").lock().__enter__()
 
 
 def test_process_that_exits_after_reading_exits_with_zero(tmp_path):

@@ -61,18 +61,6 @@ def test_files_of_unused_tables_are_not_read(filled):
     assert len(answer.problems) == 1
 
 
-def test_ids_are_varchar_with_and_without_dictionary_encoding(filled):
-    assert rows(
-        filled, "SELECT DISTINCT typeof(run), upper(run) || '!' FROM episodes ORDER BY 2"
-    ) == [
-        ["VARCHAR", "A!"],
-        ["VARCHAR", "B!"],
-    ]
-    coded = query.load(filled, ["episodes"], coded=True).tables["episodes"]
-    plain = query.load(filled, ["episodes"]).tables["episodes"]
-    assert coded.cast(plain.schema).equals(plain)
-
-
 WRITING = """
 from tests.store.store_rows import add_run
 while True:

@@ -53,14 +53,10 @@ def test_directory_without_manifest_is_no_record(results, record):
     record.append({"t": numbers(1)})
     (record.path / "manifest.json").unlink()
     results.create("run", "c", {})
-    assert results.find("run", "a/b") is None
+    assert results.find("run", "a/b") is results.find("run", "a/b/c") is None
+    assert results.find("encoder", "c") is None
     records, problems = results.scan("run")
     assert ([found.id for found in records], problems) == (["c"], [])
-
-
-def test_record_is_found_only_under_its_kind(results, record):
-    assert results.find("run", "a/b").id == "a/b"
-    assert results.find("encoder", "a/b") is None
 
 
 def test_finish_compacts_each_table_into_one_file(results, record):
@@ -121,15 +117,6 @@ def test_create_over_existing_record_removes_its_files(results, record):
     assert read(again) == []
     assert results.find("run", "a/b").settings == {"seed": 2}
     assert names(record.path) == {"manifest.json", "notes.txt"}
-
-
-def test_clean_removes_only_uncommitted_files(results, record):
-    record.append({"t": numbers(1)})
-    (record.path / "t-00009-0badc0de.parquet").write_bytes(b"left by a killed process")
-    (record.path / ".writing-x1").write_bytes(b"left by a killed process")
-    record.clean()
-    assert names(record.path) == {"manifest.json", *listed(record)}
-    assert read(results.find("run", "a/b")) == [1]
 
 
 def test_failed_record_keeps_rows_and_error(results, record):

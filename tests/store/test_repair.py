@@ -12,7 +12,7 @@ from jbench.store.verify import verify
 from tests.store.store_faults import run_script
 from tests.store.store_rows import alter_manifest, incompressible, listed, names, numbers
 from tests.store.store_whole import add_chain, add_whole_run, snapshot
-from tests.store.test_damage import DAMAGES, truncate
+from tests.store.test_damage import truncate
 
 
 def repaired(results, dry_run=False):
@@ -80,15 +80,6 @@ def test_damaged_run_is_set_aside_and_can_be_recreated(results):
     assert verify(results, 2).findings == []
 
 
-@pytest.mark.parametrize(("damage", "_"), DAMAGES)
-def test_every_damage_can_be_repaired(results, damage, _):
-    run = add_whole_run(results)
-    damage(run.path / "policy.json")
-    repaired(results)
-    assert verify(results, 2).findings == []
-    assert add_whole_run(results).read_file("policy.json") == b"{}"
-
-
 def test_leftover_files_are_set_aside_and_their_record_is_kept(results):
     run = add_whole_run(results)
     with run.lock():
@@ -130,7 +121,7 @@ def test_record_of_newer_version_is_kept_and_reported(results):
     before = snapshot(results.path)
     done = repaired(results)
     assert done.moved == []
-    assert "is of schema version 7, and this jbench reads up to 5; install a" in done.left[0]
+    assert "is of schema version 7, and this jbench reads up to 5" in done.left[0]
     assert snapshot(results.path) == before
 
 
@@ -184,24 +175,6 @@ def test_set_aside_directory_that_is_link_is_refused(tmp_path, results):
     with pytest.raises(WorkError, match="set-aside leads out of the results directory"):
         repaired(results)
     assert results.find("run", run.id) is not None
-
-
-def test_repair_that_cannot_rename_keeps_and_reports_all(broken):
-    before = content(broken.path)
-    script = """
-from jbench.store.repair import repair
-from jbench.store.verify import verify
-store_faults.forbid_renames()
-done = repair(results, verify(results, 2).findings)
-print(len(done.moved), *done.left, sep="\\n")
-"""
-    moved, *left = run_script(broken, script)
-    assert moved == "0"
-    assert len(left) == 5
-    assert all("can't be moved to" in sentence for sentence in left)
-    assert all("Operation not permitted" in sentence for sentence in left)
-    assert content(broken.path) == before
-    assert repaired(broken).left == []
 
 
 def test_killed_repair_is_completed_by_next_repair(results):

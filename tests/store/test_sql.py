@@ -39,14 +39,6 @@ def test_query_cannot_read_files(secret, reader):
     assert "hunter2" not in str(refusal.value)
 
 
-def test_query_cannot_read_parquet_files(tmp_path):
-    path = tmp_path / "secret.parquet"
-    duckdb.connect().execute(f"copy (select 1 as password) to '{path}'")
-    for reader in ("read_parquet", "parquet_metadata", "parquet_schema"):
-        with pytest.raises(RequestError, match="disabled by configuration"):
-            run_sql(f"select * from {reader}('{path}')", TABLES)
-
-
 @pytest.mark.parametrize(
     "sql",
     [

@@ -1,10 +1,8 @@
 """Tests of untrusted results directories: no access outside of them, no hang, no traceback."""
 
-import json
 import os
 import signal
 import subprocess
-import sys
 
 import pyarrow as pa
 import pytest
@@ -98,11 +96,6 @@ HOSTILE = {
     "file by an absolute path": lambda run, out: first_entry(run, name=str(out)),
     "file is the manifest": lambda run, out: first_entry(run, name="manifest.json"),
     "size without end": lambda run, out: first_entry(run, bytes=2**62),
-    "numbers that are none": lambda run, out: alter_manifest(
-        run,
-        settings={**manifest_of(run)["settings"], "seed": float("nan")},
-        summary={"wall_time": float("inf")},
-    ),
     "rows without end": lambda run, out: first_entry(run, rows=2**62),
     "id above": lambda run, out: alter_manifest(run, id="../../outside"),
     "id is absolute": lambda run, out: alter_manifest(run, id=str(out.parent)),
@@ -114,9 +107,6 @@ HOSTILE = {
     ),
     "encoder above": lambda run, out: alter_manifest(
         run, settings={**manifest_of(run)["settings"], "encoder": "../../outside"}
-    ),
-    "terminal codes": lambda run, out: alter_manifest(
-        run, created=ESCAPE, settings={**manifest_of(run)["settings"], "algo": ESCAPE}
     ),
     "runs lead elsewhere": lambda run, out: (
         run.path.parents[3].rename(out.parent.parent / "elsewhere"),
@@ -154,15 +144,6 @@ def test_no_command_accesses_files_outside_or_prints_traceback(
     assert query.load(Results(mine)).problems == []
 
 
-def test_valid_run_beside_hostile_run_is_read(untrusted, secret):
-    bad = untrusted.scan("run")[0][0]
-    good = add_whole_run(untrusted, [1.0], seed=1)
-    HOSTILE["manifest is a pipe"](bad, secret)
-    loaded = query.load(untrusted)
-    assert loaded.tables["runs"]["run"].to_pylist() == [good.id]
-    assert loaded.problems == [f"{bad.path}/manifest.json can't be read (not a plain file)."]
-
-
 @pytest.mark.parametrize("target", ["secret", "new"])
 def test_lock_that_links_elsewhere_is_not_opened(untrusted, secret, target):
     run = untrusted.scan("run")[0][0]
@@ -177,15 +158,6 @@ def test_lock_that_is_pipe_does_not_block(untrusted):
     os.mkfifo(run.path / "lock")
     with run.lock():
         pass
-
-
-def test_manifest_with_deeply_nested_settings_is_refused(untrusted):
-    run = untrusted.scan("run")[0][0]
-    depth = sys.getrecursionlimit() * 10
-    text = json.dumps(manifest_of(run)).replace('"encoder": null', '"encoder": ' + "[" * depth)
-    (run.path / "manifest.json").write_text(text)
-    with pytest.raises(WorkError, match="is not a manifest that can be read"):
-        untrusted.find("run", run.id)
 
 
 UNREADABLE = {
@@ -226,9 +198,11 @@ def test_manifest_that_cannot_be_shown_is_reported_and_left_out(untrusted, chang
     assert (flaw.sort, flaw.id) == ("damaged", bad.id)
 
 
-@pytest.mark.parametrize("algo", ["cleanrl-td3", "sb3_contrib:TQC", "=cmd|' /C calc'!A0", "<b>"])
-def test_any_printable_name_is_read_and_is_no_formula_in_csv(untrusted, algo):
+@pytest.mark.parametrize("algo", ["cleanrl-td3", "sb3_contrib:TQC", "=cmd|' /C calc'!A0", "<b>[/b]"])
+def test_any_printable_name_is_read_and_is_no_formula_in_csv(untrusted, algo, capsys):
     untrusted.create("run", "a/b", {**RUN_SETTINGS, "algo": algo})
+    assert main(["query", "SELECT algo FROM runs", "--results", str(untrusted.path)]) == 0
+    assert algo in capsys.readouterr().out
     answer = query.query_results(untrusted, "SELECT algo FROM runs WHERE run = 'a/b'")
     assert (answer.rows["algo"].tolist(), answer.problems) == ([algo], [])
     written = f"'{algo}" if algo[0] == "=" else algo

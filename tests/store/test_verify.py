@@ -1,5 +1,6 @@
 """Tests of verify: each fault is reported with its record, and no file is changed."""
 
+import re
 import shutil
 from contextlib import nullcontext
 
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jbench.errors import WorkError
 from jbench.settings.base import settings_hash
 from jbench.store import Results
 from jbench.store.manifest import Manifest
@@ -80,6 +82,8 @@ def test_invalid_file_with_matching_manifest_is_reported(results, content, entry
     run = add_whole_run(results)
     put_in_place(run, content or (run.path / listed(run)[0]).read_bytes(), **entry)
     assert_one(results, "damaged", run, says)
+    with pytest.raises(WorkError, match=re.escape(f"{listed(run)[0]} {says}")):
+        results.find("run", run.id).read("episodes")
 
 
 def test_table_without_required_column_is_reported(results):
@@ -87,6 +91,8 @@ def test_table_without_required_column_is_reported(results):
     record = results.create("run", f"s00-{settings_hash(settings)}", settings)
     record.append({"episodes": numbers(1), "mine": numbers(2)})
     assert_one(results, "damaged", record, "is damaged (it has no column run)")
+    with pytest.raises(WorkError, match="it has no column run: another version of jbench wrote it"):
+        record.read("episodes")
 
 
 def test_id_that_contradicts_settings_is_reported(results):

@@ -156,12 +156,10 @@ class Record:
         """
         checkpoints = checkpoints or {}
         added = [self._write_rows(name, rows) for name, rows in tables.items() if rows.num_rows]
-        for role, content in checkpoints.items():
-            added.append(listed.write_checkpoint(self.path, role, content))
+        added += [listed.write_checkpoint(self.path, *item) for item in checkpoints.items()]
         before, dropped = self.manifest.files, {*checkpoints, *drop}
         kept = [e for e in before if e.role not in dropped and e.table not in replace]
-        # The same rows are the same file.
-        after = {entry.name: entry for entry in (*kept, *added)}
+        after = {entry.name: entry for entry in (*kept, *added)}  # the same rows are the same file
         self._update(files=tuple(after.values()))
         files.remove(self.path / entry.name for entry in before if entry.name not in after)
 

@@ -198,7 +198,7 @@ def test_manifest_that_cannot_be_shown_is_reported_and_left_out(untrusted, chang
     assert (flaw.sort, flaw.id) == ("damaged", bad.id)
 
 
-@pytest.mark.parametrize("algo", ["cleanrl-td3", "sb3_contrib:TQC", "=cmd|' /C calc'!A0", "<b>[/b]"])
+@pytest.mark.parametrize("algo", ["cleanrl-td3", "sb3:TQC", "=cmd|' /C calc'!A0", "<b>[/b]"])
 def test_any_printable_name_is_read_and_is_no_formula_in_csv(untrusted, algo, capsys):
     untrusted.create("run", "a/b", {**RUN_SETTINGS, "algo": algo})
     assert main(["query", "SELECT algo FROM runs", "--results", str(untrusted.path)]) == 0

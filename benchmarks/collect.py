@@ -35,7 +35,7 @@ from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.settings.records import DatasetSettings
 from jbench.simulation import Robots
 from jbench.store import Results
-from jbench.tasks import features, model, resets, rewards
+from jbench.tasks import features, geometry, model, resets, rewards
 from jbench.tasks.robots import load_model
 
 TASK = "move_from_origin"
@@ -85,7 +85,7 @@ class ClosedLoop:
         """Makes the robots and simulates their fall to the floor."""
         random = np.random.default_rng(count)
         self.robots = Robots(load_model(), count, threads)
-        self.target = features.Target(np.zeros((count, 3)), np.zeros(count))
+        self.target = geometry.Target(np.zeros((count, 3)), np.zeros(count))
         self.weights = 1e3 * random.standard_normal(features.TASK_SPECS[TASK].observation_size)
         self.state = self.robots.reset(
             np.stack([resets.draw_quaternion(random) for _ in range(count)])

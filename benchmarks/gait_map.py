@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tune_heuristics import COARSE, Robots
 
 from jbench.names import CONTROL_TIMESTEP
-from jbench.tasks import features
+from jbench.tasks import geometry
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def simulate(amplitude: Array, period: Array, center: Array) -> tuple[NDArray[An
         robots.step(np.clip(np.where(swings, swing, torque), -1, 1))
         if step >= SETTLING:
             velocity = state.torso_velocity[:, 0] + 1j * state.torso_velocity[:, 1]
-            drift += velocity * np.exp(-1j * features.heading(state)) / (STEPS - SETTLING)
+            drift += velocity * np.exp(-1j * geometry.heading(state)) / (STEPS - SETTLING)
             yaw += state.velocity[:, 5] / (STEPS - SETTLING)
     return drift.reshape(-1, EPISODES), yaw.reshape(-1, EPISODES)
 

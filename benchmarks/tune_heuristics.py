@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS, TASKS
-from jbench.tasks import features, heuristics, model, resets, rewards
+from jbench.tasks import features, geometry, heuristics, model, resets, rewards
 from jbench.tasks.control_laws import Law
 from jbench.tasks.robots import load_model
 
@@ -73,16 +73,16 @@ class Robots:
             random = np.random.default_rng(seed)
             model.place(data, resets.draw_quaternion(random))
             targets.append(resets.draw_target(task, random))
-        self.target = features.Target(
+        self.target = geometry.Target(
             np.array([t.position for t in targets]), np.array([t.yaw for t in targets])
         )
         self._qpos = np.array([data.qpos for data in self._data])
         self._qvel = np.array([data.qvel for data in self._data])
         self._executor = ThreadPoolExecutor(THREADS)
 
-    def state(self) -> features.State:
+    def state(self) -> geometry.State:
         """Returns the state of all robots."""
-        return model.state_of(self._qpos, self._qvel, self._offset)
+        return model.read_state(self._qpos, self._qvel, self._offset)
 
     def step(self, torque: Array) -> None:
         """Holds torques (robots,) for one control step."""

@@ -130,7 +130,7 @@ def _part(
         actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
     stacked = np.stack(actions)
     trajectories = simulate(model, np.stack(quaternions), stacked, simulators)
-    state = robot.state_of(*trajectories, robot.torso_offset(model))
+    state = robot.read_state(*trajectories, robot.torso_offset(model))
     return {
         "steps": layout.steps_table(episodes.start, state, stacked),
         "dataset_episodes": layout.episodes_table(episodes.start, targets),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jbench.settings.records import JITTERBUG
 from jbench.simulation import Task
 from jbench.store.schema import DATASET_EPISODES, STATE_COLUMNS, STEPS
-from jbench.tasks.features import TARGET_HEIGHT, State, Target
+from jbench.tasks.geometry import TARGET_HEIGHT, State, Target
 
 SEEDS = pa.schema([("episode", pa.int32()), ("seed", pa.int64())])
 """Episodes of a dataset of another robot: the seed from which each begins."""

@@ -18,7 +18,7 @@ from jbench.simulation.find import check_specs
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
 from jbench.store.shipped import results_to_read
-from jbench.tasks import features, rewards
+from jbench.tasks import features, geometry, rewards
 from jbench.wording import with_results
 
 
@@ -112,7 +112,7 @@ class Dataset:
             return _block_of_task(find_task(task), rows)
         state = layout.state_of(rows, EPISODE_STEPS)
         targets_of_task = layout.target_of(task, targets)
-        target = features.Target(
+        target = geometry.Target(
             np.broadcast_to(targets_of_task.position, (*state.position.shape[:-1], 3)),
             np.broadcast_to(targets_of_task.yaw, state.position.shape[:-1]),
         )

@@ -20,7 +20,7 @@ from jbench.encoders.scaling import not_rescaled, rescaled
 from jbench.encoders.states import Scale, States
 from jbench.settings.base import Settings, omissible
 from jbench.simulation import find_task
-from jbench.tasks.features import Array
+from jbench.tasks.geometry import Array
 
 Weights = Mapping[str, Any]
 """Named float32 arrays, either all numpy or all torch."""

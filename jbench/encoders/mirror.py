@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from jbench.encoders.saved import Encoder, action_signs
 from jbench.errors import RequestError
-from jbench.tasks.features import TASK_SPECS
-from jbench.tasks.mirror import mirror_signs, mirrored
+from jbench.tasks.features import TASK_SPECS, by_dimension, mirrored
 
 _OBSERVATIONS = 64
 _TOLERANCE = 1e-4  # relative to the range of an input; encoders are stored in float32
@@ -35,7 +34,7 @@ def input_mirror(task: str, encoder: Encoder | None) -> InputMirror:
         RequestError: if a mirror mixes its latents, or it encodes mirror images itself.
     """
     if encoder is None:
-        signs = np.array(mirror_signs(task), np.float64)
+        signs = np.array(by_dimension(task, "mirror"), np.float64)
         return InputMirror(signs, np.zeros_like(signs))
     shape = _OBSERVATIONS, TASK_SPECS[task].observation_size
     random = torch.Generator().manual_seed(0)

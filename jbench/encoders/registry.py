@@ -67,7 +67,7 @@ def short_name(kind: str) -> str:
     raise RequestError(f"{kind}: the name {name!r} {taken}; give the class another name.")
 
 
-def code_of(kind: str) -> dict[str, str | None]:
+def code_provenance(kind: str) -> dict[str, str | None]:
     """Returns provenance of the code of a kind; none for those of jbench."""
     return {} if kind in ENCODER_KINDS else plugins.code_of(_WHAT, kind, _offered())
 

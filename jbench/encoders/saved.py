@@ -19,7 +19,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.store import Results
 from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
-from jbench.tasks.features import Array
+from jbench.tasks.geometry import Array
 from jbench.wording import with_results
 
 DESCRIPTION = "encoder.json"

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.encoders.moments import FloatArray, Moments, with_positive_largest
-from jbench.tasks.features import Array, denormalize
+from jbench.tasks.features import denormalize
+from jbench.tasks.geometry import Array
 
 _CENTER, _MATRIX, _INVERSE = "rescale.center", "rescale.matrix", "rescale.inverse"
 

@@ -19,7 +19,7 @@ from jbench.encoders.kind_check import check_kind
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import StatePairs
 from jbench.encoders.predictions import Probe, probe
-from jbench.encoders.registry import code_of, make_kind
+from jbench.encoders.registry import code_provenance, make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
 from jbench.encoders.settings import EncoderSettings
@@ -73,7 +73,7 @@ def train_encoder(
         if isinstance(kind, Learned) and settings.kind not in ENCODER_KINDS:
             check_kind(kind, settings.kind, states, settings.latents, device)
         if record is None or CHECKPOINT not in record.roles():
-            made_on = device_provenance(device) | code_of(settings.kind)
+            made_on = device_provenance(device) | code_provenance(settings.kind)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
             weights = _trained_without_rescale(settings, record, results)

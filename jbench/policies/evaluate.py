@@ -10,7 +10,7 @@ from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.find import find_policy
 from jbench.settings.records import EvaluationSettings
-from jbench.simulation import Act, Transition, Worlds, find_task, rollout
+from jbench.simulation import Act, ControlStep, Worlds, find_task, rollout
 from jbench.simulation.jitterbug import JitterbugWorlds
 from jbench.store import Record, Results, schema
 from jbench.tasks import resets
@@ -104,7 +104,7 @@ def _episodes(
 
 
 def _states(
-    episodes: range, step: int, worlds: JitterbugWorlds, transition: Transition
+    episodes: range, step: int, worlds: JitterbugWorlds, transition: ControlStep
 ) -> pa.Table:
     """Returns the rows of a control step, one per episode."""
     return pa.table(

@@ -18,8 +18,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
 from jbench.simulation import find_task
 from jbench.store.files import make_directory, write_atomic
-from jbench.tasks.features import TASK_SPECS, denormalize, feature_range, normalize
-from jbench.tasks.labels import feature_labels, feature_units
+from jbench.tasks.features import TASK_SPECS, by_dimension, denormalize, normalize
 
 INPUT, OUTPUT = "observation", "action"
 
@@ -94,14 +93,12 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
     task = find_task(agent.task)
     inputs: list[dict[str, Any]]
     if task.specs is None:
-        low, high = feature_range(agent.task)
+        units, low, high = (by_dimension(agent.task, name) for name in ("units", "low", "high"))
         inputs = [
             {"name": name, "unit": unit}
             if in_si_units
             else {"name": name, "unit": unit, "minimum": least, "maximum": most}
-            for name, unit, least, most in zip(
-                feature_labels(agent.task), feature_units(agent.task), low, high, strict=True
-            )
+            for name, unit, least, most in zip(task.labels, units, low, high, strict=True)
         ]
         scaling = "SI units" if in_si_units else "minimum to -1, maximum to 1"
         outputs = [{"name": "motor_command", "unit": "1", "minimum": -1.0, "maximum": 1.0}]

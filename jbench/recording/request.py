@@ -28,7 +28,7 @@ from jbench.names import (
 from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
 from jbench.settings.records import ExternalSettings
-from jbench.simulation.find import checked_task, code_of
+from jbench.simulation.find import checked_task, code_provenance
 from jbench.store import Results, files
 from jbench.store.shipped import results_to_write
 from jbench.training.request import representation_of
@@ -91,7 +91,8 @@ def record(
         evaluate_episodes=evaluate_episodes,
     )
     logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
-    return Recording(settings, place, {**provenance_of_loop(package), **code_of(task)}, logger)
+    made_on = {**provenance_of_loop(package), **code_provenance(task)}
+    return Recording(settings, place, made_on, logger)
 
 
 def external_settings(

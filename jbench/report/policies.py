@@ -153,9 +153,9 @@ def _read(record: Record) -> pd.DataFrame:
 
 def _motor(states: pd.DataFrame) -> pd.DataFrame:
     # Imported here because the package imports dm_control, which most reports don't need.
-    from jbench.tasks.features import RANGES
+    from jbench.tasks.features import FEATURES
 
-    full_speed = RANGES["motor_velocity"][1][0]  # rad/s, an observation of 1
+    full_speed = FEATURES["motor_velocity"].high[0]  # rad/s, an observation of 1
     edges = np.linspace(-1.2, 1.2, 121)
     observed = np.clip(states["motor_velocity"].to_numpy() / full_speed, edges[0], edges[-1])
     density, _ = np.histogram(observed, edges, density=True)

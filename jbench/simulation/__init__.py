@@ -1,17 +1,15 @@
 """Tasks behind one interface, and the multithreaded simulation of the Jitterbug."""
 
-from jbench.simulation.episodes import Trajectories, simulate
 from jbench.simulation.find import find_task
-from jbench.simulation.robots import Robots
-from jbench.simulation.rollout import Act, Transition, rollout
+from jbench.simulation.robots import Robots, simulate
+from jbench.simulation.rollout import Act, ControlStep, rollout
 from jbench.simulation.task import Task, Worlds
 
 __all__ = [
     "Act",
+    "ControlStep",
     "Robots",
     "Task",
-    "Trajectories",
-    "Transition",
     "Worlds",
     "find_task",
     "rollout",

@@ -82,7 +82,7 @@ def check_specs(name: str, recorded: Specs | None) -> None:
     )
 
 
-def code_of(name: str) -> dict[str, str | None]:
+def code_provenance(name: str) -> dict[str, str | None]:
     """Returns provenance of the code of a task, if it is that of another package."""
     if name in TASKS or name.startswith(SUITE):
         return {}

@@ -9,20 +9,12 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.names import CONTROL_TIMESTEP
-from jbench.simulation.paths import path_point
 from jbench.simulation.robots import Robots
-from jbench.simulation.task import State as WorldState
-from jbench.simulation.task import Step, Task, Worlds
+from jbench.simulation.rollout import path_point
+from jbench.simulation.task import Task, Worlds, WorldsState
 from jbench.tasks import resets
-from jbench.tasks.features import (
-    FEATURE_SIZES,
-    TASK_SPECS,
-    State,
-    Target,
-    heading,
-    observation,
-)
-from jbench.tasks.labels import feature_labels
+from jbench.tasks.features import FEATURES, TASK_SPECS, feature_labels, observation
+from jbench.tasks.geometry import State, Target, heading
 from jbench.tasks.rewards import reward, upright_reward
 from jbench.tasks.robots import load_model
 
@@ -42,7 +34,7 @@ class JitterbugTask(Task):
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.parts = {part: FEATURE_SIZES[part] for part in TASK_SPECS[name].features}
+        self.parts = {part: FEATURES[part].size for part in TASK_SPECS[name].features}
 
     @property
     def labels(self) -> list[str]:
@@ -87,13 +79,14 @@ class JitterbugWorlds(Worlds):
             self.target = starts.targets._replace(yaw=np.full(len(starts.quaternions), yaw))
         return self._observe(self._robots.reset(starts.quaternions))
 
-    def step(self, actions: NDArray[np.floating]) -> Step:
+    def step(
+        self, actions: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Applies actions (worlds, 1); see `Worlds.step`."""
         state = self._robots.step(actions[:, 0])
-        rewards = np.asarray(reward(self._task, state, self.target))
-        return Step(self._observe(state), rewards)
+        return self._observe(state), np.asarray(reward(self._task, state, self.target))
 
-    def state(self, rows: slice) -> WorldState:
+    def state(self, rows: slice) -> WorldsState:
         """Returns the complete state of some worlds, at any control step."""
         return {
             "simulation": self._robots.snapshot(range(rows.start, rows.stop)),
@@ -101,7 +94,7 @@ class JitterbugWorlds(Worlds):
             "target_yaw": self.target.yaw[rows].copy(),
         }
 
-    def restore(self, rows: slice, state: WorldState) -> NDArray[np.float32]:
+    def restore(self, rows: slice, state: WorldsState) -> NDArray[np.float32]:
         """Restores what `state` returned; the worlds then continue bit for bit."""
         self.target.position[rows] = state["target_position"]
         self.target.yaw[rows] = state["target_yaw"]

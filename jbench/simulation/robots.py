@@ -1,8 +1,8 @@
-"""Multithreaded step-by-step simulation of many robots."""
+"""Multithreaded simulation of many robots: step by step, or whole episodes."""
 
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
 import mujoco
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jbench.closing import Closing
 from jbench.names import PHYSICS_STEPS
 from jbench.tasks import model as robot
-from jbench.tasks.features import State
+from jbench.tasks.geometry import State
 
 # The complete state of a MuJoCo step, including the solver's warm start.
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
@@ -73,7 +73,7 @@ class Robots(Closing):
         Returns:
             The state of all robots, including the others.
         """
-        indices = self._indices_of(robots)
+        indices = self._indices(robots)
         if np.shape(quaternions) != (len(indices), 4):
             raise ValueError(f"{len(indices)} robots need as many quaternions of 4 numbers.")
         self._states[indices] = self._at_rest
@@ -95,7 +95,7 @@ class Robots(Closing):
 
     def snapshot(self, robots: Selection | None = None) -> NDArray[np.float64]:
         """Returns the complete state of robots, all by default, a row for each, for `restore`."""
-        rows: NDArray[np.float64] = self._states[self._indices_of(robots)]
+        rows: NDArray[np.float64] = self._states[self._indices(robots)]
         return rows
 
     def restore(self, snapshot: NDArray[np.float64], robots: Selection | None = None) -> State:
@@ -108,7 +108,7 @@ class Robots(Closing):
         Returns:
             The state of all robots.
         """
-        indices = self._indices_of(robots)
+        indices = self._indices(robots)
         shape = (len(indices), self._states.shape[1])
         if np.shape(snapshot) != shape:
             raise ValueError(f"A snapshot must have shape {shape}, not {np.shape(snapshot)}.")
@@ -136,17 +136,53 @@ class Robots(Closing):
         before = mujoco.mj_stateSize(self._model, _STATE & (part.value - 1))
         return self._states[:, before : before + mujoco.mj_stateSize(self._model, part.value)]
 
-    def _indices_of(self, robots: Selection | None) -> NDArray[np.integer]:
+    def _indices(self, robots: Selection | None) -> NDArray[np.integer]:
         """Returns the indices of selected robots."""
         every = np.arange(len(self._states))
         indices: NDArray[np.integer] = every if robots is None else every[np.asarray(robots)]
         return indices
 
     def _state(self) -> State:
-        return robot.state_of(self._qpos, self._qvel, self._offset)
+        return robot.read_state(self._qpos, self._qvel, self._offset)
 
 
 def _copy(model: mujoco.MjModel, states: NDArray[np.float64], threads: int) -> Robots:
     robots = Robots(model, len(states), threads)
     robots.restore(states)
     return robots
+
+
+def simulate(
+    model: mujoco.MjModel,
+    quaternions: NDArray[np.float64],
+    actions: NDArray[np.floating],
+    executor: Executor,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Simulates episodes on the executor's threads; the result does not depend on them.
+
+    Args:
+        quaternions: (episodes, 4) orientations at the start.
+        actions: (episodes, steps) motor commands in [-1, 1], each applied for a control step.
+        executor: thread pool; MuJoCo releases the GIL while it steps.
+
+    Returns:
+        Joint positions (episodes, steps + 1, 16) and velocities (episodes, steps + 1, 15), before
+        the first action and after every action.
+    """
+    episodes, steps = actions.shape
+    qpos = np.empty((episodes, steps + 1, model.nq))
+    qvel = np.empty((episodes, steps + 1, model.nv))
+
+    def run(episode: int) -> None:
+        data = mujoco.MjData(model)
+        robot.place(data, quaternions[episode])
+        control, position, velocity = data.ctrl, data.qpos, data.qvel
+        positions, velocities = qpos[episode], qvel[episode]
+        positions[0], velocities[0] = position, velocity
+        for step, command in enumerate(actions[episode].tolist(), 1):
+            control[0] = command
+            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS)
+            positions[step], velocities[step] = position, velocity
+
+    list(executor.map(run, range(episodes)))
+    return qpos, qvel

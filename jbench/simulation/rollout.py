@@ -1,6 +1,6 @@
-"""Rollouts of a policy in several worlds."""
+"""Rollouts of a policy in several worlds, and the path of a robot in an episode."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,12 +8,18 @@ from numpy.typing import NDArray
 
 from jbench.names import EPISODE_STEPS
 from jbench.simulation.task import Worlds
+from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.geometry import State, heading
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 """Returns actions (worlds, action_size) for observations (worlds, dim(O))."""
 
+PATH_EVERY = 20
+"""Control steps between two points of a path: 0.2 s, in which the hand-written policies move up to
+6 cm, the distance between two feet. A whole episode has 51 points."""
 
-class Transition(NamedTuple):
+
+class ControlStep(NamedTuple):
     """A control step of all worlds.
 
     Attributes:
@@ -29,7 +35,7 @@ class Transition(NamedTuple):
     next_observations: NDArray[np.float32]
 
 
-def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iterator[Transition]:
+def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iterator[ControlStep]:
     """Yields the control steps of one episode in each world.
 
     Args:
@@ -38,5 +44,33 @@ def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iter
     for _ in range(EPISODE_STEPS):
         actions = np.asarray(act(observations))
         next_observations, rewards = worlds.step(actions)
-        yield Transition(observations, actions, rewards, next_observations)
+        yield ControlStep(observations, actions, rewards, next_observations)
         observations = next_observations
+
+
+class Path(NamedTuple):
+    """Path of a robot in an episode.
+
+    Attributes:
+        points: (n, 3) x and y of the torso (m) and its heading (rad), float32: at the start and
+            after every `PATH_EVERY` control steps.
+        target: the random numbers of the episode's target: "x" and "y" (m), "yaw" (rad), or some
+            of them.
+    """
+
+    points: NDArray[np.float32]
+    target: dict[str, float]
+
+
+def path_point(state: State) -> NDArray[np.float32]:
+    """Returns the point (..., 3) of the paths of robots in this state."""
+    x, y = state.position[..., 0], state.position[..., 1]
+    return np.stack([x, y, heading(state)], axis=-1).astype(np.float32)
+
+
+def make_path(
+    task: str, points: Sequence[NDArray[np.float32]], target: NDArray[np.floating]
+) -> Path:
+    """Returns the path through points (3,) to a target (k,), see `resets.target_numbers`."""
+    names = TASK_SPECS[task].target_numbers
+    return Path(np.stack(points), dict(zip(names, target.tolist(), strict=True)))

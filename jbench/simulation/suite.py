@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS
 from jbench.settings.records import Specs
-from jbench.simulation.task import State, Step, Task, Worlds
+from jbench.simulation.task import Task, Worlds, WorldsState
 
 Make = Callable[[int], Any]
 """Returns a new `dm_env.Environment` with this seed."""
@@ -113,7 +113,7 @@ class DmTask(Task):
         """Maps actions (..., action_size), clipped to [-1, 1], to the actuators' bounds."""
         clipped: NDArray[np.float64] = np.clip(actions, -1, 1).astype(np.float64)
         if (self._minimum == -1).all() and (self._maximum == 1).all():
-            return clipped
+            return clipped  # without rounding
         scaled: NDArray[np.float64] = (clipped + 1) * ((self._maximum - self._minimum) / 2)
         return self._minimum + scaled
 
@@ -151,10 +151,8 @@ class DmTask(Task):
             raise self._refusal(
                 f"its actions are {dtype} of shape {shape}; jbench takes a vector of real numbers"
             )
-        minimum, maximum = (
-            np.broadcast_to(np.asarray(getattr(spec, name, infinite), np.float64), shape).copy()
-            for name, infinite in (("minimum", -np.inf), ("maximum", np.inf))
-        )
+        bounds = [getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)]
+        minimum, maximum = (np.full(shape, bound, np.float64) for bound in bounds)
         bounded = (np.abs([minimum, maximum]) < _UNBOUNDED).all(axis=0) & (minimum < maximum)
         if not bounded.all():
             i = int(np.argmin(bounded))
@@ -191,7 +189,9 @@ class DmWorlds(Worlds):
         """Begins an episode in each world with a seed of 32 bits from its generator."""
         return self._begin(range(len(generators)), [int(g.integers(2**32)) for g in generators])
 
-    def step(self, actions: NDArray[np.floating]) -> Step:
+    def step(
+        self, actions: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Applies actions; see `Worlds.step`.
 
         Raises:
@@ -214,15 +214,15 @@ class DmWorlds(Worlds):
                 )
             self._observe(observations[i], timestep.observation)
         self._observations = observations
-        return Step(observations, rewards)
+        return observations, rewards
 
-    def state(self, rows: slice) -> State:
+    def state(self, rows: slice) -> WorldsState:
         """Returns the seeds of the episodes of some worlds, before their first step."""
         if self._steps:
             raise WorkError(f"{self._task.name} has a state between two episodes only.")
         return {"seeds": self._seeds[rows].copy()}
 
-    def restore(self, rows: slice, state: State) -> NDArray[np.float32]:
+    def restore(self, rows: slice, state: WorldsState) -> NDArray[np.float32]:
         """Begins the episodes of `state` again in some worlds; returns all observations."""
         worlds = range(rows.start, rows.stop)
         return self._begin(worlds, np.asarray(state["seeds"]).tolist())
@@ -247,13 +247,9 @@ class DmWorlds(Worlds):
         if lacking:
             raise self._failure(f"its observation lacks {lacking[0]}")
         parts = [np.ravel(values[name]) for name in self._task.parts]
-        try:
-            np.concatenate(parts, out=row, casting="same_kind")
-        except ValueError:
-            size = sum(map(len, parts))
-            raise self._failure(
-                f"its observation has {size} values instead of {len(row)}"
-            ) from None
+        if (size := sum(map(len, parts))) != len(row):
+            raise self._failure(f"its observation has {size} values instead of {len(row)}")
+        np.concatenate(parts, out=row, casting="same_kind")
         if not np.isfinite(row).all():
             name = next(n for n, value in values.items() if not np.isfinite(value).all())
             raise self._failure(f"{name} of its observation is not finite")

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -11,20 +11,8 @@ from numpy.typing import NDArray
 from jbench.closing import Closing
 from jbench.settings.records import Specs
 
-State = dict[str, NDArray[Any]]
+WorldsState = dict[str, NDArray[Any]]
 """What restores some worlds: arrays by name, each with a row per world."""
-
-
-class Step(NamedTuple):
-    """What follows from a control step.
-
-    Attributes:
-        observations: (worlds, size) float32, a new array.
-        rewards: (worlds,) in [0, 1].
-    """
-
-    observations: NDArray[np.float32]
-    rewards: NDArray[np.float64]
 
 
 class Worlds(Closing):
@@ -44,11 +32,17 @@ class Worlds(Closing):
         """
 
     @abstractmethod
-    def step(self, actions: NDArray[np.floating]) -> Step:
-        """Applies actions (worlds, action_size), clipped to [-1, 1], for one control step."""
+    def step(
+        self, actions: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Applies actions (worlds, action_size), clipped to [-1, 1], for one control step.
+
+        Returns:
+            The observations (worlds, size), a new array, and the rewards (worlds,) in [0, 1].
+        """
 
     @abstractmethod
-    def state(self, rows: slice) -> State:
+    def state(self, rows: slice) -> WorldsState:
         """Returns what `restore` needs of some worlds.
 
         Raises:
@@ -57,7 +51,7 @@ class Worlds(Closing):
         """
 
     @abstractmethod
-    def restore(self, rows: slice, state: State) -> NDArray[np.float32]:
+    def restore(self, rows: slice, state: WorldsState) -> NDArray[np.float32]:
         """Restores what `state` returned; returns the observations (worlds, size) of all worlds."""
 
     def points(self) -> NDArray[np.float32] | None:

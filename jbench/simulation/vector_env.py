@@ -19,13 +19,10 @@ from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, one_of
 from jbench.simulation.robots import Robots
 from jbench.tasks import resets
-from jbench.tasks.features import State, Target
-from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.outcome import outcome
+from jbench.tasks.geometry import State, Target
+from jbench.tasks.gym import JitterbugEnv, outcome
 
 Infos = dict[str, Any]
-Step = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]
-_UNLIMITED = np.iinfo(np.int64).max  # control steps
 
 
 class JitterbugVectorEnv(
@@ -85,7 +82,7 @@ class JitterbugVectorEnv(
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self._task = task
-        self._limit = _UNLIMITED if limit == -1 else limit
+        self._limit = np.inf if limit == -1 else limit
         self._robots = Robots(self._single.model, num_envs, threads)
         self._generators, self._seeds = map(
             list, zip(*(seeding.np_random() for _ in range(num_envs)), strict=True)
@@ -130,7 +127,11 @@ class JitterbugVectorEnv(
         self._started = True
         return observations, _infos(info, mask)
 
-    def step(self, actions: NDArray[np.float32]) -> Step:
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[
+        NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos
+    ]:
         """Applies the actions (num_envs, 1) for one control step of 0.01 s.
 
         Raises:
@@ -159,11 +160,9 @@ class JitterbugVectorEnv(
         if self.render_mode is None:
             return None
         pictures = []
-        for index in range(self.num_envs):
+        for index, target in enumerate(zip(*self._targets, strict=True)):
             self._robots.load(index, self._single.data)
-            self._single.show_target(
-                Target(self._targets.position[index], self._targets.yaw[index])
-            )
+            self._single.show_target(Target(*target))
             pictures.append(self._single.render())
         return tuple(pictures)
 
@@ -229,13 +228,10 @@ class JitterbugVectorEnv(
         try:
             commands = np.asarray(actions, np.float64)
         except (TypeError, ValueError):
-            raise RequestError(
-                f"actions must be numbers of shape ({self.num_envs}, 1), not {actions!r}."
-            ) from None
+            commands = np.empty(0)
         if commands.shape != (self.num_envs, 1):
-            raise RequestError(
-                f"actions must have shape ({self.num_envs}, 1), not {commands.shape}."
-            )
+            shape = f"({self.num_envs}, 1)"
+            raise RequestError(f"actions must be numbers of shape {shape}, not {actions!r}.")
         return commands[:, 0]
 
 

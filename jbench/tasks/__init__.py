@@ -7,6 +7,7 @@ suite, where dm_control is installed, and five environments each of `Jitterbug/â
 
 import importlib.util
 import warnings
+from types import SimpleNamespace
 
 from jbench.registration import register_environments
 
@@ -17,10 +18,10 @@ def _register_domains() -> None:
         # dm_control looks for a display when it is imported; only rendering needs one.
         warnings.filterwarnings("ignore", message=".*DISPLAY", module="glfw")
         from dm_control import suite
-    from jbench.tasks import augmented_domain, jitterbug
+    from jbench.tasks import jitterbug
 
     suite._DOMAINS["jitterbug"] = jitterbug
-    suite._DOMAINS["augmented_jitterbug"] = augmented_domain
+    suite._DOMAINS["augmented_jitterbug"] = SimpleNamespace(SUITE=jitterbug.AUGMENTED_SUITE)
     suite.ALL_TASKS = suite._get_tasks(tag=None)
     suite.BENCHMARKING = suite._get_tasks("benchmarking")
     suite.EASY = suite._get_tasks("easy")

@@ -205,7 +205,7 @@ def standing_reward(robot: mujoco.MjModel) -> float:
     data = mujoco.MjData(robot)
     model.place(data, model.UPRIGHT)
     mujoco.mj_step(robot, data, nstep=_CHECKED_STEPS)
-    state = model.state_of(data.qpos, data.qvel, model.torso_offset(robot))
+    state = model.read_state(data.qpos, data.qvel, model.torso_offset(robot))
     data.ctrl[:] = 1
     mujoco.mj_step(robot, data, nstep=_CHECKED_STEPS)
     return 0.0 if data.warning.number.any() else float(rewards.upright_reward(state))

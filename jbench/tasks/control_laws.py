@@ -18,7 +18,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.tasks import features
+from jbench.tasks import features, geometry
 
 Array = NDArray[np.float64]
 Plane = NDArray[np.complex128]
@@ -49,9 +49,9 @@ def read_motion(task: str, observation: NDArray[np.floating]) -> Motion:
     observed = features.split(task, physical)
     position, velocity = observed["position"], observed["velocity"]
     mass, mass_rate = observed["motor_position"][..., 0], observed["motor_velocity"][..., 0]
-    torso = features.center_of_mass_velocity(position, velocity, np.array(_TORSO_OFFSET))
-    heading = features.heading(features.State(position, velocity, mass, mass_rate, torso))
-    up = features.rotation_matrix(position[..., 3:7])[..., 2, :]
+    torso = geometry.center_of_mass_velocity(position, velocity, np.array(_TORSO_OFFSET))
+    heading = geometry.heading(geometry.State(position, velocity, mass, mass_rate, torso))
+    up = geometry.rotation_matrix(position[..., 3:7])[..., 2, :]
     none = np.zeros_like(mass)
     target = observed.get("target_in_jitterbug_frame", np.zeros((*none.shape, 3)))
     return Motion(

@@ -1,13 +1,11 @@
 """Observations of the five tasks, as pure functions on batches of robots.
 
-All functions take numpy or torch arrays with any leading axes (none, robots, time x robots, ...)
-and return arrays of the same type. The dm_control task, the Gymnasium environments, the simulation
-of many robots and the reader of datasets share them.
-
-Units are SI (m, s, rad). Quaternions are (w, x, y, z) of unit length. The formulas are those of
-the paper's tasks (section 4.2) in dm_control's reward conventions (arXiv:1801.00690, section 2).
+The dm_control task, the Gymnasium environments, the simulation of many robots and the reader of
+datasets share them. Arrays and units are those of `geometry`. The formulas are those of the paper's
+tasks (section 4.2) in dm_control's reward conventions (arXiv:1801.00690, section 2).
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,68 +13,92 @@ from typing import Any, NamedTuple
 
 from array_api_compat import array_namespace
 
-Array = Any
-"""A numpy or torch array."""
-
-TARGET_HEIGHT = 0.035
-"""Height of every target, equal to that of the torso's frame at rest (m)."""
-
-# Minimum and maximum of each feature, mapped linearly to [-1, 1] in an observation.
-_POSITION_RANGE = (
-    (-2.0, -2.0, 0.0, -1.0, -1.0, -1.0, -1.0),
-    (2.0, 2.0, 0.1, 1.0, 1.0, 1.0, 1.0),
+from jbench.tasks.geometry import (
+    Array,
+    State,
+    Target,
+    angle_to_target,
+    speed_in_target_frame,
+    target_in_jitterbug_frame,
 )
-_VELOCITY_RANGE = (
-    (-1.0, -1.0, -1.0, -35.0, -35.0, -35.0),
-    (1.0, 1.0, 1.0, 35.0, 35.0, 35.0),
-)
-_ANGLE_RANGE = ((-math.pi,), (math.pi,))
-RANGES: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
-    "position": _POSITION_RANGE,
-    "velocity": _VELOCITY_RANGE,
-    "motor_position": _ANGLE_RANGE,
-    "motor_velocity": ((-180.0,), (180.0,)),
-    "angle_to_target": _ANGLE_RANGE,
-    "speed_in_target_frame": ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)),
-    "target_in_jitterbug_frame": ((-3.0, -3.0, -0.1), (3.0, 3.0, 0.1)),
+
+
+class Feature(NamedTuple):
+    """An observed quantity. All but `value` have an entry for each of its dimensions.
+
+    Attributes:
+        value: returns it (..., size) in SI units.
+        axes: names; "" for the only one.
+        units: SI units; 1 for quaternions.
+        low: minimum, mapped to -1 in an observation.
+        high: maximum, mapped to 1.
+        mirror: factors 1 or -1 by which the mirrored robot has it.
+    """
+
+    value: Callable[[State, Target], Array]
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    mirror: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of dimensions."""
+        return len(self.axes)
+
+
+_POINT = ("x", "y", "z")
+
+
+def _number(value: Callable[[State, Target], Array], unit: str, high: float) -> Feature:
+    """Returns a feature of one dimension, which changes its sign in the mirror."""
+    return Feature(value, ("",), (unit,), (-high,), (high,), (-1,))
+
+
+FEATURES = {
+    "position": Feature(
+        value=lambda state, target: state.position,
+        axes=(*_POINT, "qw", "qx", "qy", "qz"),
+        units=("m",) * 3 + ("1",) * 4,
+        low=(-2.0, -2.0, 0.0, -1.0, -1.0, -1.0, -1.0),
+        high=(2.0, 2.0, 0.1, 1.0, 1.0, 1.0, 1.0),
+        # The reflected orientation is (w, x, -y, -z), or (-w, -x, y, z), which is the same.
+        # Episodes start with z >= 0, so only the second one is where the robot could have been.
+        mirror=(-1, 1, 1, -1, -1, 1, 1),
+    ),
+    "velocity": Feature(
+        value=lambda state, target: state.velocity,
+        axes=(*_POINT, "angular_x", "angular_y", "angular_z"),
+        units=("m/s",) * 3 + ("rad/s",) * 3,
+        low=(-1.0,) * 3 + (-35.0,) * 3,
+        high=(1.0,) * 3 + (35.0,) * 3,
+        # An angular velocity is an axial vector: in the mirror's plane it changes its sign.
+        mirror=(-1, 1, 1, 1, -1, -1),
+    ),
+    "motor_position": _number(
+        lambda state, target: state.motor_position[..., None], "rad", math.pi
+    ),
+    "motor_velocity": _number(
+        lambda state, target: state.motor_velocity[..., None], "rad/s", 180.0
+    ),
+    "angle_to_target": _number(
+        lambda state, target: angle_to_target(state, target)[..., None], "rad", math.pi
+    ),
+    "speed_in_target_frame": Feature(
+        speed_in_target_frame, _POINT, ("m/s",) * 3, (-1.0,) * 3, (1.0,) * 3, (1, -1, 1)
+    ),
+    "target_in_jitterbug_frame": Feature(
+        value=target_in_jitterbug_frame,
+        axes=_POINT,
+        units=("m",) * 3,
+        low=(-3.0, -3.0, -0.1),
+        high=(3.0, 3.0, 0.1),
+        mirror=(-1, 1, 1),
+    ),
 }
-"""Minimum and maximum of each feature, in SI units, one value per dimension."""
-
-FEATURE_SIZES = {name: len(low) for name, (low, _) in RANGES.items()}
-"""Number of dimensions of each feature."""
 
 _STATE = ("position", "velocity", "motor_position", "motor_velocity")
-
-
-class State(NamedTuple):
-    """The state of robots as used by the tasks, for any leading axes `...`.
-
-    Attributes:
-        position: (..., 7) torso x, y, z in the world (m), then its quaternion.
-        velocity: (..., 6) linear velocity of the torso's frame in the world (m/s), then angular
-            velocity in the torso's frame (rad/s); like MuJoCo's qvel of a free joint.
-        motor_position: (...) motor angle in (-pi, pi]; 0 if the mass points forward (rad).
-        motor_velocity: (...) rad/s.
-        torso_velocity: (..., 3) velocity of the torso's center of mass in the world (m/s).
-    """
-
-    position: Array
-    velocity: Array
-    motor_position: Array
-    motor_velocity: Array
-    torso_velocity: Array
-
-
-class Target(NamedTuple):
-    """Target position and direction, for any leading axes `...`.
-
-    Attributes:
-        position: (..., 3) in the world (m).
-        yaw: (...) direction of the target's x axis (rad).
-    """
-
-    position: Array
-    yaw: Array
 
 
 @dataclass(frozen=True)
@@ -98,7 +120,7 @@ class TaskSpec:
     @property
     def observation_size(self) -> int:
         """Number of dimensions of the flat observation, the paper's dim(O)."""
-        return sum(FEATURE_SIZES[name] for name in self.features)
+        return sum(FEATURES[name].size for name in self.features)
 
     @property
     def rewards_position(self) -> bool:
@@ -135,94 +157,21 @@ TASK_SPECS = {
 """The five tasks in the paper's order of increasing difficulty."""
 
 
-def wrap_angle(angle: Array) -> Array:
-    """Wraps an angle to (-pi, pi]; angles within that range are rewrapped exactly."""
-    xp = array_namespace(angle)
-    wrapped = angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
-    # Rounding may leave a wrapped angle slightly outside.
-    inside = xp.clip(wrapped, math.nextafter(-math.pi, 0), math.pi)
-    return xp.where(xp.abs(angle) < math.pi, angle, inside)
-
-
-def rotation_matrix(quaternion: Array) -> Array:
-    """Returns the (..., 3, 3) rotation matrices of (..., 4) unit quaternions (w, x, y, z)."""
-    xp = array_namespace(quaternion)
-    w, x, y, z = (quaternion[..., i] for i in range(4))
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def motor_angle(joint_angle: Array) -> Array:
-    """Returns the motor angle in (-pi, pi], 0 forward, for the motor joint's position (rad)."""
-    return wrap_angle(joint_angle + math.pi / 2)
-
-
-def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> Array:
-    """Returns the (..., 3) world velocity of a point fixed to the torso (m/s).
-
-    Args:
-        position: (..., 7) as in `State`.
-        velocity: (..., 6) as in `State`.
-        offset: (..., 3) point in the torso's frame, its center of mass (m).
-    """
-    x, y, z = (offset[..., i] for i in range(3))
-    wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
-    xp = array_namespace(position, velocity, offset)
-    rotational = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=-1)
-    return velocity[..., :3] + rotate(rotation_matrix(position[..., 3:7]), rotational)
-
-
-def heading(state: State) -> Array:
-    """Returns the yaw (...) of the robot's forward axis, -y (rad)."""
-    xp = array_namespace(state.position)
-    w, x, y, z = (state.position[..., 3 + i] for i in range(4))
-    return xp.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)) - math.pi / 2
-
-
-def angle_to_target(state: State, target: Target) -> Array:
-    """Returns the angle (...) in (-pi, pi] from the robot's heading to the target's yaw (rad)."""
-    return wrap_angle(target.yaw - heading(state))
-
-
-def distance_to_target(state: State, target: Target) -> Array:
-    """Returns the 3D distance (...) from the torso's frame to the target (m)."""
-    xp = array_namespace(state.position)
-    to_target = target.position - state.position[..., :3]
-    return xp.sqrt(xp.sum(to_target * to_target, axis=-1))
-
-
-def target_in_jitterbug_frame(state: State, target: Target) -> Array:
-    """Returns the (..., 3) position of the target in the torso's frame (m)."""
-    xp = array_namespace(state.position)
-    to_target = target.position - state.position[..., :3]
-    return rotate(xp.matrix_transpose(rotation_matrix(state.position[..., 3:7])), to_target)
-
-
-def speed_in_target_frame(state: State, target: Target) -> Array:
-    """Returns the (..., 3) velocity of the torso's center of mass in the target's frame (m/s)."""
-    xp = array_namespace(state.torso_velocity)
-    x, y, z = (state.torso_velocity[..., i] for i in range(3))
-    cosine, sine = xp.cos(target.yaw), xp.sin(target.yaw)
-    along, across = cosine * x + sine * y, cosine * y - sine * x
-    return xp.stack([along, across, xp.broadcast_to(z, along.shape)], axis=-1)
-
-
 def features(task: str, state: State, target: Target) -> dict[str, Array]:
     """Returns the features of a task by name, in order, each (..., size) in SI units."""
-    values: dict[str, Callable[[], Array]] = {
-        "position": lambda: state.position,
-        "velocity": lambda: state.velocity,
-        "motor_position": lambda: state.motor_position[..., None],
-        "motor_velocity": lambda: state.motor_velocity[..., None],
-        "angle_to_target": lambda: angle_to_target(state, target)[..., None],
-        "speed_in_target_frame": lambda: speed_in_target_frame(state, target),
-        "target_in_jitterbug_frame": lambda: target_in_jitterbug_frame(state, target),
-    }
-    return {name: values[name]() for name in TASK_SPECS[task].features}
+    return {name: FEATURES[name].value(state, target) for name in TASK_SPECS[task].features}
+
+
+def by_dimension(task: str, attribute: str) -> list[Any]:
+    """Returns an attribute of `Feature`, such as "units", for each dimension of an observation."""
+    values = (getattr(FEATURES[name], attribute) for name in TASK_SPECS[task].features)
+    return list(itertools.chain.from_iterable(values))
+
+
+def feature_labels(task: str) -> list[str]:
+    """Returns a name for each dimension of a task's observation."""
+    names = ((name, axis) for name in TASK_SPECS[task].features for axis in FEATURES[name].axes)
+    return [f"{name}_{axis}" if axis else name for name, axis in names]
 
 
 def observation(task: str, state: State, target: Target) -> Array:
@@ -246,9 +195,22 @@ def split(task: str, flat: Array) -> dict[str, Array]:
     """Returns the features of a task by name, each (..., size), of a flat (..., dim(O)) array."""
     by_name, first = {}, 0
     for name in TASK_SPECS[task].features:
-        by_name[name] = flat[..., first : first + FEATURE_SIZES[name]]
-        first += FEATURE_SIZES[name]
+        by_name[name] = flat[..., first : first + FEATURES[name].size]
+        first += FEATURES[name].size
     return by_name
+
+
+def mirrored(task: str, flat: Array) -> Array:
+    """Returns the observation (..., dim(O)) of the mirrored robot and its mirrored target.
+
+    They are reflected at the world's plane x = 0. The mirror image of a robot that makes the
+    negated actions moves as the image of the robot, and every task's reward is the same: x and -x
+    are the robot's left and right at heading 0, where legs 1 and 4, and legs 2 and 3, change
+    places. `docs/encoders.md` has the accuracy of the simulator.
+    """
+    xp = array_namespace(flat)
+    device = getattr(flat, "device", None)
+    return flat * xp.asarray(by_dimension(task, "mirror"), dtype=flat.dtype, device=device)
 
 
 def normalize(task: str, physical: Array) -> Array:
@@ -263,27 +225,16 @@ def denormalize(task: str, observed: Array) -> Array:
     return low + (observed + 1) * (high - low) / 2
 
 
-def feature_range(task: str) -> tuple[list[float], list[float]]:
-    """Returns minimum and maximum of each dimension in SI units, mapped to -1 and 1."""
-    names = TASK_SPECS[task].features
-    return [v for n in names for v in RANGES[n][0]], [v for n in names for v in RANGES[n][1]]
-
-
 def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
     """Returns minimum and maximum of each dimension, as arrays of the same type as `like`."""
     key = (task, array_namespace(like).__name__, like.dtype, getattr(like, "device", None))
     if key not in _range_cache:
         xp = array_namespace(like)
         options: dict[str, Any] = {"dtype": like.dtype, "device": getattr(like, "device", None)}
-        low, high = feature_range(task)
+        low, high = by_dimension(task, "low"), by_dimension(task, "high")
         _range_cache[key] = (xp.asarray(low, **options), xp.asarray(high, **options))
     return _range_cache[key]
 
 
 # Ranges as arrays, cached per array type, since they are needed at every control step.
 _range_cache: dict[tuple[Any, ...], tuple[Array, Array]] = {}
-
-
-def rotate(matrix: Array, vector: Array) -> Array:
-    """Returns the (..., 3) products of (..., 3, 3) matrices with (..., 3) vectors."""
-    return (matrix @ vector[..., None])[..., 0]

@@ -4,6 +4,7 @@ gymnasium.make("jbench:Jitterbug/FaceDirection-v0")
 gymnasium.make("jbench:AugmentedJitterbug/FaceDirection-v0", augment=3)
 """
 
+import math
 import os
 from typing import Any
 
@@ -15,9 +16,8 @@ from numpy.typing import NDArray
 from jbench import opengl
 from jbench.errors import RequestError
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
-from jbench.tasks import features, model, resets
-from jbench.tasks.features import State, Target
-from jbench.tasks.outcome import outcome
+from jbench.tasks import features, model, resets, rewards
+from jbench.tasks.geometry import Array, State, Target, distance_to_target
 from jbench.tasks.robots import load_model
 
 
@@ -26,8 +26,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     Observations are the task's features, each mapped from its range to [-1, 1] and not clipped.
     The action is the motor's command, clipped to [-1, 1]. Episodes never terminate;
-    `gymnasium.make` truncates them at 1000 steps. `jbench.tasks.outcome.Outcome` lists what `info`
-    contains; at reset, its reward terms are those of the initial state.
+    `gymnasium.make` truncates them at 1000 steps. `outcome` lists what `info` contains; at reset,
+    its reward terms are those of the initial state.
 
     Attributes:
         model: the robot and its target.
@@ -91,7 +91,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def state(self) -> State:
         """The state of the robot, without leading axes."""
-        return model.state_of(self.data.qpos, self.data.qvel, self._torso_offset)
+        return model.read_state(self.data.qpos, self.data.qvel, self._torso_offset)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -192,6 +192,37 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _render_human(self) -> None:
         if self.render_mode == "human":
             self.render()
+
+
+def outcome(
+    task: str, state: State, target: Target
+) -> tuple[NDArray[np.float32], Array, dict[str, Array]]:
+    """Returns observation, reward and `info` of states of a task.
+
+    Args:
+        state: of one environment, or with any leading axes `...`.
+        target: with the same leading axes.
+
+    Returns:
+        The observation (..., dim(O)), the reward (...), and by name
+            target: (..., n) the target's random numbers, see `resets.target_numbers`,
+            distance: (...) from the torso to the target (m), if the reward depends on it,
+            angle: (...) from heading to target in (-pi, pi] (rad), if the task observes it,
+            reward_...: (...) each term of the reward, which is their product.
+    """
+    values = features.features(task, state, target)
+    info = {}
+    if features.TASK_SPECS[task].target_numbers:
+        info["target"] = resets.target_numbers(task, target)
+    if features.TASK_SPECS[task].rewards_position:
+        info["distance"] = distance_to_target(state, target)
+    angle = None
+    if "angle_to_target" in values:
+        info["angle"] = angle = values["angle_to_target"][..., 0]
+    terms = rewards.reward_terms(task, state, target, angle)
+    info.update({f"reward_{name}": term for name, term in terms.items()})
+    observation = np.asarray(features.flatten(task, values), np.float32)
+    return observation, math.prod(terms.values()), info
 
 
 def _check_size(width: int, height: int) -> None:

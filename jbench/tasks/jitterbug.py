@@ -1,10 +1,10 @@
 """The Jitterbug domain of the dm_control suite."""
 
 from collections import OrderedDict
-from typing import Any, TypedDict, Unpack
+from functools import partial
+from typing import Any
 
 import numpy as np
-from mujoco import MjModel
 
 try:
     from dm_control import mujoco
@@ -18,80 +18,43 @@ except ModuleNotFoundError as error:
         "(labmaze has no wheel there); use Python 3.11 or 3.12, or the Gymnasium environments."
     ) from error
 
-from jbench.names import CONTROL_TIMESTEP
-from jbench.tasks import features, model, resets, rewards
+from jbench.names import CONTROL_TIMESTEP, TASKS
+from jbench.tasks import features, geometry, model, resets, rewards
 from jbench.tasks.robots import load_model
 
 # Length of an episode in seconds (paper, section 4.1).
 _DEFAULT_TIME_LIMIT = 10
 
 SUITE = containers.TaggedTasks()
+"""The domain `jitterbug`."""
 
-
-class TaskSettings(TypedDict, total=False):
-    """Settings of every task of the domain.
-
-    Attributes:
-        time_limit: simulated seconds in an episode (default 10).
-        control_timestep: simulated seconds for which an action is held (default 0.01).
-        random_pose: whether an episode starts in a random orientation (default) or in the rest
-            pose.
-        random: random state, its seed, or None for an arbitrary one.
-        environment_kwargs: further arguments of dm_control's `Environment`.
-    """
-
-    time_limit: float
-    control_timestep: float
-    random_pose: bool
-    random: np.random.RandomState | int | None
-    environment_kwargs: dict[str, Any] | None
-
-
-@SUITE.add("benchmarking", "easy")
-def move_from_origin(**settings: Unpack[TaskSettings]) -> control.Environment:
-    """Returns the task of moving away from the origin, in any direction."""
-    return _environment("move_from_origin", **settings)
-
-
-@SUITE.add("benchmarking", "easy")
-def face_direction(**settings: Unpack[TaskSettings]) -> control.Environment:
-    """Returns the task of turning to face in a random direction."""
-    return _environment("face_direction", **settings)
-
-
-@SUITE.add("benchmarking", "easy")
-def move_in_direction(**settings: Unpack[TaskSettings]) -> control.Environment:
-    """Returns the task of moving in a random direction."""
-    return _environment("move_in_direction", **settings)
-
-
-@SUITE.add("benchmarking", "hard")
-def move_to_position(**settings: Unpack[TaskSettings]) -> control.Environment:
-    """Returns the task of moving to a random position."""
-    return _environment("move_to_position", **settings)
-
-
-@SUITE.add("benchmarking", "hard")
-def move_to_pose(**settings: Unpack[TaskSettings]) -> control.Environment:
-    """Returns the task of moving to a random position and facing in a random direction."""
-    return _environment("move_to_pose", **settings)
-
-
-def _environment(task: str, **settings: Unpack[TaskSettings]) -> control.Environment:
-    """Returns the environment of a task with the plain robot."""
-    return environment(task, load_model(), **settings)
+AUGMENTED_SUITE = containers.TaggedTasks()
+"""The domain `augmented_jitterbug`: robots of randomized morphology, by default that of seed 0."""
 
 
 def environment(
     task: str,
-    robot: MjModel,
+    augment: int | None = None,
+    vary_masses: bool = False,
+    *,
     time_limit: float = _DEFAULT_TIME_LIMIT,
     control_timestep: float = CONTROL_TIMESTEP,
     random_pose: bool = True,
     random: np.random.RandomState | int | None = None,
     environment_kwargs: dict[str, Any] | None = None,
 ) -> control.Environment:
-    """Returns the environment of a task for a robot; see `TaskSettings`."""
+    """Returns the environment of a task.
+
+    Args:
+        augment: seed of an augmented robot's morphology; None for the plain robot.
+        vary_masses: whether to vary the augmented robot's densities and gear as well.
+        time_limit: simulated seconds in an episode.
+        control_timestep: simulated seconds for which an action is held.
+        random_pose: whether an episode starts in a random orientation or in the rest pose.
+        random: random state, its seed, or None for an arbitrary one.
+        environment_kwargs: further arguments of dm_control's `Environment`.
+    """
+    robot = load_model(augment, vary_masses=vary_masses)
     settings = {"control_timestep": control_timestep, **(environment_kwargs or {})}
     return control.Environment(
         Physics.from_model(wrapper.MjModel(robot)),
@@ -101,29 +64,43 @@ def environment(
     )
 
 
+def _add_tasks() -> None:
+    """Adds the five tasks to both domains.
+
+    Those of augmented robots are not tagged as benchmarking, since results of different seeds are
+    not comparable.
+    """
+    for task in TASKS:
+        plain, augmented = partial(environment, task), partial(environment, task, augment=0)
+        for make in (plain, augmented):
+            make.__name__ = task  # type: ignore[attr-defined]
+        SUITE.add("benchmarking", "hard" if task.startswith("move_to") else "easy")(plain)
+        AUGMENTED_SUITE.add()(augmented)
+
+
 class Physics(mujoco.Physics):
     """Physics of the Jitterbug with the quantities that its tasks use."""
 
-    def robot_state(self) -> features.State:
+    def robot_state(self) -> geometry.State:
         """Returns the robot's state as used by the tasks."""
         named = self.named.data
-        return features.State(
+        return geometry.State(
             position=named.qpos["root"].copy(),
             velocity=named.qvel["root"].copy(),
-            motor_position=features.motor_angle(named.qpos["motor"][0]),
+            motor_position=geometry.motor_angle(named.qpos["motor"][0]),
             motor_velocity=named.qvel["motor"][0],
             torso_velocity=named.sensordata["torso_velocity"].copy(),
         )
 
-    def target(self) -> features.Target:
+    def target(self) -> geometry.Target:
         """Returns the target's position and yaw."""
         matrix = self.named.data.xmat["target"]
-        return features.Target(
+        return geometry.Target(
             position=self.named.data.xpos["target"].copy(),
             yaw=np.arctan2(matrix[3], matrix[0]),
         )
 
-    def set_target(self, target: features.Target) -> None:
+    def set_target(self, target: geometry.Target) -> None:
         """Moves the target."""
         self.named.model.body_pos["target"] = target.position
         self.named.model.body_quat["target"] = model.yaw_quaternion(target.yaw)
@@ -138,7 +115,7 @@ class Jitterbug(base.Task):
         random_pose: bool = True,
         random: np.random.RandomState | int | None = None,
     ) -> None:
-        """Initializes the task; see `TaskSettings`."""
+        """Initializes the task; see `environment`."""
         self._task = task
         self._random_pose = random_pose
         super().__init__(random=random)
@@ -160,3 +137,6 @@ class Jitterbug(base.Task):
     def get_reward(self, physics: Physics) -> float:
         """Returns the task's reward, in [0, 1]."""
         return float(rewards.reward(self._task, physics.robot_state(), physics.target()))
+
+
+_add_tasks()

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.tasks.features import State, center_of_mass_velocity, motor_angle
+from jbench.tasks.geometry import State, center_of_mass_velocity, motor_angle
 
 REST_HEIGHT = 0.035
 """Height of the torso's frame at the start of an episode (m)."""
@@ -30,7 +30,7 @@ def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:
     return np.array(model.body("jitterbug").ipos)
 
 
-def state_of(
+def read_state(
     qpos: NDArray[np.float64], qvel: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> State:
     """Returns the tasks' `State` for MuJoCo's state of a batch of robots.

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from jbench.errors import RequestError
 from jbench.names import one_of
-from jbench.tasks.features import TARGET_HEIGHT, TASK_SPECS, Array, Target
+from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.geometry import TARGET_HEIGHT, Array, Target
 
 Random = np.random.Generator | np.random.RandomState
 """A random generator; dm_control uses `RandomState`."""

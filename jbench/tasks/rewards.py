@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 from array_api_compat import array_namespace
 
-from jbench.tasks.features import (
-    TASK_SPECS,
+from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.geometry import (
     Array,
     State,
     Target,

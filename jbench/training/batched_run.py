@@ -91,7 +91,7 @@ def _begin_all(
     Returns:
         The unfinished runs, and the error of each run that can't be trained by id.
     """
-    task_code = find.code_of(runs[0].task)
+    task_code = find.code_provenance(runs[0].task)
     made_on = {**device_provenance(device), **code_of(runs[0].algo), **task_code}
     encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
     members: list[Member] = []

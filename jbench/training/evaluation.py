@@ -12,7 +12,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Act, find_task, rollout
-from jbench.simulation.paths import PATH_EVERY, Path
+from jbench.simulation.rollout import PATH_EVERY, Path
 from jbench.tasks import resets
 
 FINAL_EPISODES = 100

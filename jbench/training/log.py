@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 from jbench.errors import WorkError
 from jbench.names import CONTROL_TIMESTEP
 from jbench.settings.base import Settings
-from jbench.simulation.paths import PATH_EVERY, Path
+from jbench.simulation.rollout import PATH_EVERY, Path
 from jbench.store import Record, schema
 
 POLICY_EVALUATION = "policy_evaluation"

@@ -20,7 +20,7 @@ from jbench.policies.network import SavedNetwork
 from jbench.policies.saved import policy_files
 from jbench.settings.run import RunSettings
 from jbench.simulation import find
-from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
+from jbench.simulation.rollout import PATH_EVERY, Path, make_path, path_point
 from jbench.store import Record, Results
 from jbench.training.environment import make_env
 from jbench.training.evaluation import EvaluationSchedule, final_evaluation_episodes, seeds_of
@@ -61,7 +61,7 @@ def run(
         if existing is not None:
             report(Event("resumed", settings.id))
         find.check_specs(settings.task, settings.specs)
-        made_on = {"device": "cpu", **code_of(settings.algo), **find.code_of(settings.task)}
+        made_on = {"device": "cpu", **code_of(settings.algo), **find.code_provenance(settings.task)}
         record = results.create("run", settings.id, settings.values, made_on)
         try:
             _train(settings, record, encoder, report, until, final_episodes)
@@ -215,7 +215,7 @@ class SB3Evaluator(EvaluationSchedule):
                     points.append(path_point(robot_env.state))
             outcome.append((total, length))
             if follows:
-                path = path_of(self._settings.task, points, info.get("target", np.zeros(0)))
+                path = make_path(self._settings.task, points, info.get("target", np.zeros(0)))
         return outcome, path
 
 

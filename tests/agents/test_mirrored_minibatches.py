@@ -13,7 +13,7 @@ from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
-from jbench.tasks.mirror import mirrored
+from jbench.tasks.features import mirrored
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_sac import PlainSAC
 from tests.agents.plain_td3 import PlainTD3

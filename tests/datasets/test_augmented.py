@@ -13,7 +13,7 @@ from jbench.names import TASKS
 from jbench.settings.records import DatasetSettings
 from jbench.simulation import simulate
 from jbench.store import Results
-from jbench.tasks import features, model, resets
+from jbench.tasks import geometry, model, resets
 from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
 
@@ -54,7 +54,7 @@ def simulate_again(robot, episodes):
         actions.append(random.uniform(-1, 1, EPISODE).astype(np.float32))
     with ThreadPoolExecutor(1) as pool:
         trajectories = simulate(robot, np.stack(quaternions), np.stack(actions), pool)
-    return model.state_of(*trajectories, model.torso_offset(robot)), np.stack(actions)
+    return model.read_state(*trajectories, model.torso_offset(robot)), np.stack(actions)
 
 
 def kept_state(record):
@@ -99,7 +99,7 @@ def test_states_equal_simulation_of_augmented_robot(augmented):
     (block,) = Dataset(augmented).blocks("move_from_origin")
     np.testing.assert_array_equal(block.actions, actions)
     xyz = np.broadcast_to([0, 0, model.REST_HEIGHT], (2, EPISODE + 1, 3))
-    origin = features.Target(xyz, np.zeros((2, EPISODE + 1)))
+    origin = geometry.Target(xyz, np.zeros((2, EPISODE + 1)))
     rewards = reward("move_from_origin", expected, origin)[:, 1:]
     np.testing.assert_allclose(block.rewards, rewards, atol=1e-5)
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 from jbench.names import TASKS
 from jbench.tasks import model as robot
-from jbench.tasks.features import TARGET_HEIGHT
+from jbench.tasks.geometry import TARGET_HEIGHT
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.resets import draw_quaternion, draw_target
 from jbench.tasks.robots import load_model

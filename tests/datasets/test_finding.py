@@ -10,7 +10,7 @@ import pytest
 from jbench.datasets import Dataset, find_dataset, layout
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, schema
-from jbench.tasks.features import State
+from jbench.tasks.geometry import State
 
 
 def add(results, id, updated="2020", finished=True, **settings):

@@ -8,7 +8,8 @@ from jbench.encoders.kinds.planar import planar_weights
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.store import schema
-from jbench.tasks.features import TASK_SPECS, State
+from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.geometry import State
 
 
 def random_states(episodes):

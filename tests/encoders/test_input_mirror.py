@@ -12,8 +12,7 @@ from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.tasks.features import TASK_SPECS
-from jbench.tasks.mirror import mirrored
+from jbench.tasks.features import TASK_SPECS, mirrored
 from tests.encoders.encoder_data import planar_encoder
 
 

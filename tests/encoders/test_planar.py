@@ -13,9 +13,9 @@ from jbench.encoders.kinds.planar import PlanarReduction, planar_weights
 from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarWithoutYawRate
 from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
-from jbench.tasks import features, model
-from jbench.tasks.features import State, Target
-from jbench.tasks.labels import feature_labels
+from jbench.tasks import features, geometry, model
+from jbench.tasks.features import feature_labels
+from jbench.tasks.geometry import State, Target
 from jbench.tasks.robots import load_model
 
 KIND = PlanarReduction()
@@ -72,9 +72,9 @@ def robot(position, quaternion, velocity, motor, target):
         velocity=velocity,
         motor_position=np.array(motor[0]),
         motor_velocity=np.array(motor[1]),
-        torso_velocity=features.center_of_mass_velocity(position, velocity, OFFSET),
+        torso_velocity=geometry.center_of_mass_velocity(position, velocity, OFFSET),
     )
-    height = features.TARGET_HEIGHT
+    height = geometry.TARGET_HEIGHT
     return state, Target(np.array([*target[:2], height]), np.array(target[2]))
 
 
@@ -122,7 +122,7 @@ def at_origin(task, target):
     """The target of a task: at the origin, unless the task draws its position."""
     if features.TASK_SPECS[task].draws_position:
         return target
-    return target._replace(position=np.array([0, 0, features.TARGET_HEIGHT]))
+    return target._replace(position=np.array([0, 0, geometry.TARGET_HEIGHT]))
 
 
 @settings(max_examples=200, deadline=None)
@@ -224,7 +224,7 @@ def next_numbers(physics, angle, shift):
     data.qvel[:3] = horizontal(angle, data.qvel[:3])
     data.ctrl[0] = -0.4
     mujoco.mj_step(physics, data, nstep=50)
-    state = model.state_of(data.qpos, data.qvel, model.torso_offset(physics))
+    state = model.read_state(data.qpos, data.qvel, model.torso_offset(physics))
     seen = features.features("face_direction", state, Target(np.zeros(3), np.array(0.0)))
     return KIND.reduce("face_direction", np.concatenate(list(seen.values())))[:-1]
 

@@ -14,8 +14,8 @@ from jbench.encoders.predictions import probe
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
 from jbench.names import TASKS
-from jbench.tasks import features
-from jbench.tasks.features import State, Target
+from jbench.tasks import features, geometry
+from jbench.tasks.geometry import State, Target
 from tests.encoders.encoder_data import (
     make_dataset,
     observations_of,
@@ -45,7 +45,7 @@ def image_of(state, target):
 def side_of(task, state, target):
     """The angle or the lateral way to the target, positive on the left, and whether it is clear."""
     if "angle_to_target" in features.TASK_SPECS[task].features:
-        angle = features.angle_to_target(state, target)
+        angle = geometry.angle_to_target(state, target)
         return angle, 1e-3 < abs(angle) < math.pi - 1e-3
     way = (target.position - state.position[:3])[:2]
     # The robot's left is the x axis of its frame, turned by the twist of its orientation.

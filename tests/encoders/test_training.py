@@ -23,7 +23,7 @@ from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, encoder_schema, query
-from jbench.tasks.labels import feature_labels
+from jbench.tasks.features import feature_labels
 from tests.encoders.encoder_data import make_dataset, observations_of, random_states
 
 CPU = torch.device("cpu")

@@ -12,7 +12,7 @@ from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.query import load, run_sql
 from jbench.tasks import resets
-from jbench.tasks.features import Target
+from jbench.tasks.geometry import Target
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.heuristics import heuristic
 from tests.training.small_runs import shorten_episodes

@@ -8,7 +8,7 @@ import pytest
 from jbench.names import CAMERAS
 from jbench.rendering.episode import Scene, render_episode
 from jbench.simulation.suite_env import SuiteEnv
-from jbench.tasks import features, resets
+from jbench.tasks import features, geometry, resets
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.labels import goal
 from tests.rendering.render_policies import PAD, Constant
@@ -54,7 +54,7 @@ def test_scene_determines_picture():
 
 @pytest.mark.usefixtures("rendering")
 def test_overhead_camera_shows_target_at_its_position(monkeypatch):
-    target = features.Target(np.array([0.1, -0.05, 0.035]), np.float64(0))
+    target = geometry.Target(np.array([0.1, -0.05, 0.035]), np.float64(0))
     monkeypatch.setattr(resets, "draw_target", lambda task, random: target)
     scene = Scene("move_to_position", camera="overhead", width=320, height=240)
     red, green, blue = next(render_episode(Constant(), scene, [0])).picture.astype(int).T

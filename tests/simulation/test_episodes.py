@@ -48,44 +48,25 @@ def plain_loop(model, quaternion, actions):
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_threaded_simulation_equals_plain_loop(model, given, threads):
-    found = on_threads(threads, model, *given)
+    qpos, qvel = on_threads(threads, model, *given)
+    assert (qpos.shape, qvel.shape) == ((EPISODES, STEPS + 1, 16), (EPISODES, STEPS + 1, 15))
     for episode, (quaternion, actions) in enumerate(zip(*given, strict=True)):
-        qpos, qvel = plain_loop(model, quaternion, actions)
-        np.testing.assert_array_equal(found.qpos[episode], qpos)
-        np.testing.assert_array_equal(found.qvel[episode], qvel)
-    assert np.ptp(found.qpos[:, -1], axis=0).min() > 0  # each robot went elsewhere
-
-
-def test_first_state_is_initial_pose(model, given):
-    found = on_threads(2, model, *given)
-    assert found.qpos.shape == (EPISODES, STEPS + 1, 16)
-    assert found.qvel.shape == (EPISODES, STEPS + 1, 15)
-    np.testing.assert_array_equal(found.qpos[:, 0, :3], [[0, 0, 0.035]] * EPISODES)
-    np.testing.assert_array_equal(found.qpos[:, 0, 3:7], given[0])
-    np.testing.assert_array_equal(found.qpos[:, 0, 7:], 0)
-    np.testing.assert_array_equal(found.qvel[:, 0], 0)
-
-
-def test_thread_keeps_no_state_between_episodes(model, given):
-    with ThreadPoolExecutor(1) as executor:
-        first = simulate(model, *given, executor)
-        again = simulate(model, *given, executor)
-    np.testing.assert_array_equal(again.qpos, first.qpos)
-    np.testing.assert_array_equal(again.qvel, first.qvel)
+        expected = plain_loop(model, quaternion, actions)
+        np.testing.assert_array_equal(qpos[episode], expected[0])
+        np.testing.assert_array_equal(qvel[episode], expected[1])
+    assert np.ptp(qpos[:, -1], axis=0).min() > 0  # each robot went elsewhere
+    np.testing.assert_array_equal(qpos[:, 0, :3], [[0, 0, 0.035]] * EPISODES)
+    np.testing.assert_array_equal(qpos[:, 0, 3:7], given[0])
 
 
 def test_two_models_on_same_threads_do_not_interfere(model, given):
     other = load_model()
     other.opt.gravity[2] *= 2
     other.qpos0[robot.MOTOR] = 1  # where its motor begins
-    models = (model, other)
-    alone = [on_threads(1, one, *given) for one in models]
     with ThreadPoolExecutor(2) as workers, ThreadPoolExecutor(2) as callers:
-        jobs = [callers.submit(simulate, one, *given, workers) for one in models * 2]
-        together = [job.result() for job in jobs]
-    for found, expected in zip(together, alone * 2, strict=True):
-        np.testing.assert_array_equal(found.qpos, expected.qpos)
-    for one, trajectories in zip(models, alone, strict=True):
-        qpos, _ = plain_loop(one, given[0][0], given[1][0])
-        np.testing.assert_array_equal(trajectories.qpos[0], qpos)
-    assert not np.any(alone[0].qpos[:, 1:, 2] == alone[1].qpos[:, 1:, 2])
+        jobs = [callers.submit(simulate, one, *given, workers) for one in (model, other) * 2]
+        together = [job.result()[0] for job in jobs]
+    for one, qpos in zip((model, other) * 2, together, strict=True):
+        np.testing.assert_array_equal(qpos, on_threads(1, one, *given)[0])
+        np.testing.assert_array_equal(qpos[0], plain_loop(one, given[0][0], given[1][0])[0])
+    assert not np.any(together[0][:, 1:, 2] == together[1][:, 1:, 2])

@@ -47,7 +47,7 @@ def plain_loop(robot, quaternion, actions):
         data.ctrl[0] = command
         for _ in range(50):
             mujoco.mj_step(robot, data)
-    return model.state_of(data.qpos, data.qvel, model.torso_offset(robot))
+    return model.read_state(data.qpos, data.qvel, model.torso_offset(robot))
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])

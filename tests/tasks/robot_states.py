@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from hypothesis import strategies as st
 
-from jbench.tasks.features import State, Target
+from jbench.tasks.geometry import State, Target
 
 REST = State(
     position=np.array([0, 0, 0.035, 1, 0, 0, 0]),

@@ -10,7 +10,7 @@ from dm_env import specs
 
 from jbench.names import TASKS
 from jbench.tasks import features, model, rewards
-from jbench.tasks.features import Target
+from jbench.tasks.geometry import Target
 
 COMMON = {"position": 7, "velocity": 6, "motor_position": 1, "motor_velocity": 1}
 SHAPES = {
@@ -131,7 +131,7 @@ def test_robot_state_equals_mujoco_state_and_sensor(task):
     env = load(task)
     roll_out(env, 20)
     data = env.physics.data
-    expected = model.state_of(data.qpos, data.qvel, model.torso_offset(env.physics.model.ptr))
+    expected = model.read_state(data.qpos, data.qvel, model.torso_offset(env.physics.model.ptr))
     for found, wanted in zip(env.physics.robot_state(), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
     assert np.linalg.norm(expected.torso_velocity) > 1e-3

@@ -9,8 +9,8 @@ from hypothesis import assume, given
 from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
-from jbench.tasks import features, model
-from jbench.tasks.labels import feature_labels
+from jbench.tasks import features, geometry, model
+from jbench.tasks.features import feature_labels
 from jbench.tasks.robots import load_model
 from tests.tasks.robot_states import (
     REST,
@@ -49,20 +49,20 @@ def close(actual, expected, tolerance=1e-12):
 
 @given(quaternions())
 def test_rotation_matrix_equals_scipy(quaternion):
-    close(features.rotation_matrix(quaternion), rotation(quaternion).as_matrix())
+    close(geometry.rotation_matrix(quaternion), rotation(quaternion).as_matrix())
 
 
 @given(states())
 def test_heading_is_yaw_of_minus_y_axis(state):
     matrix = rotation(state.position[3:]).as_matrix()
     assume(math.hypot(matrix[0, 0], matrix[1, 0]) > 0.01)  # otherwise the yaw is undefined
-    error = features.heading(state) - (math.atan2(matrix[1, 0], matrix[0, 0]) - PI / 2)
+    error = geometry.heading(state) - (math.atan2(matrix[1, 0], matrix[0, 0]) - PI / 2)
     close([math.cos(error), math.sin(error)], [1, 0])
 
 
 @given(numbers(-1e4, 1e4))
 def test_wrapped_angle_is_equivalent_and_within_pi(angle):
-    wrapped = features.wrap_angle(np.float64(angle))
+    wrapped = geometry.wrap_angle(np.float64(angle))
     turns = (angle - wrapped) / (2 * PI)
     assert -PI < wrapped <= PI
     assert turns == pytest.approx(round(turns), abs=1e-9)
@@ -70,7 +70,7 @@ def test_wrapped_angle_is_equivalent_and_within_pi(angle):
 
 @given(numbers(math.nextafter(-PI, 0), PI))
 def test_angle_within_pi_is_returned_exactly(angle):
-    assert features.wrap_angle(np.float64(angle)) == angle
+    assert geometry.wrap_angle(np.float64(angle)) == angle
 
 
 @pytest.mark.parametrize(
@@ -87,13 +87,13 @@ def test_angle_within_pi_is_returned_exactly(angle):
     ],
 )
 def test_wrapped_angle_by_hand(angle, wrapped):
-    result = features.wrap_angle(np.float64(angle))
+    result = geometry.wrap_angle(np.float64(angle))
     assert -PI < result <= PI
     close(result, wrapped, 1e-15)
 
 
 def test_odd_multiples_of_pi_wrap_to_pi():
-    wrapped = features.wrap_angle(np.arange(-41, 42, 2) * PI)
+    wrapped = geometry.wrap_angle(np.arange(-41, 42, 2) * PI)
     close(np.cos(wrapped), -1)
     assert ((wrapped > -PI) & (wrapped <= PI)).all()
 
@@ -102,7 +102,7 @@ def test_odd_multiples_of_pi_wrap_to_pi():
     ("joint", "motor"), [(-PI / 2, 0), (0, PI / 2), (PI / 2, PI), (PI, -PI / 2), (20 * PI, PI / 2)]
 )
 def test_motor_angle_is_zero_with_mass_forward(joint, motor):
-    close(features.motor_angle(np.array(joint)), motor, 1e-13)
+    close(geometry.motor_angle(np.array(joint)), motor, 1e-13)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_motor_angle_is_zero_with_mass_forward(joint, motor):
     ],
 )
 def test_angle_to_target_by_hand(robot_yaw, target_yaw, angle):
-    close(features.angle_to_target(turned(robot_yaw), target(yaw=target_yaw)), angle, 1e-15)
+    close(geometry.angle_to_target(turned(robot_yaw), target(yaw=target_yaw)), angle, 1e-15)
 
 
 @pytest.mark.parametrize(
@@ -133,13 +133,13 @@ def test_angle_to_target_by_hand(robot_yaw, target_yaw, angle):
     ],
 )
 def test_target_in_jitterbug_frame_by_hand(robot, seen):
-    close(features.target_in_jitterbug_frame(robot, target(x=0.1)), seen, 1e-15)
+    close(geometry.target_in_jitterbug_frame(robot, target(x=0.1)), seen, 1e-15)
 
 
 @given(states(), targets())
 def test_target_in_jitterbug_frame_equals_scipy(state, goal):
     expected = rotation(state.position[3:]).inv().apply(goal.position - state.position[:3])
-    close(features.target_in_jitterbug_frame(state, goal), expected)
+    close(geometry.target_in_jitterbug_frame(state, goal), expected)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_target_in_jitterbug_frame_equals_scipy(state, goal):
 )
 def test_speed_in_target_frame_by_hand(yaw, speed):
     state = rest(torso_velocity=[0.05, 0.02, 0.01])
-    close(features.speed_in_target_frame(state, target(yaw=yaw)), speed)
+    close(geometry.speed_in_target_frame(state, target(yaw=yaw)), speed)
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_speed_in_target_frame_by_hand(yaw, speed):
 def test_velocity_of_center_of_mass_by_hand(yaw, velocity):
     moving = np.array([1, 2, 3, 0, 0, 10.0])
     offset = np.array([0.01, 0, 0])
-    found = features.center_of_mass_velocity(turned(yaw).position, moving, offset)
+    found = geometry.center_of_mass_velocity(turned(yaw).position, moving, offset)
     close(found, velocity)
 
 
@@ -172,14 +172,14 @@ def test_velocity_of_center_of_mass_equals_mujoco_sensor(quaternion, velocity):
     model.place(data, quaternion)
     data.qvel[:6] = velocity
     mujoco.mj_forward(robot, data)
-    state = model.state_of(data.qpos, data.qvel, model.torso_offset(robot))
+    state = model.read_state(data.qpos, data.qvel, model.torso_offset(robot))
     close(state.torso_velocity, data.sensor("torso_velocity").data, 1e-12)
 
 
 def test_state_of_splits_mujoco_state():
     qpos, qvel = np.arange(16.0), np.arange(100.0, 115)
     qpos[3:7] = 1, 0, 0, 0
-    state = model.state_of(qpos, qvel, np.zeros(3))
+    state = model.read_state(qpos, qvel, np.zeros(3))
     assert state.position.tolist() == [0, 1, 2, 1, 0, 0, 0]
     assert state.velocity.tolist() == [100, 101, 102, 103, 104, 105]
     assert state.torso_velocity.tolist() == [
@@ -203,7 +203,7 @@ def test_observation_has_features_of_paper_in_order(task):
 @pytest.mark.parametrize("task", TASKS)
 def test_every_dimension_has_label_starting_with_feature(task):
     labels = feature_labels(task)
-    owners = [name for name in OBSERVED[task] for _ in range(features.FEATURE_SIZES[name])]
+    owners = [name for name in OBSERVED[task] for _ in range(features.FEATURES[name].size)]
     assert len(set(labels)) == SIZES[task]
     assert all(label.startswith(owner) for label, owner in zip(labels, owners, strict=True))
 

@@ -5,7 +5,7 @@ import pytest
 
 from jbench.names import TASKS
 from jbench.simulation import Robots
-from jbench.tasks import features, resets
+from jbench.tasks import features, geometry, resets
 from jbench.tasks.heuristics import heuristic
 from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
@@ -26,7 +26,7 @@ def some_observations(task, random, count=50):
     """Observations of upright, moving robots at random positions away from the origin."""
     quaternion = np.array([resets.draw_quaternion(random) for _ in range(count)])
     position = random.uniform([-0.02, 0.04, 0.03], [0.02, 0.08, 0.04], (count, 3))
-    state = features.State(
+    state = geometry.State(
         position=np.concatenate([position, quaternion], axis=1),
         velocity=random.uniform(-1, 1, (count, 6)) * [0.2, 0.2, 0.1, 2, 2, 2],
         motor_position=random.uniform(-np.pi, np.pi, count),
@@ -38,7 +38,7 @@ def some_observations(task, random, count=50):
 
 def targets(task, random, count):
     drawn = [resets.draw_target(task, random) for _ in range(count)]
-    return features.Target(*(np.array(values) for values in zip(*drawn, strict=True)))
+    return geometry.Target(*(np.array(values) for values in zip(*drawn, strict=True)))
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -7,8 +7,8 @@ import torch
 
 from jbench.names import TASKS
 from jbench.tasks import features, model, resets, rewards
-from jbench.tasks.features import Target
-from jbench.tasks.mirror import mirrored
+from jbench.tasks.features import mirrored
+from jbench.tasks.geometry import Target
 from jbench.tasks.robots import load_model
 
 # In qpos, behind the torso's 7 numbers: shoulder and elbow of legs 2, 3, 1 and 4, then the motor.
@@ -72,8 +72,8 @@ def test_observation_and_reward_of_mirror_image(task):
         image = Target(target.position * [-1, 1, 1], np.pi - target.yaw)
         offset = model.torso_offset(physics)
         # Reflection moves the center of mass, which is in the middle only to 1e-18 m.
-        state = model.state_of(data.qpos, data.qvel, offset)
-        other = model.state_of(*mirror_image(data.qpos, data.qvel), offset)
+        state = model.read_state(data.qpos, data.qvel, offset)
+        other = model.read_state(*mirror_image(data.qpos, data.qvel), offset)
         seen = features.observation(task, state, target)
         expected = features.observation(task, other, image)
         found = mirrored(task, seen)

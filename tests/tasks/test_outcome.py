@@ -8,7 +8,7 @@ from hypothesis import given
 
 from jbench.names import TASKS
 from jbench.tasks import features, rewards
-from jbench.tasks.outcome import outcome
+from jbench.tasks.gym import outcome
 from tests.tasks.robot_states import random_states, rest, states, target, targets
 
 # At the origin, facing -y, moving at 0.05 m/s towards (0.03, -0.04).
@@ -32,7 +32,7 @@ BY_HAND = {
 
 @pytest.mark.parametrize("task", TASKS)
 def test_info_by_hand(task):
-    info = outcome(task, STATE, GOAL).info
+    *_, info = outcome(task, STATE, GOAL)
     expected = {**BY_HAND[task], "reward_upright": 1}
     assert {key: np.asarray(value).tolist() for key, value in info.items()} == {
         key: pytest.approx(value, rel=1e-12) for key, value in expected.items()
@@ -51,14 +51,14 @@ def test_reward_is_product_of_terms_in_info(task, state, goal):
 @pytest.mark.parametrize("task", TASKS)
 def test_batched_outcome_equals_single_outcomes(task):
     many, goals = random_states((4,))
-    together = outcome(task, many, goals)
-    np.testing.assert_array_equal(
-        together.observation, features.observation(task, many, goals).astype(np.float32)
-    )
+    observations, together, infos = outcome(task, many, goals)
+    expected = features.observation(task, many, goals).astype(np.float32)
+    np.testing.assert_array_equal(observations, expected)
     for i in range(4):
-        one = outcome(task, type(many)(*(x[i] for x in many)), type(goals)(*(x[i] for x in goals)))
-        np.testing.assert_array_equal(one.observation, together.observation[i])
-        assert one.reward == together.reward[i]
-        assert one.info.keys() == together.info.keys()
-        for key, value in one.info.items():
-            np.testing.assert_array_equal(value, together.info[key][i])
+        state, goal = (type(part)(*(x[i] for x in part)) for part in (many, goals))
+        observation, reward, info = outcome(task, state, goal)
+        np.testing.assert_array_equal(observation, observations[i])
+        assert reward == together[i]
+        assert info.keys() == infos.keys()
+        for key, value in info.items():
+            np.testing.assert_array_equal(value, infos[key][i])

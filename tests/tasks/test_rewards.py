@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
 from jbench.tasks import rewards
-from jbench.tasks.features import Target
+from jbench.tasks.geometry import Target
 from tests.tasks.robot_states import (
     convert,
     random_states,

@@ -6,7 +6,7 @@ import pytest
 
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.settings.records import ExternalSettings
-from jbench.tasks import features, resets
+from jbench.tasks import features, geometry, resets
 from jbench.tasks import model as robot
 from jbench.tasks.robots import load_model
 from jbench.training.evaluation import evaluate_policy
@@ -22,13 +22,13 @@ def stepped_alone(task, starts, episode):
     model = load_model(None)
     data, offset = mujoco.MjData(model), robot.torso_offset(model)
     robot.place(data, starts.quaternions[episode])
-    target = features.Target(*(part[episode] for part in starts.targets))
+    target = geometry.Target(*(part[episode] for part in starts.targets))
     points, matrix = [], np.zeros(9)
     for _ in range(EPISODE_STEPS + 1):
         mujoco.mju_quat2Mat(matrix, data.qpos[3:7])
         # The robot faces -y of its torso, 90 degrees from the x axis, the matrix's first column.
         points.append([*data.qpos[:2], np.arctan2(matrix[3], matrix[0]) - np.pi / 2])
-        state = robot.state_of(data.qpos, data.qvel, offset)
+        state = robot.read_state(data.qpos, data.qvel, offset)
         observation = np.asarray(features.observation(task, state, target), np.float32)
         data.ctrl[0] = np.clip(act(observation[None])[0, 0], -1, 1)
         mujoco.mj_step(model, data, nstep=PHYSICS_STEPS)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbench.simulation.paths import Path
+from jbench.simulation.rollout import Path
 from jbench.store import Results
 from jbench.training.log import Position, RunLog
 

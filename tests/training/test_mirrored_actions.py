@@ -21,8 +21,8 @@ from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import TrainedAgent, load_agent
 from jbench.registration import environment_id
 from jbench.store import Results
-from jbench.tasks import features
-from jbench.tasks.mirror import mirrored
+from jbench.tasks import geometry
+from jbench.tasks.features import mirrored
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
 from jbench.training.environment import load_encoder_of
@@ -137,7 +137,7 @@ def test_wrapped_environments_of_robot_and_mirror_image_stay_alike(policy):
             latents.append(env.step(action)[0])
         actions = [policy.agent.policy.act(latents[-1]) for latents in seen]
     np.testing.assert_allclose(*seen, atol=1e-3)
-    headings = [float(features.heading(env.unwrapped.state)) for env in envs]
+    headings = [float(geometry.heading(env.unwrapped.state)) for env in envs]
     assert np.sin(headings[0]) == pytest.approx(np.sin(headings[1]), abs=1e-6)
     assert np.cos(headings[0]) == pytest.approx(-np.cos(headings[1]), abs=1e-6)
 

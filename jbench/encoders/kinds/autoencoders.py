@@ -12,7 +12,8 @@ from jbench.encoders.kind import Learned, Weights, affine, layers, standard_norm
 from jbench.encoders.pairs import StatePairs
 from jbench.names import EPISODE_STEPS
 from jbench.settings.base import omissible
-from jbench.tasks.features import TASK_SPECS, Array
+from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.geometry import Array
 
 _YAW_RATE = 12  # position in every task's observation, after x, y, z, a quaternion and 5 velocities
 

@@ -21,7 +21,7 @@ from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.kinds.linear import Linear
 from jbench.encoders.moments import FloatArray, Moments, linear_decoder, with_positive_largest
 from jbench.names import EPISODE_STEPS
-from jbench.tasks.features import Array
+from jbench.tasks.geometry import Array
 
 if TYPE_CHECKING:
     from jbench.encoders.states import States

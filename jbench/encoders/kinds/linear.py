@@ -9,7 +9,8 @@ from jbench.encoders.kind import ClosedForm, Fitted, Kind, Weights, tanh
 from jbench.encoders.moments import Moments, linear_decoder, with_positive_largest
 from jbench.encoders.scaling import physical_scaling
 from jbench.simulation import find_task
-from jbench.tasks.features import TASK_SPECS, Array
+from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.geometry import Array
 
 if TYPE_CHECKING:
     from jbench.encoders.states import States

@@ -26,18 +26,16 @@ from numpy.typing import NDArray
 from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.scaling import Scaling, physical_scaling
 from jbench.tasks import model
-from jbench.tasks.features import (
+from jbench.tasks.features import TASK_SPECS, features, split
+from jbench.tasks.geometry import (
     TARGET_HEIGHT,
-    TASK_SPECS,
     Array,
     State,
     Target,
     center_of_mass_velocity,
-    features,
     heading,
     rotate,
     rotation_matrix,
-    split,
 )
 from jbench.tasks.robots import load_model
 

@@ -11,14 +11,8 @@ from jbench.encoders.kinds.planar import (
     swing_and_twist,
     task_and_features,
 )
-from jbench.tasks.features import (
-    TASK_SPECS,
-    Array,
-    State,
-    Target,
-    center_of_mass_velocity,
-    split,
-)
+from jbench.tasks.features import TASK_SPECS, split
+from jbench.tasks.geometry import Array, State, Target, center_of_mass_velocity
 
 
 class PlanarWithoutYawRate(PlanarReduction):
@@ -100,7 +94,7 @@ def _moved(
 
 
 class PlanarMirror(PlanarReduction):
-    """The planar reduction, folded by the robot's mirror symmetry (`jbench/encoders/mirror.py`).
+    """The planar reduction, folded by the robot's mirror symmetry (`jbench/tasks/features.py`).
 
     Where the target is on the robot's right, the latents are those of the mirrored robot, whose
     target is on its left, and the robot gets the negated action of the policy. So the agent sees

@@ -12,7 +12,8 @@ from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.encoders.moments import Moments
 from jbench.encoders.pairs import StatePairs
 from jbench.names import EPISODE_STEPS
-from jbench.tasks.features import FEATURE_SIZES, RANGES, TASK_SPECS, Array
+from jbench.tasks.features import TASK_SPECS, by_dimension
+from jbench.tasks.geometry import Array
 
 if TYPE_CHECKING:
     from jbench.encoders.states import States
@@ -199,9 +200,8 @@ def angle_periods(states: "States") -> Tensor:
     """
     if states.task not in TASK_SPECS:
         return torch.zeros(states.size)
-    names = TASK_SPECS[states.task].features
-    labels = [name for name in names for _ in range(FEATURE_SIZES[name])]
-    periods = np.array([2.0 * (RANGES[name][1] == (np.pi,)) for name in labels], np.float32)
+    observed = zip(*(by_dimension(states.task, part) for part in ("units", "high")), strict=True)
+    periods = np.array([2.0 * (pair == ("rad", np.pi)) for pair in observed], np.float32)
     return torch.from_numpy(periods * states.scaling.gain_and_offset()[0])
 
 

@@ -9,7 +9,7 @@ from torch import Tensor
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh
 from jbench.encoders.pairs import StatePairs
 from jbench.simulation import find_task
-from jbench.tasks.features import Array
+from jbench.tasks.geometry import Array
 
 
 class VariationalAutoencoder(Learned):

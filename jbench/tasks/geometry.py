@@ -1,0 +1,129 @@
+"""The state of robots and their targets, and the angles, distances and velocities between them.
+
+All functions take numpy or torch arrays with any leading axes (none, robots, time x robots, ...)
+and return arrays of the same type. Units are SI (m, s, rad). Quaternions are (w, x, y, z) of unit
+length.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from array_api_compat import array_namespace
+
+Array = Any
+"""A numpy or torch array."""
+
+TARGET_HEIGHT = 0.035
+"""Height of every target, equal to that of the torso's frame at rest (m)."""
+
+
+class State(NamedTuple):
+    """The state of robots as used by the tasks, for any leading axes `...`.
+
+    Attributes:
+        position: (..., 7) torso x, y, z in the world (m), then its quaternion.
+        velocity: (..., 6) linear velocity of the torso's frame in the world (m/s), then angular
+            velocity in the torso's frame (rad/s); like MuJoCo's qvel of a free joint.
+        motor_position: (...) motor angle in (-pi, pi]; 0 if the mass points forward (rad).
+        motor_velocity: (...) rad/s.
+        torso_velocity: (..., 3) velocity of the torso's center of mass in the world (m/s).
+    """
+
+    position: Array
+    velocity: Array
+    motor_position: Array
+    motor_velocity: Array
+    torso_velocity: Array
+
+
+class Target(NamedTuple):
+    """Target position and direction, for any leading axes `...`.
+
+    Attributes:
+        position: (..., 3) in the world (m).
+        yaw: (...) direction of the target's x axis (rad).
+    """
+
+    position: Array
+    yaw: Array
+
+
+def wrap_angle(angle: Array) -> Array:
+    """Wraps an angle to (-pi, pi]; angles within that range are rewrapped exactly."""
+    xp = array_namespace(angle)
+    wrapped = angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
+    # Rounding may leave a wrapped angle slightly outside.
+    inside = xp.clip(wrapped, math.nextafter(-math.pi, 0), math.pi)
+    return xp.where(xp.abs(angle) < math.pi, angle, inside)
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Returns the (..., 3, 3) rotation matrices of (..., 4) unit quaternions (w, x, y, z)."""
+    xp = array_namespace(quaternion)
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def motor_angle(joint_angle: Array) -> Array:
+    """Returns the motor angle in (-pi, pi], 0 forward, for the motor joint's position (rad)."""
+    return wrap_angle(joint_angle + math.pi / 2)
+
+
+def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> Array:
+    """Returns the (..., 3) world velocity of a point fixed to the torso (m/s).
+
+    Args:
+        position: (..., 7) as in `State`.
+        velocity: (..., 6) as in `State`.
+        offset: (..., 3) point in the torso's frame, its center of mass (m).
+    """
+    x, y, z = (offset[..., i] for i in range(3))
+    wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
+    xp = array_namespace(position, velocity, offset)
+    rotational = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=-1)
+    return velocity[..., :3] + rotate(rotation_matrix(position[..., 3:7]), rotational)
+
+
+def heading(state: State) -> Array:
+    """Returns the yaw (...) of the robot's forward axis, -y (rad)."""
+    xp = array_namespace(state.position)
+    w, x, y, z = (state.position[..., 3 + i] for i in range(4))
+    return xp.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)) - math.pi / 2
+
+
+def angle_to_target(state: State, target: Target) -> Array:
+    """Returns the angle (...) in (-pi, pi] from the robot's heading to the target's yaw (rad)."""
+    return wrap_angle(target.yaw - heading(state))
+
+
+def distance_to_target(state: State, target: Target) -> Array:
+    """Returns the 3D distance (...) from the torso's frame to the target (m)."""
+    xp = array_namespace(state.position)
+    to_target = target.position - state.position[..., :3]
+    return xp.sqrt(xp.sum(to_target * to_target, axis=-1))
+
+
+def target_in_jitterbug_frame(state: State, target: Target) -> Array:
+    """Returns the (..., 3) position of the target in the torso's frame (m)."""
+    xp = array_namespace(state.position)
+    to_target = target.position - state.position[..., :3]
+    return rotate(xp.matrix_transpose(rotation_matrix(state.position[..., 3:7])), to_target)
+
+
+def speed_in_target_frame(state: State, target: Target) -> Array:
+    """Returns the (..., 3) velocity of the torso's center of mass in the target's frame (m/s)."""
+    xp = array_namespace(state.torso_velocity)
+    x, y, z = (state.torso_velocity[..., i] for i in range(3))
+    cosine, sine = xp.cos(target.yaw), xp.sin(target.yaw)
+    along, across = cosine * x + sine * y, cosine * y - sine * x
+    return xp.stack([along, across, xp.broadcast_to(z, along.shape)], axis=-1)
+
+
+def rotate(matrix: Array, vector: Array) -> Array:
+    """Returns the (..., 3) products of (..., 3, 3) matrices with (..., 3) vectors."""
+    return (matrix @ vector[..., None])[..., 0]

@@ -231,10 +231,11 @@ def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, i
 
     If any kind has several sizes, --latent is ignored for kinds that have only one.
     """
-    from jbench.encoders.registry import only_size
+    from jbench.encoders.registry import latent_sizes
 
     numbers = parse_numbers("--latent", latent or "12", "12, or 2,4,8, or 1-16")
-    only = {kind: [size] for kind in kinds if (size := only_size(kind, task)) is not None}
+    sizes = {kind: latent_sizes(kind, task) for kind in kinds}
+    only = {kind: list(some) for kind, some in sizes.items() if len(some) == 1}
     if latent is not None and len(only) == len(kinds):
         only = {}
     return [(kind, number) for kind in kinds for number in only.get(kind, numbers)]

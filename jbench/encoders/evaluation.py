@@ -6,9 +6,10 @@ comparison.
 
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import torch
 from numpy.typing import NDArray
@@ -32,37 +33,16 @@ _SEED = 20200419  # not used by `jbench evaluate` or for tuning the heuristics
 _BASELINES: dict[str, ClosedForm] = {"pca": PrincipalComponents(), "random": RandomProjection()}
 
 
-class Errors(NamedTuple):
-    """Mean squared errors on some states.
+def error_tables(
+    encoder: str, kind: Kind, weights: Mapping[str, Any], latents: int, states: States
+) -> dict[str, pa.Table]:
+    """Returns the rows of an encoder's errors, per feature and over all features.
 
-    Attributes:
-        mse: (size,) error of each scaled feature.
-        variance: (size,) variance of each scaled feature of the target states.
-        pca: (size,) errors of PCA of the same size.
-        random: (size,) errors of a random projection of the same size.
-        states: number of states.
-    """
-
-    mse: FloatArray
-    variance: FloatArray
-    pca: FloatArray
-    random: FloatArray
-    states: int
-
-    def explained(self, mse: FloatArray) -> float:
-        """Returns the explained fraction of the total variance of the features."""
-        total = self.variance.sum()
-        return float(1 - mse.sum() / total) if total else 0.0
-
-
-def evaluate_encoder(
-    kind: Kind, weights: Mapping[str, Any], latents: int, states: States
-) -> dict[str, Errors]:
-    """Returns the errors on held-out episodes, `test`, and on hand-written ones, `heuristic`.
-
-    Of another robot no heuristic is known.
+    They are errors on held-out episodes, `test`, and on hand-written ones, `heuristic`, of which
+    other robots have none.
 
     Args:
+        encoder: its id.
         weights: numpy arrays in float32.
         states: the encoder's training data.
     """
@@ -80,52 +60,28 @@ def evaluate_encoder(
         name: _reconstruction(other, other.fit(states.learned, size, states.seed), states.size)
         for name, other in _BASELINES.items()
     }
-    return {
-        name: Errors(
-            *reconstruction_errors(kind, on_device, shards),
-            **{baseline: affine_errors(*affine, moments) for baseline, affine in baselines.items()},
-            states=moments.rows,
-        )
-        for name, (shards, moments) in data.items()
-    }
-
-
-def error_tables(encoder: str, task: str, errors: Mapping[str, Errors]) -> dict[str, pa.Table]:
-    """Returns the rows of an encoder's errors, per feature and over all features.
-
-    Args:
-        encoder: its id.
-        errors: see `evaluate_encoder`.
-    """
     columns: dict[str, FloatArray] = {}
-    totals: dict[str, Any] = {"encoder": encoder}
-    for episodes, its in errors.items():
+    totals: dict[str, Any] = {}
+    for episodes, (shards, moments) in data.items():
+        mse, variance = reconstruction_errors(kind, on_device, shards)
         end = "" if episodes == "test" else f"_{episodes}"
-        columns |= {
-            f"{episodes}_mse": its.mse,
-            f"{episodes}_variance": its.variance,
-            f"pca{end}_mse": its.pca,
-            f"random{end}_mse": its.random,
+        errors = {episodes: mse} | {
+            f"{name}{end}": affine_errors(*affine, moments) for name, affine in baselines.items()
         }
-        totals |= {
-            f"{episodes}_states": its.states,
-            f"{episodes}_explained": its.explained(its.mse),
-            f"pca{end}_explained": its.explained(its.pca),
-            f"random{end}_explained": its.explained(its.random),
-        }
-    features = [
-        {
-            "encoder": encoder,
-            "index": index,
-            "feature": label,
-            **{name: float(values[index]) for name, values in columns.items()},
-        }
-        for index, label in enumerate(find_task(task).labels)
-    ]
+        columns |= {f"{name}_mse": error for name, error in errors.items()}
+        columns[f"{episodes}_variance"] = variance
+        totals[f"{episodes}_states"] = moments.rows
+        total = variance.sum()
+        for name, error in errors.items():
+            totals[f"{name}_explained"] = float(1 - error.sum() / total) if total else 0.0
+    features = {"index": range(states.size), "feature": find_task(states.task).labels, **columns}
     totals |= {name: float(values.mean()) for name, values in columns.items()}
+    rows = [{**row, "encoder": encoder} for row in pd.DataFrame(features).to_dict("records")]
     return {
-        "encoder_features": pa.Table.from_pylist(features, encoder_schema.ENCODER_FEATURES),
-        "encoder_errors": pa.Table.from_pylist([totals], encoder_schema.ENCODER_ERRORS),
+        "encoder_features": pa.Table.from_pylist(rows, encoder_schema.ENCODER_FEATURES),
+        "encoder_errors": pa.Table.from_pylist(
+            [{**totals, "encoder": encoder}], encoder_schema.ENCODER_ERRORS
+        ),
     }
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from jbench.encoders.registry import SCALES, Wanted, only_size, representation, wanted_encoder
+from jbench.encoders.registry import Wanted, wanted_encoder
 from jbench.encoders.saved import load_encoder
 from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
@@ -29,22 +29,25 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     results = results_to_read(results)
     find_task(task)
     wanted = wanted_encoder(f"dae{name}" if name.isdecimal() else name, task)
+    # A kind that was given as MODULE:CLASS is known only by its name in the ids.
+    representation = name if wanted is None else wanted.representation
     matches = [
         record
         for record in results.scan("encoder")[0]
         if record.settings.get("task") == task
-        and _is_called(name, record, wanted)
+        and record.path.parent.name == representation
         and _has_plain_robot(results, record)
     ]
     if matches:
-        newest = max(matches, key=lambda one: (one.status == "finished", one.manifest.updated))
+        newest = max(
+            matches, key=lambda match: (match.status == "finished", match.manifest.updated)
+        )
         return newest.id if newest.status == "finished" else _find_id(results, newest.id, task)
     if wanted is None:
         return _find_id(results, name, task)
-    size = representation(wanted.kind, wanted.latents, wanted.options)
     raise RequestError(
-        f"No {size} for {task} in {results.name}; type "
-        f"{with_results(_command(wanted.kind, task, wanted), results.name)} to make one."
+        f"No {representation} for {task} in {results.name}; type "
+        f"{with_results(wanted.command(task), results.name)} to make one."
     )
 
 
@@ -69,29 +72,13 @@ def find_draws(
     finished = {r.id for r in results.scan("encoder")[0] if r.status == "finished"}
     missing = [str(seed) for seed, id in ids.items() if id not in finished]
     if missing:
-        wanted = Wanted(settings.kind, settings.latents, settings.scales)
         raise RequestError(
             f"There is no encoder with the settings of {record.id} and the seed "
             f"{one_of(missing)} in {results.name}; type "
-            f"{with_results(_command(settings.kind, task, wanted), results.name)} "
+            f"{with_results(settings.wanted.command(task), results.name)} "
             f"--seed {','.join(missing)} to make it, with the same options."
         )
     return settings.draws, ids
-
-
-def _is_called(name: str, record: Record, wanted: Wanted | None) -> bool:
-    """Returns whether an encoder has the kind, size and scales that a name stands for.
-
-    Args:
-        wanted: see `wanted_encoder`; None for a kind that was given as MODULE:CLASS, which only the
-            representation in the record's id names.
-    """
-    if wanted is None:
-        return record.path.parent.name == name
-    settings = record.settings
-    options = settings.get("options", {})
-    same = (settings.get("kind"), settings.get("latents")) == (wanted.kind, wanted.latents)
-    return same and all(options.get(scale) == wanted.options.get(scale) for scale in SCALES)
 
 
 def _find_id(results: Results, name: str, task: str) -> str:
@@ -103,21 +90,12 @@ def _find_id(results: Results, name: str, task: str) -> str:
     id = results.complete_id("encoder", name)
     _, description = load_encoder(results, id)
     if description["task"] != task:
+        wanted = Wanted(description["kind"], description["latents"], description["options"])
         raise RequestError(
             f"The encoder {id} is for {description['task']}, not for {task}; type "
-            f"{with_results(_command(description['kind'], task), results.name)} to make one."
+            f"{with_results(wanted.command(task), results.name)} to make one."
         )
     return id
-
-
-def _command(kind: str, task: str, encoder: Wanted | None = None) -> str:
-    """Returns the command that trains an encoder; omits the size of kinds with only one size."""
-    options = {} if encoder is None else encoder.options
-    verb = "train-dae" if kind == "dae" and not options else f"train-encoder --kind {kind}"
-    has_size = encoder is not None and only_size(kind, task) is None
-    size = f" --latent {encoder.latents}" if encoder is not None and has_size else ""
-    scales = "".join(f" --set {name}={value}" for name, value in options.items())
-    return f"jbench {verb} --task {task}{size}{scales}"
 
 
 def _has_plain_robot(results: Results, record: Record) -> bool:

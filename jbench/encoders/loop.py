@@ -10,16 +10,20 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import numpy as np
 import safetensors
 import safetensors.torch
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import Learned
 from jbench.encoders.pairs import StatePairs
+from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 
+_CHECKED = 8  # rows
 _PREPARED = 16  # batches gathered and corrupted at once
 _ADAM = ("exp_avg", "exp_avg_sq", "step")
 _RANDOM = "random.cpu"  # state of the generator in checkpoints
@@ -33,6 +37,7 @@ class EncoderLearner:
 
     Attributes:
         weights: by name, as views of one flat tensor that Adam updates.
+        gradients: of the trained weights, by name.
         random: generator of all random numbers, on the CPU.
     """
 
@@ -58,15 +63,19 @@ class EncoderLearner:
         for value in self.weights.values():
             value.requires_grad_()
         self.weights |= constants or {}
-        self._gradients = _parts(self._flat.grad, initial)
+        self.gradients = _parts(self._flat.grad, initial)
         self._adam = torch.optim.Adam([self._flat], lr=kind.learning_rate, fused=True)
+
+    def arrays(self) -> dict[str, NDArray[np.float32]]:
+        """Returns the weights as numpy arrays."""
+        return {name: value.detach().cpu().numpy() for name, value in self.weights.items()}
 
     def epoch(self, states: States) -> float:
         """Trains on every row once, in random order; returns the mean loss."""
         total = torch.zeros((), dtype=torch.float64, device=self.device)
         rows = 0
         for batch in self._batches(states):
-            loss = self.kind.gradient(self.weights, self._gradients, batch)
+            loss = self.kind.gradient(self.weights, self.gradients, batch)
             self._adam.step()
             total += loss * len(batch.now)
             rows += len(batch.now)
@@ -142,3 +151,43 @@ def _prefetch(items: Iterator[_Item]) -> Iterator[_Item]:
         while (item := following.result()) is not None:
             following = pool.submit(next, items, None)
             yield item
+
+
+def check_kind(
+    kind: Learned, name: str, states: States, latents: int, device: torch.device
+) -> None:
+    """Calls every method of a kind of another package once, before a training that may take hours.
+
+    Args:
+        name: of the kind.
+        states: that have been read; a few held-out rows are used.
+
+    Raises:
+        WorkError: if a method fails, or returns another shape than it must.
+    """
+    method = "constants"
+    try:
+        constants = kind.constants(states)
+        method = "initial"
+        learner = EncoderLearner(
+            kind, states.size, latents, 0, device, constants, action_size=states.action_size
+        )
+        method, ahead = "prepare", kind.steps_ahead
+        rows = torch.arange(min(_CHECKED, states.sample.pairs(ahead)), device=device)
+        pairs = states.sample.take(rows, ahead, kind.uses_actions)
+        pairs = kind.prepare(pairs, latents, torch.Generator())
+        method = "loss"
+        kind.gradient(learner.weights, learner.gradients, pairs)
+        method = "encode or decode of numpy arrays"
+        SavedEncoder(kind, learner.arrays(), states.scaling, latents)
+        return
+    except (RequestError, WorkError):
+        raise
+    except NotImplementedError:
+        reason = f"it has no method {method}"
+    except Exception as error:
+        reason = f"{method} fails ({sentence_of_failure(error)})"
+    raise WorkError(
+        f"The kind of encoder {name} can't be trained: {reason}; docs/your-own-encoder.md "
+        "describes the methods."
+    )

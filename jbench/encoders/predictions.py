@@ -7,7 +7,7 @@ of the next state and the reward from latents and action.
 
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -37,39 +37,6 @@ _SEED = 20200419
 _LINEAR = 0.5  # R² from which a direction of the latents stands for a target
 
 
-class Prediction(NamedTuple):
-    """How well, and from how large a signal, a target is predicted.
-
-    Attributes:
-        r2: held-out explained fraction of the variance; None for a constant target.
-        linear_r2: the same of a linear regression.
-        amplitude: standard deviation of the latents along the direction in which this regression
-            predicts the target (for several axes, of their mean square); None if it explains less
-            than half of the variance.
-    """
-
-    r2: float | None
-    linear_r2: float | None
-    amplitude: float | None
-
-
-class Probe(NamedTuple):
-    """Accuracy of predicting the next control step from latents and action.
-
-    Attributes:
-        predictions: by target.
-        learned_rows: number of training states.
-        test_rows: number of held-out states.
-        effective_rank: of the held-out latents: exp of the entropy of their singular values (Roy
-            and Vetterli, 2007).
-    """
-
-    predictions: dict[str, Prediction]
-    learned_rows: int
-    test_rows: int
-    effective_rank: float
-
-
 class _Rows(NamedTuple):
     """Inputs (rows, latents + action_size) and targets (rows, columns) of a probe."""
 
@@ -77,8 +44,10 @@ class _Rows(NamedTuple):
     targets: Tensor
 
 
-def probe(kind: Kind, weights: Weights, states: States) -> Probe:
-    """Trains and evaluates a probe; the result is deterministic.
+def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, Any]]:
+    """Returns a row of `encoder_predictions` for each target, without the encoder.
+
+    A probe is trained and evaluated; the result is deterministic.
 
     Args:
         weights: numpy arrays in float32.
@@ -86,33 +55,40 @@ def probe(kind: Kind, weights: Weights, states: States) -> Probe:
     """
     learned = _rows(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
     test = _rows(kind, weights, states, next(states.test()), _TEST_ROWS)
-    columns = _columns(states.task)
     latents = learned.inputs.shape[1] - states.action_size
-    rank = effective_rank(test.inputs[:, :latents].numpy())
+    shared = {
+        "effective_rank": effective_rank(test.inputs[:, :latents].numpy()),
+        "learned_rows": len(learned.inputs),
+        "test_rows": len(test.inputs),
+    }
     linear, amplitudes = _regression(learned, latents)
     linear_errors = (linear(test.inputs) - test.targets).square().mean(0)
+    linear_variance = test.targets.var(0, correction=0)
     scaling = [_standard(part) for part in learned]
-    raw_variance = test.targets.var(0, correction=0)
     learned, test = (
         _Rows(*((part - mean) / sd for part, (mean, sd) in zip(rows, scaling, strict=True)))
         for rows in (learned, test)
     )
     errors = (_trained(learned)(test.inputs) - test.targets).square().mean(0)
     variance = test.targets.var(0, correction=0)
-    predictions = {}
-    for target, its in columns.items():
-        linear_r2 = _r2(linear_errors[its], raw_variance[its])
-        amplitude = float(amplitudes[its].square().mean().sqrt())
-        predictions[target] = Prediction(
-            _r2(errors[its], variance[its]),
-            linear_r2,
-            amplitude if linear_r2 is not None and linear_r2 >= _LINEAR else None,
-        )
-    return Probe(predictions, len(learned.inputs), len(test.inputs), rank)
+    found = []
+    for target, columns in _columns(states.task).items():
+        linear_r2 = _r2(linear_errors[columns], linear_variance[columns])
+        is_linear = linear_r2 is not None and linear_r2 >= _LINEAR
+        # Standard deviation of the latents along the direction in which the regression predicts the
+        # target; for several axes, of their mean square.
+        amplitude = float(amplitudes[columns].square().mean().sqrt()) if is_linear else None
+        r2 = _r2(errors[columns], variance[columns])
+        row = {"target": target, "r2": r2, "linear_r2": linear_r2, "amplitude": amplitude}
+        found.append({**row, **shared})
+    return found
 
 
 def effective_rank(rows: NDArray[np.floating]) -> float:
-    """Returns the effective rank of centered rows (rows, columns); 0 if they are constant."""
+    """Returns the effective rank of centered rows (rows, columns); 0 if they are constant.
+
+    It is exp of the entropy of the singular values (Roy and Vetterli, 2007).
+    """
     centered = rows.astype(np.float64) - rows.mean(0, dtype=np.float64)
     singular = np.sqrt(np.maximum(np.linalg.eigvalsh(centered.T @ centered), 0))
     if not singular.sum():

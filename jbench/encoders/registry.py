@@ -84,14 +84,16 @@ def latent_sizes(kind: str, task: str) -> range:
         return range(0)
 
 
-def only_size(kind: str, task: str) -> int | None:
-    """Returns the number of latents of a kind if the task determines it, else None.
-
-    Raises:
-        RequestError, WorkError: see `find_kind`.
-    """
+def wrong_size(kind: str, task: str, latents: int) -> str | None:
+    """Returns what is wrong with a number of latents, as the beginning of a sentence, if any."""
     sizes = latent_sizes(kind, task)
-    return sizes[0] if len(sizes) == 1 else None
+    if latents in sizes:
+        return None
+    if not sizes:
+        return f"There is no {kind} encoder of {task}"
+    if len(sizes) == 1:
+        return f"{kind} of {task} has {sizes[0]} latents"
+    return f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents"
 
 
 SCALES = ("scale", "rescale")
@@ -107,7 +109,24 @@ class Wanted(NamedTuple):
 
     kind: str
     latents: int
-    options: dict[str, str]
+    options: Mapping[str, Any]
+
+    @property
+    def representation(self) -> str:
+        """The name of the latents: kind, size, and scales if not the defaults.
+
+        For example, dae12 or dae12-observation-whitened; see `jbench.names.REPRESENTATION`.
+        """
+        scales = (self.options[name] for name in SCALES if name in self.options)
+        return "-".join([f"{short_name(self.kind)}{self.latents}", *scales])
+
+    def command(self, task: str) -> str:
+        """Returns the command that trains it; omits the size of kinds with only one size."""
+        size = "" if len(latent_sizes(self.kind, task)) == 1 else f" --latent {self.latents}"
+        scales = [f" --set {name}={self.options[name]}" for name in SCALES if name in self.options]
+        is_plain = self.kind == "dae" and not scales
+        verb = "train-dae" if is_plain else f"train-encoder --kind {self.kind}"
+        return "".join([f"jbench {verb} --task {task}{size}", *scales])
 
 
 def wanted_encoder(name: str, task: str) -> Wanted | None:
@@ -122,35 +141,23 @@ def wanted_encoder(name: str, task: str) -> Wanted | None:
     """
     match = REPRESENTATION.fullmatch(name)
     kind = name.partition(":")[0] if match is None else match["kind"]
-    if kind not in kind_names() and ":" not in name:
-        return None
-    if kind not in kind_names() and plugins.is_imported(name):
-        raise RequestError(f"{name} is a class; type --encoder {short_name(name)}12, for example.")
+    if kind not in kind_names():
+        if ":" not in name:
+            return None
+        if plugins.is_imported(name):
+            example = f"--encoder {short_name(name)}12"
+            raise RequestError(f"{name} is a class; type {example}, for example.")
     sizes = latent_sizes(kind, task)
     scales = {option: match[option] for option in SCALES if match and match[option]}
     latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
     if match and match["latents"]:
         latents = number_in_name(match["latents"])
-    if latents in sizes:
+    if (problem := wrong_size(kind, task, latents)) is None:
         return Wanted(kind, latents, scales)
-    ending = "".join(f"-{word}" for word in scales.values())
     if not sizes:
-        raise RequestError(f"There is no {kind} encoder of {task}; choose dae, pca or forward.")
-    if len(sizes) == 1:
-        raise RequestError(f"{kind} of {task} has {sizes[0]} latents; choose {kind}{ending}.")
-    raise RequestError(
-        f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents; choose "
-        f"{kind}{min(12, sizes[-1])}{ending}, for example."
-    )
-
-
-def representation(kind: str, latents: int, options: Mapping[str, Any]) -> str:
-    """Returns the name of latents: kind, size, and scales if not the defaults.
-
-    For example, dae12 or dae12-observation-whitened; see `jbench.names.REPRESENTATION`.
-    """
-    words = (options[name] for name in SCALES if name in options)
-    return "-".join([f"{short_name(kind)}{latents}", *words])
+        raise RequestError(f"{problem}; choose dae, pca or forward.")
+    size, more = ("", "") if len(sizes) == 1 else (str(min(12, sizes[-1])), ", for example")
+    raise RequestError(f"{problem}; choose {'-'.join([kind + size, *scales.values()])}{more}.")
 
 
 def make_kind(name: str, options: Mapping[str, Any]) -> Kind:

@@ -25,6 +25,8 @@ from jbench.wording import with_results
 DESCRIPTION = "encoder.json"
 WEIGHTS = "encoder.safetensors"
 
+_GAIN, _OFFSET = "observation.gain", "observation.offset"  # of the scaling, beside the weights
+
 
 class Encoder(Protocol):
     """Maps observations to latents."""
@@ -48,18 +50,17 @@ class SavedEncoder:
         Raises:
             ValueError: if the weights are not finite or have other sizes.
         """
-        self._kind, self._weights, self._latents = kind, weights, latents
-        self._gain, self._offset = scaling.gain_and_offset()
-        self._tensors: dict[
-            tuple[torch.dtype, torch.device], tuple[dict[str, Tensor], Tensor, Tensor]
-        ] = {}
+        self._kind, self._latents = kind, latents
+        gain, offset = scaling.gain_and_offset()
+        self._weights = {**weights, _GAIN: gain, _OFFSET: offset}
+        self._tensors: dict[tuple[torch.dtype, torch.device], dict[str, Tensor]] = {}
         size = len(scaling.minimum)
         if not all(np.isfinite(value).all() for value in weights.values()):
             raise ValueError("weights that are not finite")
         encoded = np.shape(self.encode(np.zeros((1, size), np.float32)))
         if encoded != (1, latents):
             raise ValueError(f"encode returns the shape {encoded}, not {(1, latents)}")
-        decoded = np.shape(kind.from_latents(weights, np.zeros((1, latents), np.float32)))
+        decoded = np.shape(kind.from_latents(self._weights, np.zeros((1, latents), np.float32)))
         if decoded != (1, size):
             raise ValueError(f"decode returns the shape {decoded}, not {(1, size)}")
 
@@ -105,22 +106,20 @@ class SavedEncoder:
 
     def _scaled(self, batch: Array) -> tuple[Weights, Array]:
         """Returns the weights and the scaled observations, of the same array type."""
+        weights: Weights = self._weights
         if isinstance(batch, Tensor):
-            weights, gain, offset = self._torch(batch.dtype, batch.device)
-            return weights, batch * gain + offset
-        return self._weights, batch.astype(np.float32, copy=False) * self._gain + self._offset
+            weights = self._in_torch(batch.dtype, batch.device)
+        else:
+            batch = batch.astype(np.float32, copy=False)
+        return weights, batch * weights[_GAIN] + weights[_OFFSET]
 
-    def _torch(
-        self, dtype: torch.dtype, device: torch.device
-    ) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-        """Returns the weights and the scaling as tensors, cached per dtype and device."""
+    def _in_torch(self, dtype: torch.dtype, device: torch.device) -> dict[str, Tensor]:
+        """Returns the weights as tensors, cached per dtype and device."""
         if (dtype, device) not in self._tensors:
-
-            def tensor(value: NDArray[np.float32]) -> Tensor:
-                return torch.from_numpy(value).to(device, dtype)
-
-            weights = {name: tensor(value) for name, value in self._weights.items()}
-            self._tensors[dtype, device] = weights, tensor(self._gain), tensor(self._offset)
+            self._tensors[dtype, device] = {
+                name: torch.from_numpy(value).to(device, dtype)
+                for name, value in self._weights.items()
+            }
         return self._tensors[dtype, device]
 
 
@@ -163,7 +162,7 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
     results = results_to_read(results)
     record = results.find("encoder", id)
     if record is None:
-        ids = [each.id for each in results.scan("encoder")[0] if each.status == "finished"]
+        ids = [record.id for record in results.scan("encoder")[0] if record.status == "finished"]
         command = with_results("jbench train-dae", results.name)
         none = f"there is none yet: run {command}, or jbench train-encoder for another kind"
         there = f"there are {', '.join(ids)}" if ids else none

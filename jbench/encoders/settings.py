@@ -7,11 +7,10 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from jbench.encoders.kind import Learned
-from jbench.encoders.registry import SCALES, latent_sizes, make_kind, representation
+from jbench.encoders.registry import Wanted, make_kind, wrong_size
 from jbench.encoders.states import split_episodes
 from jbench.names import EPISODE_STEPS
 from jbench.settings.base import Seed, Settings, in_id, settings_hash, validated
-from jbench.simulation import find_task
 
 
 class EncoderSettings(Settings):
@@ -26,35 +25,25 @@ class EncoderSettings(Settings):
 
     @model_validator(mode="after")
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
-        sizes = latent_sizes(self.kind, self.task)
-        if self.latents in sizes:
-            return self
-        if not sizes:
-            raise ValueError(f"{self.kind} has no latents for {self.task}; choose another task")
-        if len(sizes) == 1:
-            raise ValueError(
-                f"{self.kind} of {self.task} has {sizes[0]} latents, not {self.latents}"
-            )
-        size = find_task(self.task).observation_size
-        most = (
-            f"{self.task} has {size} features" if sizes[-1] == size else f"{self.kind} is limited"
-        )
-        raise ValueError(f"{most}: latents must be {sizes[0]} to {sizes[-1]}")
+        problem = wrong_size(self.kind, self.task, self.latents)
+        if problem is not None:
+            raise ValueError(f"{problem}, not {self.latents}")
+        return self
+
+    @property
+    def wanted(self) -> Wanted:
+        """What a name asks for that finds it, among other encoders."""
+        return Wanted(self.kind, self.latents, self.options)
 
     @property
     def representation(self) -> str:
-        """What the report calls observations encoded by it; see `representation`."""
-        return representation(self.kind, self.latents, self.options)
+        """What the report calls observations encoded by it."""
+        return self.wanted.representation
 
     @property
     def id(self) -> str:
         """The encoder's id, such as face_direction/dae12/s00-1f9a2c4e."""
         return f"{in_id(self.task)}/{self.representation}/s{self.seed:02d}-{self.hash}"
-
-    @property
-    def scales(self) -> dict[str, str]:
-        """The scales of inputs and latents that are not the defaults."""
-        return {name: self.options[name] for name in SCALES if name in self.options}
 
     @property
     def draws(self) -> str:

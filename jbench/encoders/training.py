@@ -4,6 +4,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,11 @@ import torch
 from numpy.typing import NDArray
 
 from jbench.cores import one_thread
-from jbench.encoders.evaluation import error_tables, evaluate_encoder
+from jbench.encoders.evaluation import error_tables
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
-from jbench.encoders.kind_check import check_kind
-from jbench.encoders.loop import EncoderLearner
+from jbench.encoders.loop import EncoderLearner, check_kind
 from jbench.encoders.pairs import StatePairs
-from jbench.encoders.predictions import Probe, probe
+from jbench.encoders.predictions import predictions
 from jbench.encoders.registry import code_provenance, make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
@@ -75,10 +75,11 @@ def train_encoder(
         if record is None or CHECKPOINT not in record.roles():
             made_on = device_provenance(device) | code_provenance(settings.kind)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
+        training = _Training(kind, settings, states, record, device, progress, commit_every)
         with one_thread():
             weights = _trained_without_rescale(settings, record, results)
             if weights is None:
-                weights = _weights(kind, settings, states, record, device, progress, commit_every)
+                weights = training.weights()
             if kind.rescale is not None:
                 weights |= rescaling(kind.rescale, _latents(kind, weights, states))
             try:
@@ -87,10 +88,13 @@ def train_encoder(
                 raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
             # An interrupted process may have committed the errors already.
             if not record.rows("encoder_errors"):
-                errors = evaluate_encoder(kind, weights, settings.latents, states)
-                predictions = _predictions(record, probe(kind, weights, states))
-                record.append(error_tables(record.id, settings.task, errors) | predictions)
-        _finish(record, settings, kind, states, weights, device)
+                found = [
+                    {"encoder": record.id, **row} for row in predictions(kind, weights, states)
+                ]
+                table = pa.Table.from_pylist(found, encoder_schema.ENCODER_PREDICTIONS)
+                errors = error_tables(record.id, kind, weights, settings.latents, states)
+                record.append({**errors, "encoder_predictions": table})
+        training.finish(weights)
     return record
 
 
@@ -118,145 +122,103 @@ def _latents(kind: Kind, weights: WeightArrays, states: States) -> Iterator[NDAr
             yield kind.encode(weights, batch.now.cpu().numpy())
 
 
-def _weights(
-    kind: Kind,
-    settings: EncoderSettings,
-    states: States,
-    record: Record,
-    device: torch.device,
-    progress: Callable[[int], None],
-    commit_every: float,
-) -> WeightArrays:
-    """Returns the trained weights as numpy arrays in float32."""
-    if isinstance(kind, (ClosedForm, Fitted)):
-        fitted = (
-            kind.fit(states, settings.latents)
-            if isinstance(kind, Fitted)
-            else kind.fit(states.learned, settings.latents, settings.seed)
-        )
-        progress(1)
-        return {name: np.ascontiguousarray(v, np.float32) for name, v in fitted.items()}
-    assert isinstance(kind, Learned)
-    constants = kind.constants(states)
-    learner = EncoderLearner(
-        kind,
-        states.size,
-        settings.latents,
-        settings.seed,
-        device,
-        constants,
-        action_size=states.action_size,
-    )
-    if CHECKPOINT in record.roles():
-        learner.restore(record.read_file(CHECKPOINT))
-    _learn(learner, states, record, progress, commit_every)
-    return {name: value.detach().cpu().numpy() for name, value in learner.weights.items()}
+@dataclass
+class _Training:
+    """The training of one encoder; see `train_encoder`."""
 
+    kind: Kind
+    settings: EncoderSettings
+    states: States
+    record: Record
+    device: torch.device
+    progress: Callable[[int], None]
+    commit_every: float
 
-def _learn(
-    learner: EncoderLearner,
-    states: States,
-    record: Record,
-    progress: Callable[[int], None],
-    commit_every: float,
-) -> None:
-    """Trains the remaining epochs and commits their rows with checkpoints."""
-    done = record.read("encoder_epochs").to_pylist()
-    before = done[-1]["wall_time"] if done else 0.0
-    measure = _error_measure(learner, states)
-    rows: list[dict[str, Any]] = []
-    start, committed = time.perf_counter(), -math.inf
-    progress(len(done))
-    for epoch in range(len(done) + 1, learner.kind.epochs + 1):
-        loss = learner.epoch(states)
-        if not math.isfinite(loss):
-            raise WorkError(
-                f"The training of {record.id} diverged: the loss of epoch {epoch} is {loss}; type "
-                "a smaller --learning-rate."
+    def weights(self) -> WeightArrays:
+        """Returns the trained weights as numpy arrays in float32."""
+        kind, states, latents = self.kind, self.states, self.settings.latents
+        if isinstance(kind, Learned):
+            constants = kind.constants(states)
+            learner = EncoderLearner(
+                kind, states.size, latents, states.seed, self.device, constants, states.action_size
             )
-        row = {"encoder": record.id, "epoch": epoch, "train_loss": loss, **measure()}
-        now = time.perf_counter()
-        rows.append({**row, "wall_time": before + now - start})
-        if now - committed >= commit_every or epoch == learner.kind.epochs:
-            table = pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)
-            record.append({"encoder_epochs": table}, {CHECKPOINT: learner.to_bytes()})
-            rows, committed = [], now
-        progress(epoch)
+            if CHECKPOINT in self.record.roles():
+                learner.restore(self.record.read_file(CHECKPOINT))
+            self._learn(learner)
+            return learner.arrays()
+        if isinstance(kind, Fitted):
+            fitted = kind.fit(states, latents)
+        else:
+            assert isinstance(kind, ClosedForm)
+            fitted = kind.fit(states.learned, latents, states.seed)
+        self.progress(1)
+        return {name: np.ascontiguousarray(v, np.float32) for name, v in fitted.items()}
 
-
-def _error_measure(
-    learner: EncoderLearner, states: States
-) -> Callable[[], dict[str, float | None]]:
-    """Returns a function that measures the errors on fixed states with fixed corruption."""
-    kind, ahead = learner.kind, learner.kind.steps_ahead
-    numbers = torch.arange(states.sample.pairs(ahead), device=learner.device)
-    clean = states.sample.take(numbers, ahead, kind.uses_actions)
-    # A separate generator: measuring an error must not change the training.
-    corrupted = kind.prepare(clean, learner.latents, torch.Generator().manual_seed(0))
-
-    @torch.no_grad()
-    def error(batch: StatePairs) -> float:
-        rebuilt = kind.decode(learner.weights, kind.encode(learner.weights, batch.now))
-        target = clean.later if kind.decodes_later else clean.now
-        return float((rebuilt - target).square().mean(dtype=torch.float64))
-
-    def measure() -> dict[str, float | None]:
+    def _learn(self, learner: EncoderLearner) -> None:
+        """Trains the remaining epochs and commits their rows with checkpoints."""
+        kind, sample, record = learner.kind, self.states.sample, self.record
+        numbers = torch.arange(sample.pairs(kind.steps_ahead), device=self.device)
+        clean = sample.take(numbers, kind.steps_ahead, kind.uses_actions)
+        # A separate generator: measuring an error must not change the training.
+        corrupted = kind.prepare(clean, learner.latents, torch.Generator().manual_seed(0))
         same = corrupted.now is clean.now
-        return {
-            "test_mse": error(clean),
-            "test_denoising_mse": None if same else error(corrupted),
+        done = record.read("encoder_epochs").to_pylist()
+        before = done[-1]["wall_time"] if done else 0.0
+        rows: list[dict[str, Any]] = []
+        start, committed = time.perf_counter(), -math.inf
+        self.progress(len(done))
+        for epoch in range(len(done) + 1, kind.epochs + 1):
+            loss = learner.epoch(self.states)
+            if not math.isfinite(loss):
+                raise WorkError(
+                    f"The training of {record.id} diverged: the loss of epoch {epoch} is {loss}; "
+                    "type a smaller --learning-rate."
+                )
+            errors = {
+                "test_mse": _error(learner, clean, clean),
+                "test_denoising_mse": None if same else _error(learner, corrupted, clean),
+            }
+            now = time.perf_counter()
+            row = {"encoder": record.id, "epoch": epoch, "train_loss": loss, **errors}
+            rows.append({**row, "wall_time": before + now - start})
+            if now - committed >= self.commit_every or epoch == kind.epochs:
+                table = pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)
+                record.append({"encoder_epochs": table}, {CHECKPOINT: learner.to_bytes()})
+                rows, committed = [], now
+            self.progress(epoch)
+
+    def finish(self, weights: WeightArrays) -> None:
+        """Commits the weights and the description of the trained encoder."""
+        settings, record, scaling = self.settings, self.record, self.states.scaling
+        description = {
+            **{name: getattr(settings, name) for name in ("kind", "options", "task", "latents")},
+            "features": find_task(settings.task).labels,
+            "minimum": scaling.minimum.tolist(),
+            "maximum": scaling.maximum.tolist(),
         }
+        (totals,) = record.read("encoder_errors").to_pylist()
+        epochs = record.read("encoder_epochs").to_pylist()
+        predicted = record.read("encoder_predictions").to_pylist()
+        names = ("test_mse", "test_explained", "pca_explained", "heuristic_explained")
+        record.finish(
+            {
+                **{name: totals[name] for name in names},
+                "effective_rank": predicted[0]["effective_rank"] if predicted else None,
+                **self.kind.summary(weights),
+                "wall_time": epochs[-1]["wall_time"] if epochs else None,
+                "device": self.device.type,
+            },
+            {
+                DESCRIPTION: json.dumps(description, indent=1).encode(),
+                WEIGHTS: safetensors.numpy.save(weights),
+            },
+        )
 
-    return measure
 
-
-def _predictions(record: Record, probe: Probe) -> dict[str, pa.Table]:
-    """Returns a row per target of the probe."""
-    shared = {
-        "encoder": record.id,
-        "effective_rank": probe.effective_rank,
-        "learned_rows": probe.learned_rows,
-        "test_rows": probe.test_rows,
-    }
-    rows = [
-        {"target": target, **prediction._asdict(), **shared}
-        for target, prediction in probe.predictions.items()
-    ]
-    return {"encoder_predictions": pa.Table.from_pylist(rows, encoder_schema.ENCODER_PREDICTIONS)}
-
-
-def _finish(
-    record: Record,
-    settings: EncoderSettings,
-    kind: Kind,
-    states: States,
-    weights: WeightArrays,
-    device: torch.device,
-) -> None:
-    """Commits the weights and the description of a trained encoder."""
-    description = {
-        "kind": settings.kind,
-        "options": settings.options,
-        "task": settings.task,
-        "latents": settings.latents,
-        "features": find_task(settings.task).labels,
-        "minimum": states.scaling.minimum.tolist(),
-        "maximum": states.scaling.maximum.tolist(),
-    }
-    (totals,) = record.read("encoder_errors").to_pylist()
-    epochs = record.read("encoder_epochs").to_pylist()
-    predictions = record.read("encoder_predictions").to_pylist()
-    names = ("test_mse", "test_explained", "pca_explained", "heuristic_explained")
-    record.finish(
-        {
-            **{name: totals[name] for name in names},
-            "effective_rank": predictions[0]["effective_rank"] if predictions else None,
-            **kind.summary(weights),
-            "wall_time": epochs[-1]["wall_time"] if epochs else None,
-            "device": device.type,
-        },
-        {
-            DESCRIPTION: json.dumps(description, indent=1).encode(),
-            WEIGHTS: safetensors.numpy.save(weights),
-        },
-    )
+@torch.no_grad()
+def _error(learner: EncoderLearner, seen: StatePairs, clean: StatePairs) -> float:
+    """Returns the mean squared error of reconstructing clean states from those that are seen."""
+    kind = learner.kind
+    rebuilt = kind.decode(learner.weights, kind.encode(learner.weights, seen.now))
+    target = clean.later if kind.decodes_later else clean.now
+    return float((rebuilt - target).square().mean(dtype=torch.float64))

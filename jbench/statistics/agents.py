@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.special import fdtri, nctdtrinc, stdtrit
 
 from jbench.statistics import FloatArray
+from jbench.statistics.bootstrap import Estimate
 
 
 class Agents(NamedTuple):
@@ -63,20 +64,6 @@ class Components(NamedTuple):
     episode_deviation: float = np.nan
 
 
-class Difference(NamedTuple):
-    """Difference of two configurations in s, ours minus theirs; NaN if it is unknown.
-
-    Attributes:
-        value: difference in points of return.
-        low: lower end of its interval.
-        high: upper end.
-    """
-
-    value: float = np.nan
-    low: float = np.nan
-    high: float = np.nan
-
-
 def agents_from(returns: Iterable[ArrayLike]) -> Agents:
     """Returns the mean returns of agents from those of their episodes.
 
@@ -114,19 +101,19 @@ def components(agents: Agents, confidence: float = 0.95) -> Components:
     )
 
 
-def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Difference:
-    """Compares s of two configurations.
+def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Estimate:
+    """Returns the difference of two configurations in s, ours minus theirs; NaN if it is unknown.
 
     The interval combines the two intervals of s (G. Y. Zou, A. Donner, *Construction of confidence
     limits about effect measures: a general approach*, Stat. Med. 27, 2008).
     """
     if not (ours.known and theirs.known):
-        return Difference()
+        return Estimate(np.nan)
     s, t = components(ours, confidence), components(theirs, confidence)
     value = s.deviation - t.deviation
     low = value - np.hypot(s.deviation - s.low, t.high - t.deviation)
     high = value + np.hypot(s.high - s.deviation, t.deviation - t.low)
-    return Difference(value, float(low), float(high))
+    return Estimate(value, float(low), float(high))
 
 
 def smallest_difference(

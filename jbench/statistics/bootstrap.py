@@ -9,7 +9,6 @@ distribution.
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,26 +22,20 @@ Statistic = Callable[..., FloatArray]
 """Takes as many `Strata` as there are groups to compare; returns (...)."""
 
 RESAMPLES = 10_000
-CONFIDENCE = 0.95
 MIN_SEEDS = 3
 """Minimum number of seeds per stratum for an interval."""
 DECIDING_SEEDS = 6
-"""Minimum number of seeds for a verdict. With fewer, not even the range of all seeds contains the
-population median with 95% (1 - 2^(1 - n): 75% for three seeds, 94% for five, 97% for six)."""
+"""Minimum number of seeds for a verdict: the range of n seeds contains the population median with
+probability 1 - 2^(1 - n), 94% for five, 97% for six."""
 
-# Quantiles of the normal distribution, for a two-sided test at 5% and for a power of 80%.
-_SIGNIFICANCE, _POWER = 1.959964, 0.841621
 _MAX_SEEDS = 1_000_000  # limit of a recommendation
 
 
 class Estimate(NamedTuple):
     """A number with its uncertainty, which is NaN with fewer than `MIN_SEEDS` seeds.
 
-    Attributes:
-        value: the statistic of all seeds.
-        low: lower end of the interval.
-        high: upper end of the interval.
-        standard_error: standard deviation of the bootstrap distribution.
+    `value` is the statistic of all seeds, `low` to `high` its interval, and `standard_error` the
+    standard deviation of its bootstrap distribution.
     """
 
     value: float
@@ -104,21 +97,17 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:
 
 def difference(statistic: Statistic) -> Statistic:
     """Returns the difference of a statistic, ours minus theirs."""
-    return partial(_subtracted, statistic)
+    return lambda ours, theirs: statistic(ours) - statistic(theirs)
 
 
 def ratio(statistic: Statistic) -> Statistic:
     """Returns the ratio of a statistic, ours to theirs; NaN if both are 0."""
-    return partial(_divided, statistic)
 
+    def divided(ours: Strata, theirs: Strata) -> FloatArray:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return statistic(ours) / statistic(theirs)
 
-def _subtracted(statistic: Statistic, ours: Strata, theirs: Strata) -> FloatArray:
-    return statistic(ours) - statistic(theirs)
-
-
-def _divided(statistic: Statistic, ours: Strata, theirs: Strata) -> FloatArray:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return statistic(ours) / statistic(theirs)
+    return divided
 
 
 def performance_profile(strata: Strata, thresholds: FloatArray) -> FloatArray:
@@ -148,45 +137,17 @@ def profile_interval(
     return low, high
 
 
-def bootstrap(
-    statistics: Sequence[Statistic], *groups: Strata, resamples: int = RESAMPLES
-) -> list[FloatArray]:
-    """Returns each statistic of the same resampled groups, (resamples, ...).
-
-    Args:
-        statistics: statistics that take as many groups.
-        groups: groups to compare, each resampled independently within each of its strata.
-    """
-    random = np.random.default_rng(np.random.SeedSequence(0))
-    chosen = [
-        [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
-        for strata in groups
-    ]
-    drawn = [
-        [seeds[index] for seeds, index in zip(*pair, strict=True)]
-        for pair in zip(groups, chosen, strict=True)
-    ]
-    return [
-        # Comparing all pairs of seeds in each resample would take most of the time.
-        _improvements(groups, chosen)
-        if statistic is probability_of_improvement
-        else statistic(*drawn)
-        for statistic in statistics
-    ]
-
-
-class Sample(NamedTuple):
+class Resampled(NamedTuple):
     """A statistic and its bootstrap distribution, from which intervals of any level follow.
 
-    Attributes:
-        value: the statistic of all seeds.
-        drawn: (resamples,) the statistic of resampled seeds; empty for fewer than `MIN_SEEDS`.
+    `value` is the statistic of all seeds, `drawn` (resamples,) that of resampled seeds, empty for
+    fewer than `MIN_SEEDS`.
     """
 
     value: float
     drawn: FloatArray
 
-    def estimate(self, confidence: float = CONFIDENCE) -> Estimate:
+    def estimate(self, confidence: float = 0.95) -> Estimate:
         """Returns the statistic with its interval of percentiles."""
         # Seeds that never reach a threshold have infinite scores, which can't be interpolated.
         drawn = self.drawn[~np.isnan(self.drawn)]
@@ -202,27 +163,43 @@ class Sample(NamedTuple):
 
 def samples(
     statistics: Sequence[Statistic], *groups: Strata, resamples: int = RESAMPLES
-) -> list[Sample]:
+) -> list[Resampled]:
     """Returns several statistics of the same resamples (stratified bootstrap).
 
     Args:
         statistics: statistics that take as many groups.
-        groups: groups to compare, each with scores (seeds,) by task.
+        groups: groups to compare, each with scores (seeds,) by task, and resampled independently
+            within each task.
     """
     fewest = min(seeds.shape[-1] for strata in groups for seeds in strata)
     if fewest == 0:
-        return [Sample(np.nan, np.empty(0))] * len(statistics)
+        return [Resampled(np.nan, np.empty(0))] * len(statistics)
     values = [float(statistic(*groups)) for statistic in statistics]
     if fewest < MIN_SEEDS:
-        return [Sample(value, np.empty(0)) for value in values]
-    return list(map(Sample, values, bootstrap(statistics, *groups, resamples=resamples)))
+        return [Resampled(value, np.empty(0)) for value in values]
+    random = np.random.default_rng(np.random.SeedSequence(0))
+    chosen = [
+        [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
+        for strata in groups
+    ]
+    drawn = [
+        [seeds[index] for seeds, index in zip(*pair, strict=True)]
+        for pair in zip(groups, chosen, strict=True)
+    ]
+    return [
+        # Comparing all pairs of seeds in each resample would take most of the time of a report.
+        Resampled(value, _improvements(groups, chosen))
+        if statistic is probability_of_improvement
+        else Resampled(value, statistic(*drawn))
+        for statistic, value in zip(statistics, values, strict=True)
+    ]
 
 
 def estimate(
     statistic: Statistic,
     *groups: Strata,
     resamples: int = RESAMPLES,
-    confidence: float = CONFIDENCE,
+    confidence: float = 0.95,
 ) -> Estimate:
     """Returns a statistic with its interval; see `samples`."""
     return samples([statistic], *groups, resamples=resamples)[0].estimate(confidence)
@@ -244,7 +221,8 @@ def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int |
     """
     if not np.isfinite([distance, standard_error]).all() or distance == 0:
         return None
-    root = abs((_SIGNIFICANCE + _POWER) * standard_error / distance)
+    # Quantiles of the normal distribution, for the test and for the power.
+    root = abs((1.959964 + 0.841621) * standard_error / distance)
     if root > np.sqrt(_MAX_SEEDS / seeds):
         return None
     return max(MIN_SEEDS, int(np.ceil(seeds * root**2)))
@@ -271,16 +249,16 @@ def _improvements(groups: Sequence[Strata], chosen: Sequence[Sequence[IntArray]]
     Args:
         chosen: (resamples, seeds) indices of the seeds, for each stratum of each group.
     """
+
+    def counts(index: IntArray) -> FloatArray:
+        """Returns how often each seed occurs in each resample, (resamples, seeds)."""
+        rows = np.arange(len(index))[:, None] * index.shape[1]
+        flat = np.bincount((rows + index).ravel(), minlength=index.size)
+        return flat.reshape(index.shape).astype(np.float64)
+
     shares = []
     for x, y, ours, theirs in zip(*groups, *chosen, strict=True):
         # Sums of halves have no rounding errors.
-        won = np.einsum("ij,ij->i", _counts(ours) @ _won(x, y), _counts(theirs))
+        won = np.einsum("ij,ij->i", counts(ours) @ _won(x, y), counts(theirs))
         shares.append(won / (len(x) * len(y)))
     return _mean_over_tasks(shares)
-
-
-def _counts(index: IntArray) -> FloatArray:
-    """Returns how often each seed occurs in each resample, (resamples, seeds)."""
-    rows = np.arange(len(index))[:, None] * index.shape[1]
-    counts = np.bincount((rows + index).ravel(), minlength=index.size)
-    return counts.reshape(index.shape).astype(np.float64)

@@ -40,7 +40,7 @@ class Decision(NamedTuple):
     spent: float
 
 
-class Step(NamedTuple):
+class Stop(NamedTuple):
     """When and at which rate a comparison was decided.
 
     Attributes:
@@ -57,7 +57,7 @@ Reached = Callable[[int, Verdict, float], int]
 """Interim analysis at which a comparison (its index) has a verdict at a two-sided rate; else 0."""
 
 
-def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Step | None]:
+def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Stop | None]:
     """Decides comparisons together, at an error rate of at most the sum of their shares.
 
     Each comparison consists of two one-sided hypotheses (not larger, not smaller) with half of its
@@ -79,28 +79,28 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Ste
         looks: largest number of interim analyses of a comparison.
 
     Returns:
-        One step per comparison; None if it is undecided.
+        One stop per comparison; None if it is undecided.
     """
-    steps: list[Step | None] = [None] * len(shares)
+    stops: list[Stop | None] = [None] * len(shares)
     for look in range(1, looks + 1):
         new = True
         while new:
             new = False
-            for i, parts in enumerate(_parts(steps, shares)):
-                if steps[i] is None and (verdict := _verdict(reached, i, parts, shares, look)):
-                    steps[i], new = Step(verdict, look, 2 * sum(shares) / parts), True
-    return steps
+            for i, parts in enumerate(_parts(stops, shares)):
+                if stops[i] is None and (verdict := _verdict(reached, i, parts, shares, look)):
+                    stops[i], new = Stop(verdict, look, 2 * sum(shares) / parts), True
+    return stops
 
 
-def _rates(steps: Sequence[Step | None], shares: Sequence[float]) -> list[float]:
+def _rates(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[float]:
     """Returns the two-sided rate of each comparison: when it was decided, or now."""
-    now = (2 * sum(shares) / parts for parts in _parts(steps, shares))
-    return [rate if step is None else step.rate for step, rate in zip(steps, now, strict=True)]
+    now = (2 * sum(shares) / parts for parts in _parts(stops, shares))
+    return [rate if stop is None else stop.rate for stop, rate in zip(stops, now, strict=True)]
 
 
-def _parts(steps: Sequence[Step | None], shares: Sequence[float]) -> list[int]:
+def _parts(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[int]:
     """Returns into how many parts the error rate is divided, of which each side gets one."""
-    directed = [step is not None and step.verdict != "equal" for step in steps]
+    directed = [stop is not None and stop.verdict != "equal" for stop in stops]
     left = sum(
         share * (1 if rejected else 2) for share, rejected in zip(shares, directed, strict=True)
     )
@@ -156,10 +156,10 @@ def decide(
             known[key] = int(look)
         return known[key]
 
-    steps = step_down(reached, shares, max(looks, default=0))
+    stops = step_down(reached, shares, max(looks, default=0))
     decisions = []
-    for i, (step, rate) in enumerate(zip(steps, _rates(steps, shares), strict=True)):
-        verdict, look = (step.verdict, step.look) if step else ("undecided", complete[i])
+    for i, (stop, rate) in enumerate(zip(stops, _rates(stops, shares), strict=True)):
+        verdict, look = (stop.verdict, stop.look) if stop else ("undecided", complete[i])
         seeds = look * sequential.BLOCK
         ours, theirs = (side[:seeds] for side in cut[i])
         low, high = sequential.interval(ours, theirs, rate, looks[i]) if look else (-np.inf, np.inf)

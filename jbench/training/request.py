@@ -8,7 +8,7 @@ from jbench.agents.algorithms import algorithm_fields, algorithm_of
 from jbench.devices import find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.mirror import input_mirror
-from jbench.encoders.registry import representation
+from jbench.encoders.registry import Wanted
 from jbench.errors import RequestError
 from jbench.names import (
     EPISODE_STEPS,
@@ -140,7 +140,7 @@ def representation_of(results: Results, encoder: str) -> str:
     """
     _, description = load_encoder(results, encoder)
     options = description.get("options", {})
-    return representation(description["kind"], description["latents"], options)
+    return Wanted(description["kind"], description["latents"], options).representation
 
 
 def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:

@@ -168,7 +168,7 @@ def test_mirror_of_mixed_latents_is_refused_before_training(filled, refused):
         (("--kind", "vae", "--set", "hidden=0"), "hidden of vae can't be 0"),
         (("--noise", "-0.1"), "noise of dae can't be -0.1"),
         (("--noise", "0.1", "--set", "noise=0.2"), "noise is given twice"),
-        (("--latent", "17"), "face_direction has 16 features: latents must be 1 to 16"),
+        (("--latent", "17"), "encoder of face_direction has 1 to 16 latents, not 17"),
         (("--latent", "2,many"), "--latent 2,many: type 12, or 2,4,8, or 1-16"),
         (("--kind", "planar", "--latent", "8"), "planar of face_direction has 12 latents, not 8"),
         (

@@ -124,7 +124,8 @@ def test_encoder_of_other_task_is_refused_with_command_to_type(trained):
     id = trained.record.id
     assert refusal(trained.results, id, "move_to_pose") == (
         f"The encoder {id} is for face_direction, not for move_to_pose; type "
-        f"jbench train-dae --task move_to_pose --results {trained.results.path} to make one."
+        "jbench train-dae --task move_to_pose --latent 3 "
+        f"--results {trained.results.path} to make one."
     )
 
 

@@ -357,9 +357,9 @@ def test_default_settings_equal_paper():
 @pytest.mark.parametrize(
     ("task", "latents", "message"),
     [
-        ("face_direction", 17, "face_direction has 16 features: latents must be 1 to 16"),
-        ("move_from_origin", 16, "latents must be 1 to 15"),
-        ("move_to_pose", 100, "latents must be 1 to 19"),
+        ("face_direction", 17, "A dae encoder of face_direction has 1 to 16 latents, not 17"),
+        ("move_from_origin", 16, "has 1 to 15 latents, not 16"),
+        ("move_to_pose", 100, "has 1 to 19 latents, not 100"),
         ("bogus", 3, "Unknown task 'bogus'; choose move_from_origin"),
         ("face_direction", 0, "latents of the encoder can't be 0"),
         ("face_direction", -1, "greater than or equal to 1"),
@@ -459,7 +459,7 @@ def test_encoder_in_use_by_other_process_is_refused(trained, results):
 
 
 def test_settings_are_validated():
-    with pytest.raises(ValueError, match="latents must be 1 to 16"):
+    with pytest.raises(ValueError, match="has 1 to 16 latents"):
         EncoderSettings(dataset="random/a", latents=17)
 
 

@@ -12,7 +12,7 @@ import torch
 from jbench.cli import main
 from jbench.datasets.layout import observations_schema
 from jbench.encoders.kind import ClosedForm, Learned
-from jbench.encoders.registry import kind_names, make_kind, only_size
+from jbench.encoders.registry import kind_names, latent_sizes, make_kind
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
 from jbench.errors import RequestError
@@ -107,7 +107,8 @@ def states(tmp_path_factory):
 def make_encoder(name, states):
     """An encoder with initial weights, or fitted weights if its kind is not trained."""
     kind = make_kind(name, {})
-    latents = only_size(name, TASK) or 3
+    sizes = latent_sizes(name, TASK)
+    latents = sizes[0] if len(sizes) == 1 else 3
     if isinstance(kind, Learned):
         weights = kind.initial(states.size, latents, torch.Generator().manual_seed(0))
     elif isinstance(kind, ClosedForm):

@@ -44,13 +44,13 @@ def test_episodes_equal_those_of_dm_control(name):
         np.testing.assert_array_equal(seen, [flat(one.reset()) for one in environments])
         for _ in range(EPISODE_STEPS):
             actions = random.uniform(-1.2, 1.2, (2, task.action_size))
-            step = worlds.step(actions)
+            observations, rewards = worlds.step(actions)
             share = (np.clip(actions, -1, 1) + 1) * ((spec.maximum - spec.minimum) / 2)
             theirs = [
                 one.step(spec.minimum + a) for one, a in zip(environments, share, strict=True)
             ]
-            np.testing.assert_allclose(step.rewards, [t.reward for t in theirs], rtol=0, atol=0)
-            np.testing.assert_array_equal(step.observations, [flat(t) for t in theirs])
+            np.testing.assert_allclose(rewards, [t.reward for t in theirs], rtol=0, atol=0)
+            np.testing.assert_array_equal(observations, [flat(t) for t in theirs])
 
 
 def test_worlds_resume_between_episodes_only():
@@ -154,9 +154,9 @@ def test_gymnasium_environment_is_a_world_of_the_task():
         np.testing.assert_array_equal(worlds.reset([generator])[0], seen)
         action = np.full(12, 0.3, np.float32)
         observation, reward, terminated, truncated, _ = env.step(action)
-        step = worlds.step(action[None])
-    np.testing.assert_array_equal(step.observations[0], observation)
-    assert (reward, terminated, truncated) == (step.rewards[0], False, False)
+        observations, rewards = worlds.step(action[None])
+    np.testing.assert_array_equal(observations[0], observation)
+    assert (reward, terminated, truncated) == (rewards[0], False, False)
     assert env.spec.max_episode_steps == 1000
     assert {f"jbench/{task.replace(':', '-')}-v0" for task in SUITE_TASKS} <= set(registry)
 

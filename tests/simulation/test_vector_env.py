@@ -179,7 +179,7 @@ def test_invalid_calls_of_step_and_reset_are_refused():
     with pytest.raises(ResetNeeded, match="without reset_mask first"):
         ours.reset(options={"reset_mask": np.ones(COUNT, bool)})
     ours.reset(seed=0)
-    with pytest.raises(ValueError, match=r"shape \(3, 1\), not \(3,\)"):
+    with pytest.raises(ValueError, match=r"of shape \(3, 1\), not array"):
         ours.step(actions[0, :, 0])
     for wrong in ([["a"]] * 3, [[0.1], [0.2, 0.3], [0.1]]):
         with pytest.raises(RequestError, match=r"must be numbers of shape \(3, 1\), not \[\["):

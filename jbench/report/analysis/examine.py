@@ -151,7 +151,7 @@ def _without_episodes(
     """
     deviations = (scores.deviation_by_episodes for scores in (one.ours, one.theirs))
     more["by_episodes"] = _ratio(*deviations)
-    value, low, high = one.agents_difference()
+    value, low, high, _ = one.agents_difference()
     if not {"supported": low > 0, "contradicted": high < 0}.get(verdict, True):
         interval = f"difference {value:+.0f} [{low:+.0f}, {high:+.0f}]"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"

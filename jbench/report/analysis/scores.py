@@ -12,7 +12,7 @@ from jbench.report.data.returns import EVALUATION, FILE, FINAL_POINTS, SOLVED
 from jbench.returns import final_episodes
 from jbench.statistics import BoolArray, FloatArray, IntArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import Agents, Difference, components, difference, smallest_difference
+from jbench.statistics.agents import Agents, components, difference, smallest_difference
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
 
@@ -109,17 +109,17 @@ class Comparison:
         self.seeds = min(len(self.ours.final), len(self.theirs.final))
         self.decidable = self.seeds >= st.DECIDING_SEEDS
 
-    def sample(self, statistic: st.Statistic, scores: str = "final") -> st.Sample:
+    def sample(self, statistic: st.Statistic, scores: str = "final") -> st.Resampled:
         """Returns a statistic of the scores of both: `final`, or `area`."""
         groups = ([getattr(one, scores)] for one in (self.ours, self.theirs))
         return st.samples([statistic], *groups)[0]
 
-    def agents_difference(self, confidence: float = 0.95) -> Difference:
+    def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
         """Returns the difference of the standard deviations between agents."""
         return difference(self.ours.agents, self.theirs.agents, confidence)
 
 
-def ends(sample: st.Sample) -> Ends:
+def ends(sample: st.Resampled) -> Ends:
     """Returns the intervals of a statistic."""
     return lambda confidence: sample.estimate(confidence)[1:3]
 

@@ -112,8 +112,8 @@ class _Question:
         one = Comparison(ours, theirs)
         self.claim, self.decidable = claim, one.decidable
         if claim == "b":
-            value, low, high = one.agents_difference()
-            self.ends: Ends = lambda confidence: one.agents_difference(confidence)[1:]
+            value, low, high, _ = one.agents_difference()
+            self.ends: Ends = lambda confidence: one.agents_difference(confidence)[1:3]
         else:
             sample = one.sample(IQM_DIFFERENCE, "final" if claim == "a" else "area")
             value, low, high, _ = sample.estimate()

@@ -4,7 +4,7 @@ Whole episodes are held out, so that no held-out state is adjacent to a training
 that does not fit in memory is read in each epoch, file by file in random order.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import reduce
 from typing import Literal
 
@@ -13,11 +13,11 @@ import torch
 from numpy.typing import NDArray
 
 from jbench.datasets import Dataset
+from jbench.datasets.reader import Block
 from jbench.encoders.moments import Moments
 from jbench.encoders.pairs import STATES, Shard
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS
 from jbench.simulation import find_task
 
 MEMORY = 1 << 30
@@ -30,9 +30,6 @@ _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
 
 Scale = Literal["dataset", "observation", "sd"]
 """Scale of the features: extremes over the dataset to [-1, 1], as observed, or unit variance."""
-
-_Arrays = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
-"""States, actions and rewards of some episodes."""
 
 
 def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -62,7 +59,6 @@ class States:
     learned: Moments
     held_out: Moments
     sample: Shard
-    _whole: Shard
 
     def __init__(
         self,
@@ -88,15 +84,13 @@ class States:
                 "jbench collect with more --steps."
             )
         self.dataset, self.task, self.seed, self.scale = dataset, task, seed, scale
-        found = find_task(task)
-        self.size, self.action_size = found.observation_size, found.action_size
-        self._actions = () if found.specs is None else (self.action_size,)
+        robot = find_task(task)
+        self.size, self.action_size = robot.observation_size, robot.action_size
         learned, held_out = split_episodes(dataset.episodes, seed)
-        # Training episodes first, then the held-out ones.
-        self._order, self._first_held_out = np.concatenate([learned, held_out]), len(learned)
+        self._episodes = {"learned": learned, "held_out": held_out}
         self._memory = memory
         self.device = torch.device("cpu")
-        self._read = False
+        self._whole: dict[str, Shard] = {}  # empty before `read`, and if they do not fit in memory
 
     @property
     def in_memory(self) -> bool:
@@ -109,14 +103,12 @@ class States:
         Raises:
             WorkError: if the dataset is damaged or contains values that are not finite.
         """
-        if not self._read:
+        if not hasattr(self, "scaling"):
             self._read_all()
-            self._read = True
         if device != self.device:
             self.device = device
             self.sample = self.sample.to(device)
-            if self.in_memory:
-                self._whole = self._whole.to(device)
+            self._whole = {name: shard.to(device) for name, shard in self._whole.items()}
 
     def learn(self, random: torch.Generator | None = None) -> Iterator[Shard]:
         """Yields the training episodes.
@@ -124,15 +116,11 @@ class States:
         Args:
             random: shuffles the files of a dataset that does not fit in memory.
         """
-        return self._episodes(slice(self._first_held_out), random)
+        return self._shards("learned", random)
 
     def test(self) -> Iterator[Shard]:
         """Yields the held-out episodes."""
-        return self._episodes(slice(self._first_held_out, None))
-
-    def all(self) -> Iterator[Shard]:
-        """Yields all episodes."""
-        return self._episodes(slice(None))
+        return self._shards("held_out")
 
     def scaled(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns scaled observations (..., size)."""
@@ -141,63 +129,62 @@ class States:
 
     def _read_all(self) -> None:
         """Reads extremes and moments of the dataset and, if they fit in memory, its states."""
-        # Position of each episode in `_order`.
-        order = np.argsort(self._order)
-        first_held_out = self._first_held_out
-        # All states, or only the sample, which is the beginning of the held-out episodes.
-        first = 0 if self.in_memory else first_held_out
-        last = len(order) if self.in_memory else min(len(order), first + SAMPLE_EPISODES)
-        states = np.empty((last - first, STATES, self.size), np.float32)
-        actions = np.empty((last - first, EPISODE_STEPS, *self._actions), np.float32)
-        rewards = np.empty((last - first, EPISODE_STEPS), np.float32)
-        moments = [Moments.none(self.size), Moments.none(self.size)]
+        kept: dict[str, list[Block]] = {name: [] for name in self._episodes}
+        moments = dict.fromkeys(self._episodes, Moments.none(self.size))
         extremes: list[Scaling] = []
-        for episodes, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):
-            block_order = order[episodes.start : episodes.stop]
+        for part, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):
             extremes.append(Scaling.of(block.observations))
-            for i, mask in enumerate((block_order < first_held_out, block_order >= first_held_out)):
-                moments[i] = moments[i].merged(Moments.of(block.observations[mask]))
-            mask = (block_order >= first) & (block_order < last)
-            states[block_order[mask] - first] = block.observations[mask]
-            actions[block_order[mask] - first] = block.actions[mask]
-            rewards[block_order[mask] - first] = block.rewards[mask]
-        self.scaling = {
-            "dataset": lambda: reduce(Scaling.merged, extremes),
-            "observation": lambda: Scaling.none(self.size),
-            "sd": lambda: Scaling.to_unit_variance(moments[0].merged(moments[1])),
-        }[self.scale]()
+            for name, episodes in self._episodes.items():
+                mask = np.isin(part, episodes)
+                chosen = Block(*(values[mask] for values in block))
+                moments[name] = moments[name].merged(Moments.of(chosen.observations))
+                is_sampled = name == "held_out" and _count(kept[name]) < SAMPLE_EPISODES
+                if self.in_memory or is_sampled:
+                    kept[name].append(chosen)
+        if self.scale == "dataset":
+            self.scaling = reduce(Scaling.merged, extremes)
+        elif self.scale == "observation":
+            self.scaling = Scaling.none(self.size)
+        else:
+            self.scaling = Scaling.to_unit_variance(moments["learned"].merged(moments["held_out"]))
         gain, offset = self.scaling.gain_and_offset()
-        self.learned, self.held_out = (part.scaled(gain, offset) for part in moments)
-        states *= gain
-        states += offset
-        self._whole = Shard(*map(torch.from_numpy, (states, actions, rewards)))
-        at = first_held_out - first
-        self.sample = Shard(*(part[at : at + SAMPLE_EPISODES] for part in self._whole))
-
-    def _episodes(self, chosen: slice, random: torch.Generator | None = None) -> Iterator[Shard]:
-        """Yields the chosen ones of the episodes in `_order`, in shards that fit in memory."""
+        self.learned, self.held_out = (part.scaled(gain, offset) for part in moments.values())
         if self.in_memory:
-            yield Shard(*(part[chosen] for part in self._whole))
+            self._whole = {name: self._shard(kept.pop(name)) for name in self._episodes}
+            held_out = self._whole["held_out"]
+        else:
+            held_out = self._shard(kept["held_out"])
+        self.sample = Shard(*(part[:SAMPLE_EPISODES] for part in held_out))
+
+    def _shards(self, name: str, random: torch.Generator | None = None) -> Iterator[Shard]:
+        """Yields the training or the held-out episodes, in shards that fit in memory."""
+        if self.in_memory:
+            yield self._whole[name]
             return
         parts = list(range(len(self.dataset.parts)))
         if random is not None:
             parts = torch.randperm(len(parts), generator=random).tolist()
-        blocks = self.dataset.blocks(self.task, parts)
         # A third of the memory: a shard is joined while the previous one is still in use.
         max_episodes = max(1, self._memory // (3 * STATES * self.size * 4))
-        gathered: list[_Arrays] = []
-        held = 0
-        for part, block in zip(parts, blocks, strict=True):
-            mask = np.isin(self.dataset.parts[part], self._order[chosen])
-            if held and held + mask.sum() > max_episodes:
+        gathered: list[Block] = []
+        for part, block in zip(parts, self.dataset.blocks(self.task, parts), strict=True):
+            mask = np.isin(self.dataset.parts[part], self._episodes[name])
+            if (held := _count(gathered)) and held + mask.sum() > max_episodes:
                 yield self._shard(gathered)
-                gathered, held = [], 0
-            scaled = self.scaled(block.observations[mask])
-            gathered.append((scaled, block.actions[mask], block.rewards[mask]))
-            held += int(mask.sum())
-        if held:
+                gathered = []
+            gathered.append(Block(*(values[mask] for values in block)))
+        if _count(gathered):
             yield self._shard(gathered)
 
-    def _shard(self, gathered: list[_Arrays]) -> Shard:
-        parts = zip(*gathered, strict=True)
-        return Shard(*(torch.from_numpy(np.concatenate(p)) for p in parts)).to(self.device)
+    def _shard(self, gathered: list[Block]) -> Shard:
+        """Returns observations, actions and rewards as scaled tensors on the device."""
+        states, actions, rewards = (np.concatenate(part) for part in zip(*gathered, strict=True))
+        gain, offset = self.scaling.gain_and_offset()
+        states *= gain
+        states += offset
+        return Shard(*map(torch.from_numpy, (states, actions, rewards))).to(self.device)
+
+
+def _count(blocks: Iterable[Block]) -> int:
+    """Returns the number of episodes."""
+    return sum(len(block.rewards) for block in blocks)

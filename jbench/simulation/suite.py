@@ -5,7 +5,6 @@ observation and reward are Python, so threads would be slower. The only state is
 episode, since many tasks write random targets into their model at each reset.
 """
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -16,25 +15,13 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS
 from jbench.settings.records import Specs
-from jbench.simulation.task import Task, Worlds, WorldsState
+from jbench.simulation.task import Task, Worlds, WorldsState, model_hash
 
 Make = Callable[[int], Any]
 """Returns a new `dm_env.Environment` with this seed."""
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
 _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
-
-# Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
-# a later version might add.
-_PHYSICAL = (
-    *("body_parentid", "body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos"),
-    *("jnt_type", "jnt_axis", "jnt_pos", "jnt_range", "jnt_stiffness", "dof_damping"),
-    *("dof_armature", "dof_frictionloss", "geom_type", "geom_size", "geom_pos", "geom_quat"),
-    *("geom_friction", "geom_contype", "geom_conaffinity", "site_pos", "tendon_stiffness"),
-    *("tendon_damping", "actuator_gear", "actuator_gainprm", "actuator_biasprm"),
-    *("actuator_ctrlrange", "actuator_forcerange"),
-)
-_OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
 
 
 class DmTask(Task):
@@ -60,8 +47,7 @@ class DmTask(Task):
         self._minimum, self._maximum = self._read_bounds(environment)
         self.action_size = len(self._minimum)
         columns = ["episode", "step", *self.labels, *self.action_labels, "reward"]
-        twice = [name for name in columns if columns.count(name) > 1]
-        if twice:
+        if twice := [name for name in columns if columns.count(name) > 1]:
             raise self._refusal(
                 f"a dataset of it would have two columns {twice[0]}; rename that part of its "
                 "observation"
@@ -76,7 +62,7 @@ class DmTask(Task):
         timestep = getattr(environment, "control_timestep", None)
         self.control_timestep = float(timestep()) if callable(timestep) else None
         self.specs = Specs(
-            model=_model_hash(environment),
+            model=model_hash(environment),
             parts=list(self.parts),
             sizes=list(self.parts.values()),
             action_minimum=self._minimum.tolist(),
@@ -99,8 +85,7 @@ class DmTask(Task):
             raise self._refusal(f"it can't be made ({sentence_of_failure(error)})") from error
         wanted = ("reset", "step", "observation_spec", "action_spec")
         if not all(callable(getattr(environment, method, None)) for method in wanted):
-            kind = type(environment).__name__
-            raise self._refusal(f"it is a {kind}, not a dm_env.Environment")
+            raise self._refusal(f"it is a {type(environment).__name__}, not a dm_env.Environment")
         return environment
 
     def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> "DmWorlds":
@@ -263,20 +248,3 @@ class DmWorlds(Worlds):
 def _close(environment: Any) -> None:
     if callable(close := getattr(environment, "close", None)):
         close()
-
-
-def _model_hash(environment: Any) -> str | None:
-    """Returns the SHA-256 of the physical parameters of an environment's MuJoCo model, if any.
-
-    They are rounded to six digits, so that other versions of MuJoCo compile the same model.
-    """
-    model = getattr(getattr(environment, "physics", None), "model", None)
-    if model is None:
-        return None
-    digest = hashlib.sha256()
-    for holder, names in ((model, _PHYSICAL), (model.opt, _OPTIONS)):
-        for name in names:
-            values = np.atleast_1d(np.asarray(getattr(holder, name), np.float64)) + 0.0
-            text = " ".join(f"{value:.6g}" for value in values.ravel())
-            digest.update(f"{name} {values.shape} {text}\n".encode())
-    return digest.hexdigest()

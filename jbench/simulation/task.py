@@ -1,5 +1,6 @@
 """The interface of a task: what engine, datasets, encoders and evaluations know of a robot."""
 
+import hashlib
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -13,6 +14,19 @@ from jbench.settings.records import Specs
 
 WorldsState = dict[str, NDArray[Any]]
 """What restores some worlds: arrays by name, each with a row per world."""
+
+
+# Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
+# a later version might add.
+_PHYSICAL = (
+    *("body_parentid", "body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos"),
+    *("jnt_type", "jnt_axis", "jnt_pos", "jnt_range", "jnt_stiffness", "dof_damping"),
+    *("dof_armature", "dof_frictionloss", "geom_type", "geom_size", "geom_pos", "geom_quat"),
+    *("geom_friction", "geom_contype", "geom_conaffinity", "site_pos", "tendon_stiffness"),
+    *("tendon_damping", "actuator_gear", "actuator_gainprm", "actuator_biasprm"),
+    *("actuator_ctrlrange", "actuator_forcerange"),
+)
+_OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
 
 
 class Worlds(Closing):
@@ -107,3 +121,20 @@ class Task(Protocol):
             threads: that step them, including the caller's.
             augment: seed of an augmented robot, of a task that has these.
         """
+
+
+def model_hash(environment: Any) -> str | None:
+    """Returns the SHA-256 of the physical parameters of an environment's MuJoCo model, if any.
+
+    They are rounded to six digits, so that other versions of MuJoCo compile the same model.
+    """
+    model = getattr(getattr(environment, "physics", None), "model", None)
+    if model is None:
+        return None
+    digest = hashlib.sha256()
+    for holder, names in ((model, _PHYSICAL), (model.opt, _OPTIONS)):
+        for name in names:
+            values = np.atleast_1d(np.asarray(getattr(holder, name), np.float64)) + 0.0
+            text = " ".join(f"{value:.6g}" for value in values.ravel())
+            digest.update(f"{name} {values.shape} {text}\n".encode())
+    return digest.hexdigest()

@@ -70,7 +70,13 @@ class JitterbugVectorEnv(
             )
         limit = EPISODE_STEPS if max_episode_steps is None else max_episode_steps
         threads = cores() if threads is None else threads
-        _check_numbers(num_envs, limit, threads)
+        numbers = (num_envs, limit, threads)
+        whole = all(isinstance(number, int | np.integer) for number in numbers)
+        if not whole or min(num_envs, threads) < 1 or limit < -1 or limit == 0:
+            raise RequestError(
+                "num_envs, max_episode_steps and threads must be whole numbers of at least 1, not "
+                f"{one_of(map(str, numbers), 'and')}."
+            )
         # Never stepped: it has the model and the spaces, and draws.
         self._single = JitterbugEnv(task, **settings)
         self.num_envs = num_envs
@@ -84,9 +90,7 @@ class JitterbugVectorEnv(
         self._task = task
         self._limit = np.inf if limit == -1 else limit
         self._robots = Robots(self._single.model, num_envs, threads)
-        self._generators, self._seeds = map(
-            list, zip(*(seeding.np_random() for _ in range(num_envs)), strict=True)
-        )
+        self._random = [seeding.np_random() for _ in range(num_envs)]
         self._targets = Target(np.zeros((num_envs, 3)), np.zeros(num_envs))
         self._elapsed = np.zeros(num_envs, np.int64)
         self._started = self.closed = False
@@ -94,12 +98,12 @@ class JitterbugVectorEnv(
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each environment."""
-        return tuple(self._generators)
+        return tuple(generator for generator, _ in self._random)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed of each generator."""
-        return tuple(self._seeds)
+        return tuple(seed for _, seed in self._random)
 
     def reset(
         self,
@@ -129,9 +133,7 @@ class JitterbugVectorEnv(
 
     def step(
         self, actions: NDArray[np.float32]
-    ) -> tuple[
-        NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos
-    ]:
+    ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any], NDArray[Any], Infos]:
         """Applies the actions (num_envs, 1) for one control step of 0.01 s.
 
         Raises:
@@ -148,12 +150,15 @@ class JitterbugVectorEnv(
         truncations = self._ended
         infos: Infos = {}
         if self._mode is AutoresetMode.SAME_STEP and truncations.any():
-            infos = _final(observations, info, truncations)
+            final = np.full(self.num_envs, None, object)
+            for index in np.flatnonzero(truncations):
+                final[index] = observations[index].copy()
+            infos = {"final_obs": final, "final_info": _infos(info, truncations)}
+            infos |= {f"_{key}": truncations.copy() for key in infos}
             state = self._restart(truncations)
             observations, _, info = outcome(self._task, state, self._targets)
         every = np.ones(self.num_envs, np.bool_)
-        infos.update(_infos(info, every))
-        return observations, rewards, ~every, truncations, infos
+        return observations, rewards, ~every, truncations, infos | _infos(info, every)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Returns an image (height, width, 3) for each environment in mode "rgb_array"."""
@@ -202,11 +207,11 @@ class JitterbugVectorEnv(
             )
         for index in np.flatnonzero(mask).tolist():
             if (given := seed[index]) is not None:
-                self._generators[index], self._seeds[index] = seeding.np_random(given)
+                self._random[index] = seeding.np_random(given)
 
     def _restart(self, mask: NDArray[np.bool_], chosen: Target | None = None) -> State:
         """Starts an episode in some environments; returns the state of all."""
-        generators = [self._generators[index] for index in np.flatnonzero(mask)]
+        generators = [self._random[index][0] for index in np.flatnonzero(mask)]
         starts = resets.draw_starts(self._task, generators)
         targets = starts.targets
         if chosen is not None:
@@ -235,15 +240,6 @@ class JitterbugVectorEnv(
         return commands[:, 0]
 
 
-def _check_numbers(num_envs: int, limit: int, threads: int) -> None:
-    whole = all(isinstance(number, int | np.integer) for number in (num_envs, limit, threads))
-    if not whole or num_envs < 1 or limit < -1 or limit == 0 or threads < 1:
-        raise RequestError(
-            "num_envs, max_episode_steps and threads must be whole numbers of at least 1, not "
-            f"{num_envs}, {limit} and {threads}."
-        )
-
-
 def _infos(info: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:
     """Returns `info` as vector environments do: 0 where an environment has none, with masks."""
     infos: Infos = {}
@@ -252,18 +248,3 @@ def _infos(info: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:
         infos[key] = values if mask.all() else np.where(rows, values, 0)
         infos[f"_{key}"] = mask.copy()
     return infos
-
-
-def _final(
-    observations: NDArray[np.float32], info: Mapping[str, NDArray[Any]], ended: NDArray[np.bool_]
-) -> Infos:
-    """Returns the last observation and `info` of the episodes that have ended."""
-    final = np.full(len(ended), None, object)
-    for index in np.flatnonzero(ended):
-        final[index] = observations[index].copy()
-    return {
-        "final_obs": final,
-        "_final_obs": ended.copy(),
-        "final_info": _infos(info, ended),
-        "_final_info": ended.copy(),
-    }

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.special import fdtri, nctdtrinc, stdtrit
 
 from jbench.statistics import FloatArray
-from jbench.statistics.bootstrap import Estimate
+from jbench.statistics.bootstrap import MIN_SEEDS, Estimate
 
 
 class Agents(NamedTuple):
@@ -143,6 +143,29 @@ def smallest_difference(
     freedom = parts.sum() ** 2 / np.sum(parts**2 / (k - 1))
     boundary = stdtrit(freedom, 1 - error_rate / 2)
     return float(nctdtrinc(freedom, 1 - power, boundary) * np.sqrt(parts.sum()))
+
+
+def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int | None:
+    """Returns the seeds per group that decide a comparison with a power of 80% at 5%, two-sided.
+
+    The standard error falls with the root of the number of seeds; the true effect is assumed to
+    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
+
+    Args:
+        distance: of the effect from the deciding value.
+        standard_error: of the effect at the present number of seeds.
+        seeds: present number of seeds per group.
+
+    Returns:
+        None if the distance is 0 or unknown, or if more than a million seeds were needed.
+    """
+    if not np.isfinite([distance, standard_error]).all() or distance == 0:
+        return None
+    # Quantiles of the normal distribution, for the test and for the power.
+    root = abs((1.959964 + 0.841621) * standard_error / distance)
+    if root > np.sqrt(1_000_000 / seeds):
+        return None
+    return max(MIN_SEEDS, int(np.ceil(seeds * root**2)))
 
 
 def _episode_freedom(episodes: FloatArray) -> float:

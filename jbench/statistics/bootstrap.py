@@ -28,8 +28,6 @@ DECIDING_SEEDS = 6
 """Minimum number of seeds for a verdict: the range of n seeds contains the population median with
 probability 1 - 2^(1 - n), 94% for five, 97% for six."""
 
-_MAX_SEEDS = 1_000_000  # limit of a recommendation
-
 
 class Estimate(NamedTuple):
     """A number with its uncertainty, which is NaN with fewer than `MIN_SEEDS` seeds.
@@ -203,29 +201,6 @@ def estimate(
 ) -> Estimate:
     """Returns a statistic with its interval; see `samples`."""
     return samples([statistic], *groups, resamples=resamples)[0].estimate(confidence)
-
-
-def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int | None:
-    """Returns the seeds per group that decide a comparison with a power of 80% at 5%, two-sided.
-
-    The standard error falls with the root of the number of seeds; the true effect is assumed to
-    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
-
-    Args:
-        distance: of the effect from the deciding value.
-        standard_error: of the effect at the present number of seeds.
-        seeds: present number of seeds per group.
-
-    Returns:
-        None if the distance is 0 or unknown, or if more than a million seeds were needed.
-    """
-    if not np.isfinite([distance, standard_error]).all() or distance == 0:
-        return None
-    # Quantiles of the normal distribution, for the test and for the power.
-    root = abs((1.959964 + 0.841621) * standard_error / distance)
-    if root > np.sqrt(_MAX_SEEDS / seeds):
-        return None
-    return max(MIN_SEEDS, int(np.ceil(seeds * root**2)))
 
 
 def _mean_over_tasks(values: Sequence[FloatArray]) -> FloatArray:

@@ -9,7 +9,7 @@ from jbench.encoders.kinds.autoencoders import DenoisingAutoencoder
 from jbench.encoders.pairs import StatePairs
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.settings import encoder_settings
-from jbench.encoders.states import States
+from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError
 from jbench.store import Results
@@ -34,8 +34,7 @@ def trained_with(data, results, kind="dae", latents=3, seed=2, **options):
 def latents_of(results, record, data):
     """Returns the latents (rows, latents) of the training episodes."""
     encoder, _ = load_encoder(results, record.id)
-    states = States(data.dataset, TASK, 2)
-    learned = observations_of(data.dataset)[states._order[: states._first_held_out]]
+    learned = observations_of(data.dataset)[split_episodes(data.dataset.episodes, 2)[0]]
     return encoder.encode(learned.reshape(-1, 16)).astype(np.float64)
 
 

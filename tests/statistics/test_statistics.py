@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jbench.statistics import bootstrap as st
+from jbench.statistics.agents import seeds_to_decide
 
 _MADE = json.loads((Path(__file__).parent / "rliable_oracle" / "made.json").read_text())
 CASES = _MADE["cases"]
@@ -165,9 +166,9 @@ def test_seeds_that_never_reach_a_return_count_as_infinite():
 
 def test_seeds_to_decide_match_hand_computed_values():
     # An effect of one standard error needs (1.96 + 0.8416)^2 = 7.85 times the seeds.
-    assert st.seeds_to_decide(1.0, 1.0, 10) == 79
-    assert st.seeds_to_decide(10.0, 1.0, 10) == st.MIN_SEEDS
-    assert st.seeds_to_decide(0.0, 1.0, 10) is None
+    assert seeds_to_decide(1.0, 1.0, 10) == 79
+    assert seeds_to_decide(10.0, 1.0, 10) == st.MIN_SEEDS
+    assert seeds_to_decide(0.0, 1.0, 10) is None
     # 10 * (2.8 / 1e-300) ** 2 overflows.
-    assert st.seeds_to_decide(1e-300, 1.0, 10) is None
-    assert st.seeds_to_decide(1.0, np.nan, 10) is None
+    assert seeds_to_decide(1e-300, 1.0, 10) is None
+    assert seeds_to_decide(1.0, np.nan, 10) is None

@@ -16,6 +16,7 @@ world rotated by h. The latents are the `SIGNS` of a task, in this order, in the
 takes the target's place: only rotations about the origin are symmetries of this task.
 """
 
+import itertools
 from functools import reduce
 from typing import TYPE_CHECKING
 
@@ -153,8 +154,9 @@ class PlanarReduction(Fitted):
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
         """Returns the scalings of features and latents, and the torso's center of mass."""
         gain, offset = physical_scaling(states.task, states.scaling)
-        shards = (shard.states.cpu().double().numpy() * gain + offset for shard in states.all())
-        scalings = (Scaling.of(self.reduce(states.task, physical)) for physical in shards)
+        shards = itertools.chain(states.learn(), states.test())
+        rows = (shard.states.cpu().double().numpy() * gain + offset for shard in shards)
+        scalings = (Scaling.of(self.reduce(states.task, physical)) for physical in rows)
         extremes = reduce(Scaling.merged, scalings)
         augment = states.dataset.record.settings.get("augment")
         return planar_weights(

@@ -39,30 +39,19 @@ class Predictive(Learned):
 
     @abstractmethod
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
-        """Returns the (outputs, inputs) of the layers after the hidden layer.
+        """Returns the (outputs, inputs) of the layers between encoder and decoder, hidden first.
 
         Args:
             actions: numbers of the actions of `horizon` control steps.
         """
-
-    def hidden_inputs(self, latents: int, actions: int) -> int:
-        """Returns the number of inputs of the hidden layer, by default latents and actions."""
-        return latents + actions
 
     def initial(
         self, size: int, latents: int, random: torch.Generator, action_size: int = 1
     ) -> dict[str, Tensor]:
         """Returns Glorot weights and zero biases."""
         actions = self.horizon * action_size
-        return layers(
-            {
-                "encoder": (latents, size),
-                "hidden": (self.hidden, self.hidden_inputs(latents, actions)),
-                **self.heads(size, latents, actions),
-                "decoder": (size, latents),
-            },
-            random,
-        )
+        heads = self.heads(size, latents, actions)
+        return layers({"encoder": (latents, size), **heads, "decoder": (size, latents)}, random)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns the latents, in (-1, 1)."""
@@ -94,7 +83,12 @@ class ForwardModel(Predictive):
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         """Returns the layers that predict the changes and the reward."""
-        return {"change": (size, self.hidden), "reward": (1, self.hidden)}
+        hidden = self.hidden
+        return {
+            "hidden": (hidden, latents + actions),
+            "change": (size, hidden),
+            "reward": (1, hidden),
+        }
 
     def constants(self, states: "States") -> dict[str, Tensor]:
         """Returns the scales of changes and rewards, and the periods of angles."""
@@ -137,13 +131,9 @@ class InverseModel(Predictive):
     (arXiv:1705.05363), which keep what the agent controls.
     """
 
-    def hidden_inputs(self, latents: int, actions: int) -> int:
-        """Returns the size of two states' latents."""
-        return 2 * latents
-
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         """Returns the layer that predicts the actions."""
-        return {"action": (actions, self.hidden)}
+        return {"hidden": (self.hidden, 2 * latents), "action": (actions, self.hidden)}
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
         """Returns the sum of the mean squared errors of the actions and the reconstruction."""
@@ -171,7 +161,7 @@ class Contrastive(Predictive):
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         """Returns the layer of the query."""
-        return {"query": (latents, self.hidden)}
+        return {"hidden": (self.hidden, latents + actions), "query": (latents, self.hidden)}
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
         """Returns the InfoNCE loss (nats) plus the squared error of the reconstruction."""

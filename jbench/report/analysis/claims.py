@@ -14,6 +14,7 @@ from jbench.names import ReturnsName
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import SOLVED, ratio, signed, whole
 from jbench.statistics import bootstrap as st
+from jbench.statistics.agents import seeds_to_decide
 
 Verdict = Literal["supported", "contradicted", "undecided"]
 
@@ -167,7 +168,7 @@ def decide_similar(
 
 def _needed(distance: float, standard_error: float, seeds: int) -> SeedsNeeded | None:
     """Returns the seeds needed according to `seeds_to_decide`, but at least six."""
-    by_power = st.seeds_to_decide(distance, standard_error, seeds)
+    by_power = seeds_to_decide(distance, standard_error, seeds)
     if by_power is None:
         return None
     if seeds < st.DECIDING_SEEDS and by_power <= st.DECIDING_SEEDS:

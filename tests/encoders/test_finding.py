@@ -104,22 +104,6 @@ def test_kind_and_number_select_newest_finished_encoder(results):
     assert find_encoder(results, "dae:12", "face_direction") == "face_direction/dae12/e"
 
 
-def test_kind_and_number_without_colon_are_accepted(results):
-    add(results, "face_direction/dae12/a", "2021")
-    add(results, "face_direction/lld-vae8/b", "2022", kind="lld-vae", latents=8)
-    assert find_encoder(results, "dae12", "face_direction") == "face_direction/dae12/a"
-    assert find_encoder(results, "lld-vae8", "face_direction") == "face_direction/lld-vae8/b"
-    assert refusal(results, "pca12") == (
-        f"No pca12 for face_direction in {results.path}; type "
-        "jbench train-encoder --kind pca --task face_direction --latent 12 "
-        f"--results {results.path} to make one."
-    )
-
-
-def test_encoder_is_found_by_its_id(trained):
-    assert find_encoder(trained.results, trained.record.id, "face_direction") == trained.record.id
-
-
 def test_encoder_of_other_task_is_refused_with_command_to_type(trained):
     id = trained.record.id
     assert refusal(trained.results, id, "move_to_pose") == (
@@ -141,13 +125,6 @@ def test_missing_size_is_refused_with_command_to_type(results):
         "jbench train-encoder --kind lld-vae --task face_direction --latent 8 "
         f"--results {results.path} to make one."
     )
-
-
-@pytest.mark.parametrize(
-    ("expected", "task", "most"), [("0", "face_direction", 16), ("20", "move_to_pose", 19)]
-)
-def test_invalid_number_of_latents_is_refused_with_range(results, expected, task, most):
-    assert f"encoder of {task} has 1 to {most} latents" in refusal(results, expected, task)
 
 
 def test_unknown_id_is_refused_with_known_ids(results):
@@ -178,10 +155,6 @@ def test_invalid_name_is_refused(results, expected):
 def test_unknown_task_is_refused_with_suggestion(results):
     with pytest.raises(RequestError, match=r"Unknown task 'face_directoin'; did you mean face_d"):
         find_encoder(results, "dae:12", "face_directoin")
-
-
-def test_superscript_number_is_refused(results):
-    assert refusal(results, "¹²")
 
 
 def test_unfinished_encoder_is_refused_with_its_command(results, monkeypatch):
@@ -334,13 +307,6 @@ def by_hand():
     return SavedEncoder(Autoencoder(), WEIGHTS_BY_HAND, Scaling.of(OBSERVATIONS), 2)
 
 
-def test_encoder_applies_kind_to_scaled_features(by_hand):
-    assert by_hand.latent_size == 2
-    found = by_hand.encode(OBSERVATIONS)
-    np.testing.assert_allclose(found, LATENTS, atol=1e-6)
-    assert found.dtype == by_hand.encode(OBSERVATIONS.astype(np.float64)).dtype == np.float32
-
-
 @pytest.mark.parametrize("shape", [(3,), (1, 3), (4, 3), (2, 5, 3), (0, 3)])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_encode_accepts_any_leading_axes_in_numpy_and_torch(by_hand, shape, dtype):
@@ -355,11 +321,6 @@ def test_encode_accepts_any_leading_axes_in_numpy_and_torch(by_hand, shape, dtyp
     np.testing.assert_allclose(ours, expected, atol=1e-6)
     exact = 1e-7 if dtype == torch.float64 else 1e-6  # the weights are float32
     np.testing.assert_allclose(theirs.numpy(), expected, atol=exact)
-
-
-def test_constant_feature_has_no_influence(by_hand):
-    changed = OBSERVATIONS + np.array([0, 100, 0], np.float32)
-    np.testing.assert_array_equal(by_hand.encode(changed), by_hand.encode(OBSERVATIONS))
 
 
 @pytest.mark.parametrize(

@@ -58,20 +58,6 @@ def test_baseline_errors_equal_those_of_pca_and_random(trained, results, latents
             np.testing.assert_allclose(beside[reported], own[expected], rtol=1e-3, atol=1e-9)
 
 
-def test_pca_beats_random_projection_and_full_size_is_lossless(trained, results):
-    errors = [
-        rows(train(trained.states, results, "pca", latents), "encoder_errors").iloc[0]
-        for latents in (4, 8, 16)
-    ]
-    for error in errors[:2]:
-        assert error["pca_explained"] > error["random_explained"]
-    assert [error["pca_mse"] for error in errors] == sorted(
-        (error["pca_mse"] for error in errors), reverse=True
-    )
-    for name in ("test_explained", "pca_explained", "random_explained"):
-        assert errors[-1][name] == pytest.approx(1, abs=1e-6)
-
-
 @pytest.mark.parametrize(
     ("task", "episodes"),
     [("face_direction", 2), pytest.param("move_to_pose", 10, marks=pytest.mark.slow)],
@@ -92,10 +78,3 @@ def test_heuristic_episodes_are_reproducible(task, episodes, monkeypatch):
     np.testing.assert_allclose(physical[:, :3], [[0, 0, 0.035]] * episodes, atol=1e-6)
     assert len(np.unique(physical[:, 3])) == episodes
     assert heuristic_episodes(task, None)[0] is observed
-
-
-def test_heuristic_turns_to_its_target():
-    observed, *_ = heuristic_episodes("face_direction", None)
-    angle = features.denormalize("face_direction", observed)[..., -1]
-    assert np.abs(angle[:, 0]).mean() > 0.5
-    assert np.abs(angle[:, -200:]).mean() < 0.2

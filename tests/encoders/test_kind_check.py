@@ -62,10 +62,6 @@ REFUSED = [
 ]
 
 
-def test_kind_with_all_methods_is_accepted(trained):
-    check_kind(Linear(), "linear", trained.states, 5, torch.device("cpu"))
-
-
 @pytest.mark.parametrize(
     "name", [name for name in ENCODER_KINDS if issubclass(find_kind(name), Learned)]
 )

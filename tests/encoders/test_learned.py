@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch.distributions import Independent, MultivariateNormal, Normal, kl_divergence
 
-from jbench.encoders.kind import Learned, glorot
+from jbench.encoders.kind import Learned
 from jbench.encoders.kinds.autoencoders import (
     Autoencoder,
     DenoisingAutoencoder,
@@ -105,13 +105,6 @@ def test_autoencoder_is_two_tanh_layers_with_glorot_weights():
     np.testing.assert_allclose(rebuilt.numpy(), expected, atol=1e-6)
 
 
-def test_glorot_matrix_is_uniform_within_limit():
-    drawn = glorot(200, 300, generator())
-    limit = np.sqrt(6 / 500)
-    assert drawn.abs().max().item() == pytest.approx(limit, rel=1e-3)
-    assert drawn.std().item() == pytest.approx(limit / np.sqrt(3), rel=0.02)
-
-
 def test_input_noise_has_requested_standard_deviation():
     clean = rows_of(rows=20_000)
     batch = DenoisingAutoencoder(noise=0.3).prepare(StatePairs(clean, clean), LATENTS, generator())
@@ -122,21 +115,6 @@ def test_input_noise_has_requested_standard_deviation():
     assert torch.equal(
         DenoisingAutoencoder(noise=0.0).prepare(StatePairs(clean, clean), 3, generator()).now, clean
     )
-
-
-def test_autoencoder_has_no_noise():
-    batch = StatePairs(rows_of(), rows_of())
-    assert Autoencoder().prepare(batch, LATENTS, generator()) is batch
-    assert "noise" not in Autoencoder.model_fields
-
-
-def test_dynamic_autoencoder_predicts_at_its_horizon():
-    kind = DynamicDenoisingAutoencoder(horizon=7)
-    assert (kind.steps_ahead, kind.decodes_later) == (7, True)
-    weights, batch = initial(kind), prepared(kind)
-    rebuilt = kind.decode(weights, kind.encode(weights, batch.now))
-    expected = (rebuilt - rows_of(2)).square().mean()
-    assert kind.loss(weights, batch).item() == pytest.approx(expected.item(), rel=1e-6)
 
 
 def test_variational_loss_is_negative_bound_without_constant():
@@ -152,13 +130,6 @@ def test_variational_loss_is_negative_bound_without_constant():
     expected = (-bound - constant).mean().item()
     assert kind.loss(weights, batch).item() == pytest.approx(expected, rel=1e-4)
     assert torch.equal(kind.encode(weights, batch.now), mean)
-
-
-def test_variational_noise_is_standard_normal():
-    batch = StatePairs(rows_of(rows=20_000), rows_of(rows=20_000))
-    noise = VariationalAutoencoder().prepare(batch, 4, generator()).noise
-    assert noise.shape == (20_000, 4)
-    assert noise.std().item() == pytest.approx(1, rel=0.02)
 
 
 def test_divergence_of_predicted_latents_equals_torch():

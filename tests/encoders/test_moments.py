@@ -30,15 +30,6 @@ def test_scaling_maps_extremes_to_one_and_constants_to_zero():
     )
 
 
-def test_scaling_covers_all_leading_axes_and_merged_parts():
-    stacked = Scaling.of(OBSERVATIONS.reshape(3, 1, 1, 3))
-    np.testing.assert_array_equal(stacked.minimum, [0, 5, -1])
-    np.testing.assert_array_equal(stacked.maximum, [4, 5, 3])
-    both = Scaling.of(OBSERVATIONS[:1]).merged(Scaling.of(OBSERVATIONS[1:]))
-    np.testing.assert_array_equal(both.minimum, stacked.minimum)
-    np.testing.assert_array_equal(both.maximum, stacked.maximum)
-
-
 @pytest.mark.parametrize("cuts", [(), (1,), (10, 10, 2500), (3999,)])
 def test_moments_of_blocks_equal_those_of_all_rows(cuts):
     rows = correlated()

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import assume, given
 
@@ -11,19 +10,15 @@ from jbench.encoders import action_signs
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.predictions import predictions
-from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
-from jbench.names import TASKS
 from jbench.tasks import features, geometry
 from jbench.tasks.geometry import State, Target
 from tests.encoders.encoder_data import (
     make_dataset,
-    observations_of,
     planar_encoder,
     random_states,
 )
-from tests.encoders.test_planar import SIZES, at_origin, robots, tasks
-from tests.encoders.test_scaled import states_of
+from tests.encoders.test_planar import at_origin, robots, tasks
 
 
 def image_of(state, target):
@@ -71,24 +66,6 @@ def test_state_and_mirror_image_have_equal_latents_and_opposite_actions(task, fo
     # What is not reflected is the planar reduction itself.
     left = int(side < 0)
     assert torch.equal(latents[left], plain.encode(seen)[left])
-
-
-@pytest.mark.parametrize("task", TASKS)
-def test_latents_of_dataset_range_from_minus_one_to_one_on_one_side(task, trained):
-    states = states_of(trained, task)
-    weights = PlanarMirror().fit(states, SIZES[task])
-    observations = observations_of(trained.dataset, task)
-    physical = features.denormalize(task, observations.astype(np.float64))
-    numbers = PlanarMirror().reduce(task, physical)
-    angle = "angle_to_target" in features.TASK_SPECS[task].features
-    column = -1 if angle else 11
-    assert numbers[..., column].min() >= 0
-    left = PlanarReduction().reduce(task, physical)[..., column] >= 0
-    assert 0.4 < left.mean() < 0.6
-    kept = {name: value.astype(np.float32) for name, value in weights.items()}
-    latents = SavedEncoder(PlanarMirror(), kept, states.scaling, SIZES[task]).encode(observations)
-    np.testing.assert_allclose(latents.min((0, 1)), -1, atol=1e-4)
-    np.testing.assert_allclose(latents.max((0, 1)), 1, atol=1e-4)
 
 
 def test_probe_predicts_mirrored_robot(results):

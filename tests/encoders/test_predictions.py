@@ -104,15 +104,6 @@ def test_effective_rank_equals_value_computed_by_hand(spread, expected):
     assert effective_rank(signs * spread + 7) == pytest.approx(expected)
 
 
-def test_predictions_and_effective_rank_are_in_database(trained):
-    found = rows(trained.record, "encoder_predictions")
-    assert found["target"].tolist() == list(TARGETS)
-    assert found["test_rows"].tolist() == [1000] * 4
-    (row,) = load(trained.results)[0]["encoders"].to_pylist()
-    assert row["effective_rank"] == found["effective_rank"][0]
-    assert 1 < row["effective_rank"] <= 3
-
-
 def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys):
     old = results.create("encoder", trained.record.id, trained.record.settings)
     for name in ("encoder_features", "encoder_errors"):

@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from jbench.encoders.moments import Moments
-from jbench.encoders.scaling import Scaling
-from jbench.encoders.states import SAMPLE_EPISODES, States, split_episodes
+from jbench.encoders.states import States, split_episodes
 from jbench.errors import RequestError, WorkError
 from tests.encoders.encoder_data import (
     make_dataset,
@@ -109,14 +108,6 @@ def test_large_dataset_is_streamed_by_file_in_random_order(dataset):
             np.testing.assert_array_equal(one, other)
 
 
-def test_streamed_actions_match_their_states(dataset):
-    states, actions = gathered(read(dataset, memory=SMALL).learn(generator()))
-    all_states, all_actions = gathered(read(dataset).learn(generator()))
-    for state, action in zip(states, actions, strict=True):
-        (same,) = np.flatnonzero((all_states == state).all(axis=(1, 2)))
-        np.testing.assert_array_equal(action, all_actions[same])
-
-
 @pytest.mark.parametrize("ahead", [0, 1, 40])
 def test_pairs_have_given_distance_within_episode(dataset, ahead):
     (shard,) = read(dataset).learn(generator())
@@ -137,17 +128,6 @@ def test_pairs_have_given_distance_within_episode(dataset, ahead):
             assert batch.actions is None
 
 
-def test_split_of_batch_keeps_all_parts(dataset):
-    (shard,) = read(dataset).learn(generator())
-    batch = shard.take(torch.arange(25), 1, with_actions=True)
-    parts = batch.split(10)
-    assert [len(part.now) for part in parts] == [10, 10, 5]
-    for name in ("now", "later", "actions", "rewards"):
-        joined = torch.cat([getattr(part, name) for part in parts])
-        assert torch.equal(joined, getattr(batch, name))
-    assert all(part.noise is None for part in parts)
-
-
 def test_dataset_is_read_once(results):
     dataset = make_dataset(results)
     states = read(dataset)
@@ -156,20 +136,6 @@ def test_dataset_is_read_once(results):
     states.read(CPU)
     for shards in (states.learn(generator()), states.test()):
         assert len(gathered(shards)[0])
-
-
-def test_sample_is_from_held_out_episodes_and_limited(dataset):
-    states = read(dataset)
-    assert len(states.sample.states) == 2 <= SAMPLE_EPISODES
-    np.testing.assert_array_equal(states.sample.states, gathered(states.test())[0])
-
-
-def test_constant_feature_is_scaled_to_zero(results):
-    state = random_states(2)
-    state.velocity[..., 3] = 0.25
-    states = read(make_dataset(results, state=state))
-    assert not gathered(states.learn(generator()))[0][..., 10].any()
-    assert isinstance(states.scaling, Scaling)
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf])

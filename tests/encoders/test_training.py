@@ -18,11 +18,11 @@ from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import Shard
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
-from jbench.encoders.settings import EncoderSettings, encoder_settings
+from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import RequestError, WorkError
-from jbench.store import Results, encoder_schema, query
+from jbench.store import Results, encoder_schema
 from jbench.tasks.features import feature_labels
 from tests.encoders.encoder_data import make_dataset, observations_of, random_states
 
@@ -83,22 +83,6 @@ def learned(kind, epochs, latents=2, seed=0):
     rebuilt = kind.decode(weights, kind.encode(weights, rows))
     explained = 1 - (rebuilt - rows).square().sum() / (rows - rows.mean(0)).square().sum()
     return losses, float(explained)
-
-
-def test_two_latents_suffice_for_data_of_rank_two():
-    kind = Autoencoder(epochs=40, batch=64, learning_rate=1e-2)
-    assert learned(kind, 40)[1] > 0.95
-    assert learned(kind, 40, latents=1)[1] < 0.9
-
-
-def test_loss_of_epoch_is_mean_over_rows_and_decreases():
-    _, rows = of_rank_two()
-    kind = Autoencoder(batch=len(rows), learning_rate=1e-2)  # one step per epoch
-    new = EncoderLearner(kind, 6, 2, 0, CPU).weights
-    losses, _ = learned(kind, 20)
-    rebuilt = kind.decode(new, kind.encode(new, rows))
-    assert losses[0] == pytest.approx((rebuilt - rows).square().mean().item(), rel=1e-5)
-    assert losses == sorted(losses, reverse=True)
 
 
 def test_reconstruction_target_is_free_of_noise():
@@ -272,16 +256,6 @@ def test_each_epoch_and_feature_has_row(trained):
     assert trained.record.manifest.provenance["device"] == "cpu"
 
 
-def test_only_denoising_kinds_report_error_on_corrupted_states(trained, results):
-    assert rows(train(trained.states, results, "ae"))["test_denoising_mse"].isna().all()
-
-
-def test_closed_form_has_no_epochs(trained, results):
-    record = train(trained.states, results, "pca")
-    assert record.rows("encoder_epochs") == 0
-    assert record.status == "finished"
-
-
 def test_loaded_encoder_equals_trained_network(trained):
     encoder, description = load_encoder(Results(trained.results.path), trained.record.id)
     assert encoder.latent_size == description["latents"] == 3
@@ -328,19 +302,6 @@ def test_unfinished_encoder_without_checkpoint_restarts(trained, results):
     again = train_encoder(trained.settings, trained.states, results)
     assert rows(again)["epoch"].tolist() == [1, 2, 3, 4]
     assert files(again) == files(trained.record)
-
-
-def test_encoder_is_row_of_database(trained):
-    tables = query.load(trained.results).tables
-    (row,) = tables["encoders"].to_pylist()
-    expected = {
-        **{"kind": "dae", "representation": "dae3", "task": "face_direction"},
-        **{"latents": 3, "seed": 2},
-    }
-    assert expected.items() <= row.items()
-    (errors,) = tables["encoder_errors"].to_pylist()
-    for name in ("test_mse", "test_explained"):
-        assert row[name] == trained.record.manifest.summary[name] == errors[name]
 
 
 def test_default_settings_equal_paper():
@@ -456,11 +417,6 @@ def test_encoder_in_use_by_other_process_is_refused(trained, results):
     held = results.record("encoder", trained.settings.id)
     with held.lock(), pytest.raises(WorkError, match="Another process is writing the encoder"):
         train_encoder(trained.settings, trained.states, results)
-
-
-def test_settings_are_validated():
-    with pytest.raises(ValueError, match="has 1 to 16 latents"):
-        EncoderSettings(dataset="random/a", latents=17)
 
 
 def test_held_out_episodes_are_not_used_in_training(results):

@@ -60,13 +60,6 @@ def test_robots_equal_plain_loop(robot, threads):
         assert_same(part_of(state, i), plain_loop(robot, quaternion, actions[:, i]))
 
 
-def test_actions_are_clipped_to_one(robot):
-    with Robots(robot, 2, 1) as robots:
-        robots.reset(np.repeat(poses(1), 2, axis=0))
-        state = take(robots, np.repeat([[1.0, 9.0]], 10, axis=0))
-    assert_same(part_of(state, 0), part_of(state, 1))
-
-
 def test_reset_clears_all_state(robot):
     actions = commands(2, 3)
     with Robots(robot, 3, 2) as robots:
@@ -120,16 +113,6 @@ def test_restored_snapshot_gives_same_trajectory(robot):
         found = take(others, actions[15:][:, [3, 0, 1]])
     for here, there in ((0, 3), (2, 1)):
         assert_same(part_of(found, here), part_of(expected, there))
-
-
-def test_snapshot_is_copy(robot):
-    with Robots(robot, 2, 1) as robots:
-        robots.reset(poses(2))
-        snapshot = robots.snapshot()
-        kept = snapshot.copy()
-        take(robots, commands(2, 2))
-        np.testing.assert_array_equal(snapshot, kept)
-        assert not np.array_equal(robots.snapshot(), kept)
 
 
 def test_states_are_copies(robot):

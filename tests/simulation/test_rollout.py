@@ -37,12 +37,6 @@ def test_rollout_equals_environment(steps, robot, seed):
         assert step.rewards[robot] == reward
 
 
-def test_next_observation_is_after_action(steps):
-    moved = [step.next_observations[0, 13] for step in steps]  # of the motor
-    assert len({float(position) for position in moved}) == STEPS
-    assert np.array_equal(steps[0].next_observations, steps[1].observations)
-
-
 def test_repeated_generator_draws_consecutive_starts():
     once, both = np.random.default_rng(7), np.random.default_rng(7)
     starts = resets.draw_starts(TASK, [both, both])

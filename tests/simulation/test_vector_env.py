@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from jbench.errors import RequestError
 from jbench.names import TASKS
@@ -111,15 +110,6 @@ def test_reset_accepts_target_for_each_environment():
         *_, infos = ours.step(actions)
     np.testing.assert_array_equal(infos["final_info"]["target"], targets)
     assert np.any(infos["target"] != targets)  # those of the next episodes are random
-
-
-def test_gymnasium_wrapper_records_episode_statistics():
-    env = RecordEpisodeStatistics(pair("move_from_origin")[0])
-    env.reset(seed=0)
-    results = [env.step(actions) for actions in steps(LENGTH)]
-    *_, infos = results[-1]
-    assert infos["episode"]["l"].tolist() == [LENGTH] * COUNT
-    np.testing.assert_allclose(infos["episode"]["r"], sum(r[1] for r in results), rtol=1e-6)
 
 
 def test_returned_arrays_are_copies():

@@ -116,18 +116,6 @@ def test_moved_knee_moves_all_attached_parts(plain, leg):
 
 
 @EVERY_LEG
-def test_moved_foot_leaves_knee_unchanged(plain, leg):
-    shift = np.array((-0.001, 0.004, 0.002))
-    robot = augmented.build(Morphology(seed=0, feet=only(leg, tuple(shift))))
-    foot, knee = ends(robot, f"leg{leg}_lower")
-    np.testing.assert_allclose(knee, np.array(KNEES[leg]) / 100, atol=1e-12)
-    np.testing.assert_allclose(foot, plain.geom(f"leg{leg}_foot").pos + shift, atol=1e-12)
-    np.testing.assert_allclose(robot.geom(f"leg{leg}_foot").pos, foot, atol=1e-12)
-    np.testing.assert_array_equal(robot.jnt_pos, plain.jnt_pos)
-    np.testing.assert_allclose(robot.jnt_axis, plain.jnt_axis, atol=1e-15)
-
-
-@EVERY_LEG
 def test_other_legs_are_unchanged(plain, leg):
     robot = augmented.build(
         Morphology(0, knees=only(leg, (0.003, 0.002, 0.001)), feet=only(leg, (0.001, 0.002, 0.003)))
@@ -209,13 +197,6 @@ def test_motor_mass_shift_is_truncated_normal(draws):
         assert np.sqrt(np.mean(above**2)) == pytest.approx(deviation, rel=0.15)
 
 
-def test_shifts_are_uncorrelated(draws):
-    rows = [[*np.ravel([m.knees, m.feet]), *m.mass_semi_axes, m.gear] for m in draws]
-    correlations = np.corrcoef(np.array(rows).T)
-    np.fill_diagonal(correlations, 0)
-    assert np.abs(correlations).max() < 0.3  # five standard errors for 300 pairs
-
-
 def test_seed_determines_morphology():
     first = augmented.draw(3)
     augmented.draw.cache_clear()
@@ -231,12 +212,6 @@ def test_masses_vary_only_with_vary_masses():
     assert [getattr(morphology, name) for name in names] == [0] * 4
     assert all(getattr(varied, name) for name in names)
     assert dataclasses.replace(varied, **dict.fromkeys(names, 0.0)) == morphology
-
-
-def test_global_numpy_generator_is_not_used():
-    before = np.random.get_state()[1:3]
-    augmented.draw.__wrapped__(6)
-    np.testing.assert_equal(np.random.get_state()[1:3], before)
 
 
 @pytest.mark.parametrize("vary_masses", [False, True])
@@ -267,12 +242,6 @@ def test_robot_stands_and_steps_without_warning(seed, vary_masses):
 def test_robot_that_cannot_compile_or_stand_is_not_usable(name, value):
     assert augmented.is_usable(Morphology(0))
     assert not augmented.is_usable(Morphology(0, **{name: value}))
-
-
-def test_unstable_robot_does_not_stand():
-    # Lower legs of 5 mm: MuJoCo warns of huge accelerations and resets the robot.
-    robot = augmented.build(Morphology(0, feet=((0.0, 0.0, 0.06), (0.0, 0.0, 0.06), NONE, NONE)))
-    assert augmented.standing_reward(robot) == 0
 
 
 def test_unusable_draw_is_redrawn_and_counted(monkeypatch):

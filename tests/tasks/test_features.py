@@ -92,12 +92,6 @@ def test_wrapped_angle_by_hand(angle, wrapped):
     close(result, wrapped, 1e-15)
 
 
-def test_odd_multiples_of_pi_wrap_to_pi():
-    wrapped = geometry.wrap_angle(np.arange(-41, 42, 2) * PI)
-    close(np.cos(wrapped), -1)
-    assert ((wrapped > -PI) & (wrapped <= PI)).all()
-
-
 @pytest.mark.parametrize(
     ("joint", "motor"), [(-PI / 2, 0), (0, PI / 2), (PI / 2, PI), (PI, -PI / 2), (20 * PI, PI / 2)]
 )
@@ -121,21 +115,6 @@ def test_angle_to_target_by_hand(robot_yaw, target_yaw, angle):
     close(geometry.angle_to_target(turned(robot_yaw), target(yaw=target_yaw)), angle, 1e-15)
 
 
-@pytest.mark.parametrize(
-    ("robot", "seen"),
-    [
-        (turned(0), (0.1, 0, 0)),  # x is its left
-        (turned(PI / 2), (0, -0.1, 0)),  # straight ahead
-        (turned(PI), (-0.1, 0, 0)),
-        (rest(position=[0.1, 0.2, 0, 1, 0, 0, 0]), (0, -0.2, 0.035)),
-        # Lying on its back, turned about y by half a turn, 0.1 above the floor.
-        (rest(position=[0, 0, 0.1, 0, 0, 1, 0]), (-0.1, 0, 0.065)),
-    ],
-)
-def test_target_in_jitterbug_frame_by_hand(robot, seen):
-    close(geometry.target_in_jitterbug_frame(robot, target(x=0.1)), seen, 1e-15)
-
-
 @given(states(), targets())
 def test_target_in_jitterbug_frame_equals_scipy(state, goal):
     expected = rotation(state.position[3:]).inv().apply(goal.position - state.position[:3])
@@ -149,20 +128,6 @@ def test_target_in_jitterbug_frame_equals_scipy(state, goal):
 def test_speed_in_target_frame_by_hand(yaw, speed):
     state = rest(torso_velocity=[0.05, 0.02, 0.01])
     close(geometry.speed_in_target_frame(state, target(yaw=yaw)), speed)
-
-
-@pytest.mark.parametrize(
-    ("yaw", "velocity"),
-    [
-        (0, (1, 2.1, 3)),  # 10 rad/s about z, 1 cm along x: 0.1 m/s along y
-        (PI / 2, (0.9, 2, 3)),  # offset and spin turn with the robot
-    ],
-)
-def test_velocity_of_center_of_mass_by_hand(yaw, velocity):
-    moving = np.array([1, 2, 3, 0, 0, 10.0])
-    offset = np.array([0.01, 0, 0])
-    found = geometry.center_of_mass_velocity(turned(yaw).position, moving, offset)
-    close(found, velocity)
 
 
 @given(quaternions(), vectors(6, 35.0))
@@ -253,13 +218,6 @@ def test_batched_observation_equals_single_observations(task, kind):
     for index in np.ndindex(2, 3):
         one, goal = (type(part)(*(a[index] for a in part)) for part in (many, goals))
         close(together[index], features.observation(task, one, goal), 1e-15)
-
-
-@pytest.mark.parametrize("task", TASKS)
-def test_torch_observation_equals_numpy(task):
-    many, goals = random_states((20,))
-    in_torch = features.observation(task, convert(many, "torch"), convert(goals, "torch"))
-    close(in_torch.numpy(), features.observation(task, many, goals))
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -102,25 +102,6 @@ def test_pose_is_uniform_turn_about_nearly_vertical_axis(generator):
     assert_uniform(v, -0.025, 0.025)
 
 
-@pytest.mark.parametrize("pose_first", [True, False])
-def test_pose_and_target_are_independent_in_either_order(pose_first):
-    random = np.random.default_rng(2)
-    rows = []
-    for _ in range(DRAWS):
-        pose = resets.draw_quaternion(random) if pose_first else None
-        target = resets.draw_target("move_to_pose", random)
-        pose = resets.draw_quaternion(random) if pose is None else pose
-        numbers = [n[0] for n in pose_numbers([pose])]
-        bearing = math.atan2(target.position[1], target.position[0])
-        rows.append([*numbers, bearing, np.hypot(*target.position[:2]), target.yaw])
-    correlations = np.corrcoef(rows, rowvar=False) - np.eye(6)
-    # The correlation of 2,000 independent pairs has standard deviation 0.022.
-    assert np.abs(correlations).max() < 0.08
-    ranges = [(0, 2 * PI), (-0.025, 0.025), (-0.025, 0.025), (-PI, PI), (0.05, 0.2), (0, 2 * PI)]
-    for values, (low, high) in zip(np.transpose(rows), ranges, strict=True):
-        assert_uniform(values, low, high)
-
-
 @pytest.mark.parametrize("generator", GENERATORS)
 @pytest.mark.parametrize("task", TASKS)
 def test_only_given_generator_is_used(task, generator):

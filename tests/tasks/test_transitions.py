@@ -45,20 +45,6 @@ def test_control_step_of_dm_control_is_50_steps_of_mujoco(seed):
     assert not np.any(start[7:] == theirs.qpos[7:])  # every joint has moved
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_one_call_of_50_steps_equals_50_calls(seed):
-    robot = load_model()
-    one, many = mujoco.MjData(robot), mujoco.MjData(robot)
-    for data in (one, many):
-        model.place(data, np.array([1.0, 0, 0, 0]))
-    for control in controls(seed):
-        one.ctrl[0] = control
-        mujoco.mj_step(robot, one, nstep=PHYSICS_STEPS)
-        step_one_by_one(robot, many, control)
-        np.testing.assert_array_equal(full_state(robot, one), full_state(robot, many))
-    assert one.time == pytest.approx(0.3)  # 30 control steps of 0.01 s
-
-
 def test_place_clears_state_of_last_episode():
     robot = load_model()
     used, new = mujoco.MjData(robot), mujoco.MjData(robot)

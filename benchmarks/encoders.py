@@ -93,12 +93,13 @@ def plain_loop(rows: Tensor) -> Callable[[], None]:
 def ours(name: str, shard: Shard) -> Callable[[], None]:
     kind = make_kind(name, {})
     assert isinstance(kind, Learned)
-    learner = EncoderLearner(kind, SIZE, LATENTS, 0, shard.states.device)
-    states = SimpleNamespace(learn=lambda random: iter([shard]))
+    about = {"size": SIZE, "action_size": 1, "seed": 0, "device": shard.states.device}
+    states = SimpleNamespace(learn=lambda random: iter([shard]), **about)
+    learner = EncoderLearner(kind, states, LATENTS)
 
     def epoch() -> None:
         with one_thread():
-            learner.epoch(states)
+            learner.epoch()
 
     return epoch
 

@@ -41,28 +41,20 @@ class EncoderLearner:
         random: generator of all random numbers, on the CPU.
     """
 
-    def __init__(
-        self,
-        kind: Learned,
-        size: int,
-        latents: int,
-        seed: int,
-        device: torch.device,
-        constants: Mapping[str, Tensor] | None = None,
-        action_size: int = 1,
-    ) -> None:
-        """Draws the initial weights; `constants` are not trained."""
-        self.kind, self.latents, self.device = kind, latents, device
-        self.random = torch.Generator().manual_seed(seed)
-        several = {"action_size": action_size} if kind.uses_actions and action_size > 1 else {}
-        initial = kind.initial(size, latents, self.random, **several)
+    def __init__(self, kind: Learned, states: States, latents: int) -> None:
+        """Draws the initial weights with the seed of the states, which have been read."""
+        self.kind, self.states, self.latents = kind, states, latents
+        self.device, actions = states.device, states.action_size
+        self.random = torch.Generator().manual_seed(states.seed)
+        several = {"action_size": actions} if kind.uses_actions and actions > 1 else {}
+        initial = kind.initial(states.size, latents, self.random, **several)
         flat = torch.cat([value.reshape(-1) for value in initial.values()])
-        self._flat = flat.to(device, torch.float32)
+        self._flat = flat.to(self.device, torch.float32)
         self._flat.grad = torch.zeros_like(self._flat)
         self.weights = _parts(self._flat, initial)
         for value in self.weights.values():
             value.requires_grad_()
-        self.weights |= constants or {}
+        self.weights |= kind.constants(states)  # not trained
         self.gradients = _parts(self._flat.grad, initial)
         self._adam = torch.optim.Adam([self._flat], lr=kind.learning_rate, fused=True)
 
@@ -70,11 +62,11 @@ class EncoderLearner:
         """Returns the weights as numpy arrays."""
         return {name: value.detach().cpu().numpy() for name, value in self.weights.items()}
 
-    def epoch(self, states: States) -> float:
+    def epoch(self) -> float:
         """Trains on every row once, in random order; returns the mean loss."""
         total = torch.zeros((), dtype=torch.float64, device=self.device)
         rows = 0
-        for batch in self._batches(states):
+        for batch in self._batches():
             loss = self.kind.gradient(self.weights, self.gradients, batch)
             self._adam.step()
             total += loss * len(batch.now)
@@ -114,15 +106,15 @@ class EncoderLearner:
                 "train it from the beginning."
             ) from None
 
-    def _batches(self, states: States) -> Iterator[StatePairs]:
+    def _batches(self) -> Iterator[StatePairs]:
         """Yields the batches of an epoch."""
-        for batch in _prefetch(self._prepared(states)):
+        for batch in _prefetch(self._prepared()):
             yield from batch.split(self.kind.batch)
 
-    def _prepared(self, states: States) -> Iterator[StatePairs]:
+    def _prepared(self) -> Iterator[StatePairs]:
         """Yields an epoch's rows in random order, several batches at a time."""
         kind, ahead = self.kind, self.kind.steps_ahead
-        for shard in states.learn(self.random):
+        for shard in self.states.learn(self.random):
             pairs = shard.pairs(ahead)
             order = torch.randperm(
                 pairs,
@@ -153,9 +145,7 @@ def _prefetch(items: Iterator[_Item]) -> Iterator[_Item]:
             yield item
 
 
-def check_kind(
-    kind: Learned, name: str, states: States, latents: int, device: torch.device
-) -> None:
+def check_kind(kind: Learned, name: str, states: States, latents: int) -> None:
     """Calls every method of a kind of another package once, before a training that may take hours.
 
     Args:
@@ -165,15 +155,11 @@ def check_kind(
     Raises:
         WorkError: if a method fails, or returns another shape than it must.
     """
-    method = "constants"
+    method = "initial or constants"
     try:
-        constants = kind.constants(states)
-        method = "initial"
-        learner = EncoderLearner(
-            kind, states.size, latents, 0, device, constants, action_size=states.action_size
-        )
+        learner = EncoderLearner(kind, states, latents)
         method, ahead = "prepare", kind.steps_ahead
-        rows = torch.arange(min(_CHECKED, states.sample.pairs(ahead)), device=device)
+        rows = torch.arange(min(_CHECKED, states.sample.pairs(ahead)), device=states.device)
         pairs = states.sample.take(rows, ahead, kind.uses_actions)
         pairs = kind.prepare(pairs, latents, torch.Generator())
         method = "loss"

@@ -71,7 +71,7 @@ def train_encoder(
             return record
         states.read(device)
         if isinstance(kind, Learned) and settings.kind not in ENCODER_KINDS:
-            check_kind(kind, settings.kind, states, settings.latents, device)
+            check_kind(kind, settings.kind, states, settings.latents)
         if record is None or CHECKPOINT not in record.roles():
             made_on = device_provenance(device) | code_provenance(settings.kind)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
@@ -138,10 +138,7 @@ class _Training:
         """Returns the trained weights as numpy arrays in float32."""
         kind, states, latents = self.kind, self.states, self.settings.latents
         if isinstance(kind, Learned):
-            constants = kind.constants(states)
-            learner = EncoderLearner(
-                kind, states.size, latents, states.seed, self.device, constants, states.action_size
-            )
+            learner = EncoderLearner(kind, states, latents)
             if CHECKPOINT in self.record.roles():
                 learner.restore(self.record.read_file(CHECKPOINT))
             self._learn(learner)
@@ -168,7 +165,7 @@ class _Training:
         start, committed = time.perf_counter(), -math.inf
         self.progress(len(done))
         for epoch in range(len(done) + 1, kind.epochs + 1):
-            loss = learner.epoch(self.states)
+            loss = learner.epoch()
             if not math.isfinite(loss):
                 raise WorkError(
                     f"The training of {record.id} diverged: the loss of epoch {epoch} is {loss}; "

@@ -55,7 +55,7 @@ class LossOfRows(Linear):
 
 REFUSED = [
     (WithoutLoss, "it has no method loss"),
-    (WithoutInitial, "it has no method initial"),
+    (WithoutInitial, "it has no method initial or constants"),
     (OnlyTorch, r"encode or decode of numpy arrays fails \(TypeError: .*numpy.ndarray\)"),
     (NoReduction, r".*encode returns the shape \(1, 16\), not \(1, 5\)"),
     (LossOfRows, r"loss fails \(RuntimeError: grad can be .* only for scalar"),
@@ -66,13 +66,13 @@ REFUSED = [
     "name", [name for name in ENCODER_KINDS if issubclass(find_kind(name), Learned)]
 )
 def test_shipped_kinds_pass_the_check(trained, name):
-    check_kind(find_kind(name)(), name, trained.states, 4, torch.device("cpu"))
+    check_kind(find_kind(name)(), name, trained.states, 4)
 
 
 @pytest.mark.parametrize(("kind", "reason"), REFUSED)
 def test_method_that_fails_is_named(trained, kind, reason):
     with pytest.raises(WorkError, match=f"encoder mine can't be trained: {reason}.*describes"):
-        check_kind(kind(), "mine", trained.states, 5, torch.device("cpu"))
+        check_kind(kind(), "mine", trained.states, 5)
 
 
 def test_training_does_not_begin_if_a_method_fails(trained, results, monkeypatch):

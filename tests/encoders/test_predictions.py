@@ -42,9 +42,9 @@ def simulated(tmp_path_factory):
 
 def learned(kind, states, latents=12):
     """Trained weights of a kind, as numpy arrays."""
-    learner = EncoderLearner(kind, states.size, latents, 0, CPU, kind.constants(states))
+    learner = EncoderLearner(kind, states, latents)
     for _ in range(kind.epochs):
-        learner.epoch(states)
+        learner.epoch()
     return {name: value.detach().numpy() for name, value in learner.weights.items()}
 
 

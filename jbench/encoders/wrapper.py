@@ -39,28 +39,15 @@ class EncodedObservation(
             -np.inf, np.inf, (encoder.latent_size,), np.float32
         )
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Starts an episode."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return self._seen(observation), info
-
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
         """Makes a control step with an action of a policy on the latents."""
         # Other actions are passed on as they are.
-        robot_action = action if self._sign > 0 else np.negative(action)
-        observation, reward, terminated, truncated, info = self.env.step(robot_action)
-        return self._seen(observation), reward, terminated, truncated, info
+        return super().step(action if self._sign > 0 else np.negative(action))
 
     def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Encodes an observation."""
-        return np.asarray(self._encoder.encode(observation), np.float32)
-
-    def _seen(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Encodes the observation on which the next action depends."""
+        """Encodes an observation, on which the next action depends."""
         signs = action_signs(self._encoder, observation)
         self._sign = 1.0 if signs is None else float(signs[0])
-        return self.observation(observation)
+        return np.asarray(self._encoder.encode(observation), np.float32)

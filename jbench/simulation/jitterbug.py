@@ -73,11 +73,10 @@ class JitterbugWorlds(Worlds):
         Args:
             yaw: of all targets (rad); None for those drawn.
         """
-        starts = resets.draw_starts(self._task, generators)
-        self.target = starts.targets
+        quaternions, self.target = resets.draw_starts(self._task, generators)
         if yaw is not None:
-            self.target = starts.targets._replace(yaw=np.full(len(starts.quaternions), yaw))
-        return self._observe(self._robots.reset(starts.quaternions))
+            self.target = self.target._replace(yaw=np.full(len(quaternions), yaw))
+        return self._observe(self._robots.reset(quaternions))
 
     def step(
         self, actions: NDArray[np.floating]

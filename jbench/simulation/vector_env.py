@@ -212,13 +212,12 @@ class JitterbugVectorEnv(
     def _restart(self, mask: NDArray[np.bool_], chosen: Target | None = None) -> State:
         """Starts an episode in some environments; returns the state of all."""
         generators = [self._random[index][0] for index in np.flatnonzero(mask)]
-        starts = resets.draw_starts(self._task, generators)
-        targets = starts.targets
+        quaternions, targets = resets.draw_starts(self._task, generators)
         if chosen is not None:
             targets = Target(chosen.position[mask], chosen.yaw[mask])
         self._targets.position[mask], self._targets.yaw[mask] = targets
         self._elapsed[mask] = 0
-        return self._robots.reset(starts.quaternions, mask)
+        return self._robots.reset(quaternions, mask)
 
     def _checked(self, actions: Any) -> NDArray[np.float64]:
         """Returns the commands (num_envs,); raises an error if no step can be made with them."""

@@ -10,6 +10,7 @@ endpoints*, Stat. Med. 32, 2013).
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -139,28 +140,25 @@ def decide(
         looks: (comparisons,) planned interim analyses.
         margin: two configurations that differ by less are equal.
     """
+    block = sequential.BLOCK
     complete = [
-        min(len(ours) // sequential.BLOCK, len(theirs) // sequential.BLOCK, most)
+        min(len(ours) // block, len(theirs) // block, most)
         for (ours, theirs), most in zip(pairs, looks, strict=True)
     ]
     cut = [
-        (ours[: n * sequential.BLOCK], theirs[: n * sequential.BLOCK])
+        (ours[: n * block], theirs[: n * block])
         for (ours, theirs), n in zip(pairs, complete, strict=True)
     ]
-    known: dict[tuple[int, Verdict, float], int] = {}
 
+    @cache
     def reached(i: int, verdict: Verdict, rate: float) -> int:
-        key = i, verdict, rate
-        if key not in known:
-            look = complete[i] and sequential.first_look(verdict, *cut[i], margin, rate, looks[i])
-            known[key] = int(look)
-        return known[key]
+        return int(complete[i] and sequential.first_look(verdict, *cut[i], margin, rate, looks[i]))
 
     stops = step_down(reached, shares, max(looks, default=0))
     decisions = []
     for i, (stop, rate) in enumerate(zip(stops, _rates(stops, shares), strict=True)):
         verdict, look = (stop.verdict, stop.look) if stop else ("undecided", complete[i])
-        seeds = look * sequential.BLOCK
+        seeds = look * block
         ours, theirs = (side[:seeds] for side in cut[i])
         low, high = sequential.interval(ours, theirs, rate, looks[i]) if look else (-np.inf, np.inf)
         difference = float(ours.mean() - theirs.mean()) if look else np.nan

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,33 +19,23 @@ _MAX_TILT = 0.025  # x and y components of the rotation axis, whose z component 
 _TARGET_RADIUS = (0.05, 0.2)  # m
 
 
-class Starts(NamedTuple):
-    """Initial states of episodes.
-
-    Attributes:
-        quaternions: (episodes, 4) orientations (w, x, y, z).
-        targets: positions (episodes, 3) and yaws (episodes,).
-    """
-
-    quaternions: NDArray[np.float64]
-    targets: Target
-
-
 def episode_generator(seed: int, episode: int) -> np.random.Generator:
     """Returns the generator of one episode, independent of the other episodes."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(episode,)))
 
 
-def draw_starts(task: str, generators: Iterable[Random]) -> Starts:
+def draw_starts(task: str, generators: Iterable[Random]) -> tuple[NDArray[np.float64], Target]:
     """Draws the initial state of an episode per generator: first the pose, then the target.
 
     Args:
         generators: one per episode; may contain a generator several times.
+
+    Returns:
+        Orientations (episodes, 4), and targets with positions (episodes, 3) and yaws (episodes,).
     """
-    starts = [(draw_quaternion(random), draw_target(task, random)) for random in generators]
-    targets = [target for _, target in starts]
-    positions, yaws = (np.stack(part) for part in zip(*targets, strict=True))
-    return Starts(np.stack([quaternion for quaternion, _ in starts]), Target(positions, yaws))
+    starts = [(draw_quaternion(random), *draw_target(task, random)) for random in generators]
+    quaternions, positions, yaws = (np.stack(part) for part in zip(*starts, strict=True))
+    return quaternions, Target(positions, yaws)
 
 
 def draw_quaternion(random: Random) -> NDArray[np.float64]:

@@ -39,12 +39,12 @@ def test_rollout_equals_environment(steps, robot, seed):
 
 def test_repeated_generator_draws_consecutive_starts():
     once, both = np.random.default_rng(7), np.random.default_rng(7)
-    starts = resets.draw_starts(TASK, [both, both])
+    quaternions, targets = resets.draw_starts(TASK, [both, both])
     for i in range(2):
-        assert np.array_equal(starts.quaternions[i], resets.draw_quaternion(once))
+        assert np.array_equal(quaternions[i], resets.draw_quaternion(once))
         target = resets.draw_target(TASK, once)
-        assert np.array_equal(starts.targets.position[i], target.position)
-        assert starts.targets.yaw[i] == target.yaw
+        assert np.array_equal(targets.position[i], target.position)
+        assert targets.yaw[i] == target.yaw
 
 
 def test_path_point_is_position_and_heading():

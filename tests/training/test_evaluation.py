@@ -21,8 +21,8 @@ def stepped_alone(task, starts, episode):
     """Returns x, y and heading at every control step of an episode, computed by plain MuJoCo."""
     model = load_model(None)
     data, offset = mujoco.MjData(model), robot.torso_offset(model)
-    robot.place(data, starts.quaternions[episode])
-    target = geometry.Target(*(part[episode] for part in starts.targets))
+    robot.place(data, starts[0][episode])
+    target = geometry.Target(*(part[episode] for part in starts[1]))
     points, matrix = [], np.zeros(9)
     for _ in range(EPISODE_STEPS + 1):
         mujoco.mju_quat2Mat(matrix, data.qpos[3:7])
@@ -56,6 +56,6 @@ def test_path_equals_that_of_robot_stepped_alone(task):
     np.testing.assert_array_equal(made.path.points[:, :2], alone[::20, :2].astype(np.float32))
     turn = np.exp(1j * made.path.points[:, 2]) / np.exp(1j * alone[::20, 2])
     np.testing.assert_allclose(turn, 1, atol=1e-5)
-    numbers = resets.target_numbers(task, starts.targets)[0]
+    numbers = resets.target_numbers(task, starts[1])[0]
     assert [*made.path.target.values()] == numbers.tolist()
     assert made.episodes == [(value, EPISODE_STEPS) for value in made.returns]

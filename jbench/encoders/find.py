@@ -90,7 +90,8 @@ def _find_id(results: Results, name: str, task: str) -> str:
     id = results.complete_id("encoder", name)
     _, description = load_encoder(results, id)
     if description["task"] != task:
-        wanted = Wanted(description["kind"], description["latents"], description["options"])
+        options = description.get("options", {})
+        wanted = Wanted(description["kind"], description["latents"], options)
         raise RequestError(
             f"The encoder {id} is for {description['task']}, not for {task}; type "
             f"{with_results(wanted.command(task), results.name)} to make one."

@@ -176,5 +176,5 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
     try:
         description = json.loads(record.read_file(DESCRIPTION))
         return SavedEncoder.from_files(description, record.read_file(WEIGHTS)), description
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None

@@ -98,7 +98,7 @@ def test_medians_equal_numpy_bit_for_bit(seeds):
 def test_fast_improvement_equals_pairwise_one_bit_for_bit():
     random = np.random.default_rng(0)
     ours = [random.integers(5, size=9) * 1.0, np.array([np.inf, 2.0, 3.0])]  # many ties
-    theirs = [random.integers(5, size=4) * 1.0, np.array([np.inf, -np.inf])]
+    theirs = [random.integers(5, size=4) * 1.0, np.array([np.inf, -np.inf, 2.0])]
 
     def of_pairs(*drawn):
         return st.probability_of_improvement(*drawn)

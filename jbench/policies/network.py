@@ -11,7 +11,7 @@ import safetensors.numpy
 from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
-from jbench.tasks.features import Array
+from jbench.tasks.geometry import Array
 
 Float = NDArray[np.float32]
 

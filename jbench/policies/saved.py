@@ -10,7 +10,7 @@ from jbench.settings.records import EXTERNAL, Specs
 from jbench.simulation.find import check_specs, find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
-from jbench.tasks.features import Array
+from jbench.tasks.geometry import Array
 from jbench.wording import with_results
 
 WEIGHTS = "policy.safetensors"

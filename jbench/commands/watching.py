@@ -1,10 +1,9 @@
 """Watches results directories until Ctrl-C, for `jbench report --watch`."""
 
-import hashlib
+import contextlib
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -25,7 +24,7 @@ class Interrupt:
     received: bool = False
 
 
-@contextmanager
+@contextlib.contextmanager
 def remembered_interrupt() -> Iterator[Interrupt]:
     """Records Ctrl-C, which still raises KeyboardInterrupt.
 
@@ -64,7 +63,7 @@ def watch(
         results.path,
         *(Path(text) for text in request.compare or () if Path(text).is_dir()),
     ]
-    seen: str | None = None
+    seen = None
     while not interrupt.received:
         now = fingerprint(directories)
         if now == seen:
@@ -76,15 +75,13 @@ def watch(
         time.sleep(max(look_every, time.monotonic() - began))
 
 
-def fingerprint(directories: list[Path]) -> str:
-    """Returns a hash that changes whenever a manifest below these directories does."""
-    digest = hashlib.sha256()
+def fingerprint(directories: list[Path]) -> set[tuple[Path, int, int]]:
+    """Returns path, time and size of the manifests below these directories."""
+    seen = set()
     for directory in directories:
         for kind in ("runs", "encoders", "evaluations", "imports"):
-            for path in sorted((directory / kind).rglob(MANIFEST)):
-                try:
+            for path in (directory / kind).rglob(MANIFEST):
+                with contextlib.suppress(OSError):  # it was removed meanwhile
                     stat = path.stat()
-                except OSError:
-                    continue  # it was removed meanwhile
-                digest.update(f"{path} {stat.st_mtime_ns} {stat.st_size}\n".encode())
-    return digest.hexdigest()
+                    seen.add((path, stat.st_mtime_ns, stat.st_size))
+    return seen

@@ -8,7 +8,7 @@ from typing import Any
 
 from jbench.settings.algorithms import SETTINGS, algorithm_settings
 from jbench.settings.alike import COMPARED, VARIANT, Flat, alike, flatten
-from jbench.settings.bases import SCRIPT
+from jbench.settings.bases import CHANGES
 from jbench.settings.recorded import Run
 from jbench.settings.run import RunSettings
 
@@ -111,15 +111,10 @@ def _labels(
     rows = sorted(
         flat.items(), key=lambda item: ([_rank(item[1].get(path)) for path in differing], item[0])
     )
-    labels = {
-        variant: ", ".join(
-            filter(
-                None,
-                (form(names[path], values.get(path, ...)) for path in differing[:_NAMED_SETTINGS]),
-            )
-        )
-        for variant, values in rows
-    }
+    labels = {}
+    for variant, values in rows:
+        texts = [form(names[path], values.get(path, ...)) for path in differing[:_NAMED_SETTINGS]]
+        labels[variant] = ", ".join(filter(None, texts))
     # Labels must stay distinct, even if settings are left out or values are cut short.
     if len(differing) > _NAMED_SETTINGS or len(set(labels.values())) < len(labels):
         labels = {variant: f"{label}, … ({variant})" for variant, label in labels.items()}
@@ -135,25 +130,21 @@ def _with_base(flat: Flat) -> Flat:
     if algo not in SETTINGS or not any(path[0] == _HYPERPARAMETERS for path in flat):
         return flat
     bases = _bases(algo)
-    own = {path: value for path, value in flat.items() if path[0] == _HYPERPARAMETERS}
-    base = next((name for name, values in bases.items() if values == own), "published")
-    changes = own if base == "published" else bases["published"]
-    return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in own} | changes
+    given = {path: value for path, value in flat.items() if path[0] == _HYPERPARAMETERS}
+    base = next((name for name, values in bases.items() if values == given), "published")
+    changes = given if base == "published" else bases["published"]
+    return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in given} | changes
 
 
 @cache
 def _bases(algo: str) -> dict[str, Flat]:
     """Returns the hyperparameters of an algorithm by the name of their base."""
-    chosen = {
-        "published": algorithm_settings(algo, "published"),
-        "sb3": algorithm_settings(algo, "sb3"),
-        "suite": algorithm_settings(algo, "suite"),
-        **({"script": algorithm_settings(algo, "script")} if algo in SCRIPT else {}),
-    }
     omitted = SETTINGS[algo].omitted()
     return {
-        name: flatten({_HYPERPARAMETERS: omitted | values.model_dump(mode="json")})
-        for name, values in chosen.items()
+        base: flatten({_HYPERPARAMETERS: omitted | values.model_dump(mode="json")})
+        for base, algorithms in CHANGES.items()
+        if base == "published" or algo in algorithms
+        for values in [algorithm_settings(algo, base)]
     }
 
 

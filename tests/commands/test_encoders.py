@@ -183,15 +183,6 @@ def test_invalid_request_is_refused_and_trains_nothing(collected, arguments, mes
     assert not (collected / "encoders").exists()
 
 
-def test_cuda_is_refused_without_cuda_device(collected, refused):
-    import torch
-
-    if torch.cuda.is_available():
-        pytest.skip("there is a CUDA device")
-    error = refused("train-dae", "--device", "cuda", results=collected)
-    assert "There is no CUDA device here" in error
-
-
 @pytest.mark.parametrize("column", ["action", "velocity_x"])
 def test_dataset_without_required_column_is_refused(results, column, refused):
     (dataset,) = Results(results).scan("dataset")[0]
@@ -331,15 +322,3 @@ def test_class_that_can_be_no_kind_is_refused(short, tmp_path, monkeypatch, name
     assert refused.returncode != 0
     assert message in refused.stderr
     assert not (short / "encoders").exists()
-
-
-@pytest.mark.parametrize(
-    ("kind", "message"), [("broken", "Missing"), ("no-kind", "is no subclass")]
-)
-def test_kind_that_fails_to_load_is_reported(results, site, kind, message, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(site))
-    done = jbench("train-encoder", "--kind", kind, results=results, short=True)
-    assert done.returncode == 1
-    assert f"The kind of encoder {kind}" in done.stderr
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1

@@ -4,7 +4,6 @@ The pipeline runs once, with short episodes; the tests check its results.
 """
 
 import json
-import shutil
 from functools import partial
 from pathlib import Path
 
@@ -97,18 +96,6 @@ def test_repeated_commands_change_nothing_and_report_it(pipeline):
     assert files(pipeline) == before
 
 
-def test_only_missing_seeds_are_trained(pipeline):
-    done = succeed(*train("ppo", "none"), "--seeds", "0-2", results=pipeline)
-    assert "2 of 3 runs are already finished." in done.stdout
-    assert "1 run with 200 control steps left at about" in done.stdout
-    runs = load(Results(pipeline)).tables["runs"].to_pandas()
-    chosen = runs[(runs["algo"] == "ppo") & (runs["representation"] == "full")]
-    assert sorted(chosen["seed"]) == [0, 1, 2]
-    (added,) = chosen.loc[chosen["seed"] == 2, "run"]
-    # Other tests count two seeds.
-    shutil.rmtree(pipeline / "runs" / added)
-
-
 def test_train_agent_is_alias_of_train(pipeline):
     done = succeed("train-agent", *train("td3", "none")[1:], results=pipeline)
     assert "nothing to do" in done.stdout
@@ -122,24 +109,3 @@ def test_json_is_only_standard_output(pipeline):
     assert [run.rsplit("/", 1)[1][:3] for run in trained["runs"]] == ["s00", "s01"]
     encoders = json.loads(succeed(*TRAIN_DAE, "--json", results=pipeline).stdout)["encoders"]
     assert encoders[0]["summary"]["test_mse"] > 0
-
-
-def test_damaged_run_is_named_and_others_are_reported(pipeline, tmp_path):
-    copy = tmp_path / "copy"
-    shutil.copytree(pipeline, copy, ignore=shutil.ignore_patterns("ppo", "report"))
-    part = next(copy.glob("runs/face_direction/td3/full/s01-*/episodes-*.parquet"))
-    part.write_bytes(part.read_bytes()[:-20])
-    done = jbench("report", "--json", "--format", "png", results=copy)
-    assert done.returncode == 1
-    assert "Traceback" not in done.stderr
-    (problem,) = json.loads(done.stdout)["problems"]
-    assert part.name in problem
-    assert part.parent.relative_to(copy / "runs").as_posix() in problem
-    rows = json.loads(done.stdout)["configurations"]
-    seeds = {(row["algo"], row["representation"]): row["seeds"] for row in rows}
-    assert seeds.pop(("TD3", "full")) == 1
-    assert set(seeds.values()) == {2}
-    counted = "SELECT count(DISTINCT run) AS n FROM episodes"
-    queried = jbench("query", counted, "--csv", results=copy)
-    assert (queried.returncode, queried.stdout) == (1, "n\n3\n")
-    assert part.name in queried.stderr

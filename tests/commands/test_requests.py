@@ -11,7 +11,7 @@ import pytest
 from typer import BadParameter
 from typer.main import get_command
 
-from jbench import __version__, names
+from jbench import __version__
 from jbench.cli import app, main
 from jbench.commands import parsing
 from jbench.recording.request import record
@@ -100,19 +100,6 @@ def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, t
     (tmp_path / "results").mkdir()
     assert re.search(message, refused(*arguments, results=tmp_path / "results"))
     assert not list(tmp_path.rglob("manifest.json"))
-
-
-@pytest.mark.parametrize(
-    ("steps", "every"),
-    [
-        (5_000_000, 50_000),
-        (500_000, 50_000),
-        (25_000, 2000),  # at least ten evaluations
-        (5000, 1000),
-    ],
-)
-def test_evaluations_are_a_tenth_of_short_run_apart(steps, every):
-    assert names.evaluation_interval(steps) == every
 
 
 def test_train_sweep_and_record_evaluate_at_the_same_steps(tmp_path, capsys):
@@ -404,20 +391,6 @@ def test_sweep_of_runs_too_short_to_learn_prints_one_warning(tmp_path, capsys):
     (warning,) = [one for one in capsys.readouterr().err.splitlines() if "Warning" in one]
     assert "after 11,000 control steps, so a run of 5,000 learns nothing" in warning
     assert "[hyperparameters.td3]" in warning
-
-
-@pytest.mark.slow
-def test_run_too_short_to_learn_prints_warning(tmp_path, capsys):
-    steps = ["--steps", "1500", "--seeds", "0", "--evaluate-episodes", "0"]
-    assert main(["train", "--algo", "td3", *steps, "--results", str(tmp_path)]) == 0
-    output = capsys.readouterr().err
-    assert "a run of 1,500 control steps ends after 2,000, at the end of an episode" in output
-    assert "td3 first updates its networks after 11,000 control steps" in output
-    assert (
-        main(["train", "--steps", "1k", "--seeds", "0", *steps[4:], "--results", str(tmp_path)])
-        == 0
-    )
-    assert "Warning" not in capsys.readouterr().err
 
 
 def test_settings_are_listed_with_description_and_source(capsys):

@@ -88,7 +88,9 @@ def _show_errors(records: Sequence[Record], output: Output) -> None:
         if name == "encoder_epochs":
             frame = frame.iloc[:: -max(1, len(frame) // 8)][::-1]
         if len(records) == 1:
-            frame = frame.drop(columns="encoder")
+            frame = frame.drop(columns=["encoder", "index"], errors="ignore")
+            if name == "encoder_errors":
+                frame = frame.T.reset_index(names="error").rename(columns={0: "value"})
         if len(frame):
             output.frame(_ENCODER_TABLES[name], frame)
     for record in records:

@@ -1,5 +1,6 @@
 """Commands that train encoders: train-dae, train-encoder."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from jbench.wording import counted, with_results
 if TYPE_CHECKING:
     import torch
 
+    from jbench.datasets import Dataset
     from jbench.encoders.settings import EncoderSettings
     from jbench.encoders.states import States
     from jbench.store import Record, Results
@@ -22,58 +24,6 @@ if TYPE_CHECKING:
 _FAR_LESS = 0.1  # of the variance
 
 _TRIAL = 1000  # episodes; who collects fewer first tries what comes next
-
-_TASKS = Option(
-    "face_direction",
-    help=f"Task of the observations: {', '.join(names.TASKS)}, all (of these), or a task of "
-    "another robot (jbench tasks).",
-    autocompletion=options.complete_tasks,
-)
-_LATENTS = Option(
-    None,
-    help="Number of latents, or several: 2,4,8 or 1-16 (default: 12; some kinds have one size).",
-)
-_NOISE = Option(None, help="Standard deviation of the noise on scaled features (default: 0.1).")
-_EPOCHS = Option(
-    None,
-    help="Number of passes over the training rows (default: that of the kind, such as dae's 200; "
-    "more for a small dataset, so that it has 4,000 updates).",
-)
-_BATCH = Option(None, help="Minibatch size (default: that of the kind; dae has 8192).")
-_RATE = Option(None, help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4).")
-_SEEDS = Option(
-    "0",
-    help="Random seed of weights, minibatches, noise and the held-out split, or several, such as "
-    "0-9: an encoder for each.",
-)
-_VERBOSE = Option(False, "--verbose", help="Also print the errors as tables.")
-_DEVICE = Option(
-    "auto",
-    help="Device to train on: auto (a GPU if there is one), cpu, cuda or such as cuda:1.",
-    autocompletion=options.complete(*names.DEVICES),
-)
-
-
-def train_dae(
-    task: str = _TASKS,
-    latent: str | None = _LATENTS,
-    dataset: str | None = options.DATASET,
-    noise: float | None = _NOISE,
-    epochs: int | None = _EPOCHS,
-    batch: int | None = _BATCH,
-    learning_rate: float | None = _RATE,
-    seed: str = _SEEDS,
-    device: str = _DEVICE,
-    verbose: bool = _VERBOSE,
-    results: Path = options.RESULTS,
-    json: bool = options.JSON,
-) -> None:
-    """Train the paper's denoising autoencoder on a dataset.
-
-    An interrupted training resumes.
-    """
-    chosen = {"noise": noise, "epochs": epochs, "batch": batch, "learning_rate": learning_rate}
-    _train(["dae"], chosen, task, latent, dataset, seed, device, verbose, results, Output(json))
 
 
 def train_encoder(
@@ -83,22 +33,49 @@ def train_encoder(
         "MODULE:CLASS; several: a,b.",
         autocompletion=options.complete(*names.ENCODER_KINDS),
     ),
-    task: str = _TASKS,
-    latent: str | None = _LATENTS,
+    task: str = Option(
+        "face_direction",
+        help=f"Task of the observations: {', '.join(names.TASKS)}, all (of these), or a task of "
+        "another robot (jbench tasks).",
+        autocompletion=options.complete_tasks,
+    ),
+    latent: str | None = Option(
+        None,
+        help="Number of latents, or several: 2,4,8 or 1-16 (default: 12; some kinds have one "
+        "size).",
+    ),
     dataset: str | None = options.DATASET,
-    noise: float | None = _NOISE,
+    noise: float | None = Option(
+        None, help="Standard deviation of the noise on scaled features (default: 0.1)."
+    ),
     horizon: int | None = Option(
         None, help="Control steps ahead that the kind predicts (default: that of the kind)."
     ),
-    epochs: int | None = _EPOCHS,
-    batch: int | None = _BATCH,
-    learning_rate: float | None = _RATE,
+    epochs: int | None = Option(
+        None,
+        help="Number of passes over the training rows (default: that of the kind, such as dae's "
+        "200; more for a small dataset, so that it has 4,000 updates).",
+    ),
+    batch: int | None = Option(
+        None, help="Minibatch size (default: that of the kind; dae has 8192)."
+    ),
+    learning_rate: float | None = Option(
+        None, help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4)."
+    ),
     set_: list[str] = Option(
         [], "--set", metavar="NAME=VALUE", help="Set an option of the kind; repeatable."
     ),
-    seed: str = _SEEDS,
-    device: str = _DEVICE,
-    verbose: bool = _VERBOSE,
+    seed: str = Option(
+        "0",
+        help="Random seed of weights, minibatches, noise and the held-out split, or several, such "
+        "as 0-9: an encoder for each.",
+    ),
+    device: str = Option(
+        "auto",
+        help="Device to train on: auto (a GPU if there is one), cpu, cuda or such as cuda:1.",
+        autocompletion=options.complete(*names.DEVICES),
+    ),
+    verbose: bool = Option(False, "--verbose", help="Also print the errors as tables."),
     results: Path = options.RESULTS,
     json: bool = options.JSON,
 ) -> None:
@@ -106,63 +83,28 @@ def train_encoder(
 
     One encoder is trained for each kind and number of latents.
     """
-    chosen: dict[str, Any] = {"noise": noise, "horizon": horizon, "epochs": epochs}
-    chosen |= {"batch": batch, "learning_rate": learning_rate}
-    for name, value in parsing.parse_overrides(set_).items():
-        if chosen.get(name) is not None:
-            raise RequestError(f"{name} is given twice; type it once.")
-        chosen[name] = value
-    typed = (
-        name.lower() if name.lower() in names.ENCODER_KINDS else name for name in kind.split(",")
-    )
-    kinds = list(dict.fromkeys(typed))
-    _train(kinds, chosen, task, latent, dataset, seed, device, verbose, results, Output(json))
-
-
-def _train(
-    kinds: list[str],
-    options: dict[str, Any],
-    task: str,
-    latent: str | None,
-    dataset: str | None,
-    seed: str,
-    device: str,
-    verbose: bool,
-    results: Path,
-    output: Output,
-) -> None:
-    """Trains an encoder for each task, seed, kind and number of latents."""
     from jbench.commands import display
     from jbench.datasets import find_dataset
     from jbench.devices import find_device
-    from jbench.encoders.settings import encoder_settings, options_with_epochs
     from jbench.encoders.states import States
 
-    database = parsing.results_to_write(results)
-    tasks = names.TASKS if task == "all" else (task,)
+    output, database = Output(json), parsing.results_to_write(results)
     train_on = find_device(device)
-    given = {name: value for name, value in options.items() if value is not None}
-    for name in tasks:  # wrong requests are refused before a dataset is missed
-        for kind, size in _sizes(kinds, name, latent):
-            encoder_settings(kind, given, task=name, latents=size, dataset="any")
+    typed = {"noise": noise, "horizon": horizon, "epochs": epochs, "batch": batch}
+    typed |= {"learning_rate": learning_rate}
+    given: dict[str, Any] = {name: value for name, value in typed.items() if value is not None}
+    for name, value in parsing.parse_overrides(set_).items():
+        if name in given:
+            raise RequestError(f"{name} is given twice; type it once.")
+        given[name] = value
+    tasks, seeds = names.TASKS if task == "all" else (task,), parse_seeds(seed)
+    # Wrong requests are refused before a dataset is missed.
+    _planned(kind, given, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
-    planned = [
-        encoder_settings(
-            kind,
-            options_with_epochs(kind, given, source.episodes, number),
-            task=name,
-            latents=size,
-            dataset=source.id,
-            seed=number,
-        )
-        for name in tasks
-        for number in parse_seeds(seed)
-        for kind, size in _sizes(kinds, name, latent)
-    ]
+    planned = _planned(kind, given, latent, tasks, seeds, source)
     records = []
     states: States | None = None
     for settings in planned:
-        # Kinds share the states, which are read once: they all have the given scale.
         if states is None or (states.task, states.seed) != (settings.task, settings.seed):
             scale = given.get("scale", "dataset")
             states = States(source, settings.task, settings.seed, scale=scale)
@@ -174,6 +116,15 @@ def _train(
     command = f"jbench train --task {first.task} --encoder {first.representation}{draws}{trial}"
     output.say(f"Next: {with_results(command, results)}")
     output.document({"encoders": [display.described(record) for record in records]})
+
+
+@options.like(train_encoder, "kind", "horizon", "set_")
+def train_dae(**typed: Any) -> None:
+    """Train the paper's denoising autoencoder on a dataset.
+
+    An interrupted training resumes.
+    """
+    train_encoder(kind="dae", horizon=None, set_=[], **typed)
 
 
 def _train_one(
@@ -224,6 +175,39 @@ def _warn_of_error(record: "Record", output: Output) -> None:
             f"{pca:.3f}; train it longer, with --epochs of more than "
             f"{record.settings['options']['epochs']:,}, or on more steps."
         )
+
+
+def _planned(
+    kinds: str,
+    options: dict[str, Any],
+    latent: str | None,
+    tasks: Sequence[str],
+    seeds: Sequence[int],
+    source: "Dataset | None",
+) -> list["EncoderSettings"]:
+    """Returns the settings of an encoder for each task, seed, kind and number of latents.
+
+    Args:
+        source: dataset to train on; None if it is not known yet.
+    """
+    from jbench.encoders.settings import encoder_settings, options_with_epochs
+
+    typed = dict.fromkeys(
+        name.lower() if name.lower() in names.ENCODER_KINDS else name for name in kinds.split(",")
+    )
+    return [
+        encoder_settings(
+            kind,
+            options_with_epochs(kind, options, source.episodes, seed) if source else options,
+            task=task,
+            latents=size,
+            dataset=source.id if source else "any",
+            seed=seed,
+        )
+        for task in tasks
+        for seed in seeds
+        for kind, size in _sizes([*typed], task, latent)
+    ]
 
 
 def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, int]]:

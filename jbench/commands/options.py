@@ -50,6 +50,18 @@ def with_settings(
     return decorate
 
 
+def like(command: _Command, *left_out: str) -> Callable[[_Command], _Command]:
+    """Returns a decorator that gives a command the options of another one but for some."""
+
+    def decorate(narrower: _Command) -> _Command:
+        parameters = inspect.signature(command).parameters.values()
+        kept = [parameter for parameter in parameters if parameter.name not in left_out]
+        narrower.__signature__ = inspect.Signature(kept)  # type: ignore[attr-defined]
+        return narrower
+
+    return decorate
+
+
 def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
     """Returns the parameter of a command for a field of settings."""
     default, help = typed_default(field), str(field.description)

@@ -4,7 +4,7 @@ import re
 from typing import TYPE_CHECKING
 
 from jbench.errors import RequestError
-from jbench.names import DEVICES, one_of
+from jbench.names import DEVICES, in_prose
 
 if TYPE_CHECKING:
     import torch
@@ -23,7 +23,7 @@ def find_device(name: str) -> "torch.device":
 
     number = re.fullmatch(r"cuda:(\d{1,9})", name)
     if number is None and name not in DEVICES:
-        raise RequestError(f"Unknown device {name!r}; choose {one_of((*DEVICES, 'cuda:1'))}.")
+        raise RequestError(f"Unknown device {name!r}; choose {in_prose((*DEVICES, 'cuda:1'))}.")
     if name == "cpu" or (name == "auto" and not torch.cuda.is_available()):
         return torch.device("cpu")
     if not torch.cuda.is_available():
@@ -32,6 +32,6 @@ def find_device(name: str) -> "torch.device":
         return torch.device("cuda")
     index, count = int(number[1]), torch.cuda.device_count()
     if index >= count:
-        there = one_of([f"cuda:{i}" for i in range(count)])
+        there = in_prose([f"cuda:{i}" for i in range(count)])
         raise RequestError(f"There is no device {name} here; type --device {there}.")
     return torch.device("cuda", index)

@@ -54,50 +54,46 @@ TASK_GROUP = "jbench.tasks"
 ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
 
-ENCODER_KINDS = {
-    "dae": "jbench.encoders.kinds.autoencoders:DenoisingAutoencoder",
-    "dae-yaw": "jbench.encoders.kinds.autoencoders:DenoisingAutoencoderWithYawRate",
-    "ae": "jbench.encoders.kinds.autoencoders:Autoencoder",
-    "ddae": "jbench.encoders.kinds.autoencoders:DynamicDenoisingAutoencoder",
-    "vae": "jbench.encoders.kinds.variational:VariationalAutoencoder",
-    "lld-vae": "jbench.encoders.kinds.variational:LocallyLinearVariationalAutoencoder",
-    "pca": "jbench.encoders.kinds.linear:PrincipalComponents",
-    "random": "jbench.encoders.kinds.linear:RandomProjection",
-    "scaled": "jbench.encoders.kinds.linear:Scaled",
-    "planar": "jbench.encoders.kinds.planar:PlanarReduction",
-    "planar-no-yaw": "jbench.encoders.kinds.planar_variants:PlanarWithoutYawRate",
-    "heading": "jbench.encoders.kinds.planar_variants:HeadingFrame",
-    "raw": "jbench.encoders.kinds.linear:Raw",
-    "planar-mirror": "jbench.encoders.kinds.planar_variants:PlanarMirror",
-    "forward": "jbench.encoders.kinds.predictive:ForwardModel",
-    "inverse": "jbench.encoders.kinds.predictive:InverseModel",
-    "dmd": "jbench.encoders.kinds.dmd:DynamicModes",
-    "contrastive": "jbench.encoders.kinds.predictive:Contrastive",
-    "random-features": "jbench.encoders.kinds.linear:RandomFeatures",
+_KINDS = {
+    "dae": ("autoencoders:DenoisingAutoencoder", "latents of a denoising autoencoder"),
+    "dae-yaw": (
+        "autoencoders:DenoisingAutoencoderWithYawRate",
+        "the same with the yaw rate as a latent",
+    ),
+    "ae": ("autoencoders:Autoencoder", "latents of an autoencoder"),
+    "ddae": (
+        "autoencoders:DynamicDenoisingAutoencoder",
+        "latents of an autoencoder that predicts the next states",
+    ),
+    "vae": ("variational:VariationalAutoencoder", "latents of a variational autoencoder"),
+    "lld-vae": (
+        "variational:LocallyLinearVariationalAutoencoder",
+        "the same with locally linear dynamics",
+    ),
+    "pca": ("linear:PrincipalComponents", "principal components"),
+    "random": ("linear:RandomProjection", "random projection"),
+    "scaled": ("linear:Scaled", "all features, scaled as encoders scale them"),
+    "planar": ("planar:PlanarReduction", "scaled, without position and heading in the plane"),
+    "planar-no-yaw": ("planar_variants:PlanarWithoutYawRate", "planar without the yaw rate"),
+    "heading": ("planar_variants:HeadingFrame", "planar with position and heading"),
+    "raw": ("linear:Raw", "the observation in SI units"),
+    "planar-mirror": ("planar_variants:PlanarMirror", "planar, folded by the mirror symmetry"),
+    "forward": ("predictive:ForwardModel", "latents that predict the next states and the reward"),
+    "inverse": ("predictive:InverseModel", "latents that predict the action"),
+    "dmd": ("dmd:DynamicModes", "directions of a linear model of the dynamics"),
+    "contrastive": (
+        "predictive:Contrastive",
+        "latents that tell the future of a state from others",
+    ),
+    "random-features": ("linear:RandomFeatures", "tanh of random directions"),
 }
+
+ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, (path, _) in _KINDS.items()}
 """Built-in kinds of encoders and their classes; other packages may add kinds."""
 
 MEANINGS = {
     "full": "the observation of the task",
-    "dae": "latents of a denoising autoencoder",
-    "dae-yaw": "the same with the yaw rate as a latent",
-    "ae": "latents of an autoencoder",
-    "ddae": "latents of an autoencoder that predicts the next states",
-    "vae": "latents of a variational autoencoder",
-    "lld-vae": "the same with locally linear dynamics",
-    "pca": "principal components",
-    "random": "random projection",
-    "scaled": "all features, scaled as encoders scale them",
-    "planar": "scaled, without position and heading in the plane",
-    "planar-no-yaw": "planar without the yaw rate",
-    "heading": "planar with position and heading",
-    "raw": "the observation in SI units",
-    "planar-mirror": "planar, folded by the mirror symmetry",
-    "forward": "latents that predict the next states and the reward",
-    "inverse": "latents that predict the action",
-    "dmd": "directions of a linear model of the dynamics",
-    "contrastive": "latents that tell the future of a state from others",
-    "random-features": "tanh of random directions",
+    **{kind: meaning for kind, (_, meaning) in _KINDS.items()},
     "-observation": "inputs on the observation's scale",
     "-sd": "inputs scaled to unit variance",
     "-whitened": "latents whitened",
@@ -208,7 +204,7 @@ REPRESENTATION = re.compile(
 such as dae12 or dae12-observation-whitened."""
 
 
-def kind_of(representation: str) -> str:
+def kind_in(representation: str) -> str:
     """Returns the kind of a representation, such as `scaled` for scaled16."""
     match = REPRESENTATION.fullmatch(representation)
     return representation.rstrip("0123456789") if match is None else match["kind"]
@@ -263,7 +259,7 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
             return name
     close = closest(value, names)
     hint = f"did you mean {close}? Choose" if close else "choose"
-    raise RequestError(f"Unknown {what} {value!r}; {hint} {one_of(names)}.")
+    raise RequestError(f"Unknown {what} {value!r}; {hint} {in_prose(names)}.")
 
 
 _NETWORK_ELSEWHERE = ("net_arch", "policy", "policy_kwargs")
@@ -279,7 +275,7 @@ def closest(value: str, names: Sequence[str]) -> str | None:
     return by_initials.get(value) or next(iter(close), None)
 
 
-def one_of(names: Iterable[str], word: str = "or") -> str:
+def in_prose(names: Iterable[str], word: str = "or") -> str:
     """Returns names as a list in prose: `a, b or c`."""
     *others, last = names
     return f"{', '.join(others)} {word} {last}" if others else last

@@ -46,7 +46,7 @@ def load(what: str, point: EntryPoint) -> Any:
         WorkError: if it can't be imported, or several packages offer this name.
     """
     others = importlib.metadata.entry_points(group=point.group, name=point.name)
-    packages = sorted({package_of(other) or other.value for other in others})
+    packages = sorted({distribution(other) or other.value for other in others})
     if len(packages) > 1:
         raise WorkError(
             f"The {what} {point.name} is offered by {' and '.join(packages)}; uninstall all but "
@@ -55,7 +55,7 @@ def load(what: str, point: EntryPoint) -> Any:
     return _attempt(point.load, f"The {what} {point.name}", point.value)
 
 
-def package_of(point: EntryPoint) -> str | None:
+def distribution(point: EntryPoint) -> str | None:
     """Returns the name of the distribution that offers an entry point."""
     return None if point.dist is None else point.dist.name
 
@@ -121,7 +121,7 @@ def made_with_module(module: str) -> dict[str, str | None]:
     return made_with(packages[0] if packages else None, module)
 
 
-def code_of(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, str | None]:
+def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, str | None]:
     """Returns provenance of what MODULE:NAME or an entry point names; see `made_with`.
 
     Args:
@@ -136,7 +136,7 @@ def code_of(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str,
     if is_imported(name):
         imported(what, name)
         return made_with_module(name.partition(":")[0])
-    return made_with(package_of(points[name]))
+    return made_with(distribution(points[name]))
 
 
 def _attempt(load_it: Callable[[], Any], subject: str, where: str) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 from jbench.names import RESULTS
 
 
-def done_of(done: float, planned: float | None) -> str:
+def progress_text(done: float, planned: float | None) -> str:
     """Formats progress: `60,000 of 100,000`, or `100,000` if all is done or no end is planned."""
     return f"{done:,}" if planned in (None, done) else f"{done:,} of {planned:,}"
 

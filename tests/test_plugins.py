@@ -26,7 +26,7 @@ def test_entry_points_with_valid_names_are_listed(tmp_path, monkeypatch):
     found = plugins.offered(GROUP, re.compile("[a-z]+"), {"taken"})
     assert [*found] == ["good"]
     assert plugins.load("function", found["good"])(0) == 1
-    assert plugins.made_with(plugins.package_of(found["good"])) == {"package": "one 1.5"}
+    assert plugins.made_with(plugins.distribution(found["good"])) == {"package": "one 1.5"}
 
 
 def test_name_of_two_packages_is_refused(tmp_path, monkeypatch):
@@ -66,7 +66,7 @@ def test_checksum_of_module_that_is_not_imported(tmp_path, monkeypatch):
     source.write_text("answer = 42\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     wanted = {"source_sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
-    assert plugins.code_of("number", "not_yet:answer", {}) == wanted
+    assert plugins.provenance("number", "not_yet:answer", {}) == wanted
 
 
 def test_package_of_module_is_its_distribution():

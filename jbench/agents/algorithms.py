@@ -166,7 +166,7 @@ def algorithm_fields(
     settings = settings_with(_settings_class(algo), algo, changes)
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
-        "package": None if plugins.is_imported(algo) else plugins.package_of(_entry_point(algo)),
+        "package": None if plugins.is_imported(algo) else plugins.distribution(_entry_point(algo)),
     }
 
 
@@ -192,7 +192,7 @@ def code_of(algo: str) -> dict[str, str | None]:
     check_name(algo)
     if algo in ALGORITHMS:
         return {}
-    return plugins.code_of("algorithm", algo, installed())
+    return plugins.provenance("algorithm", algo, installed())
 
 
 def _offered() -> list[dict[str, EntryPoint]]:
@@ -212,7 +212,7 @@ def _entry_point(name: str) -> EntryPoint:
             f"{str(error).rstrip('.')}, install the package of another agent, or type MODULE:CLASS."
         ) from None
     if name in agents and name in rules:
-        packages = [plugins.package_of(points[name]) for points in (agents, rules)]
+        packages = [plugins.distribution(points[name]) for points in (agents, rules)]
         raise WorkError(
             f"{name} is an agent of {packages[0]} and a rule of {packages[1]}; uninstall one."
         )

@@ -9,10 +9,10 @@ from jbench import names
 from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.settings.records import DatasetSettings
-from jbench.wording import counted, done_of, with_results
+from jbench.wording import counted, progress_text, with_results
 
 if TYPE_CHECKING:
-    from jbench.datasets.listing import Listed
+    from jbench.datasets.reader import Listed
 
 
 @options.with_settings(DatasetSettings, "steps", "seed", "augment")
@@ -59,7 +59,7 @@ def collect(
 def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) -> None:
     """List datasets."""
     from jbench.commands import display
-    from jbench.datasets.listing import list_datasets
+    from jbench.datasets.reader import list_datasets
 
     output = Output(json)
     listed, problems = list_datasets(parsing.existing_results(results))
@@ -93,7 +93,7 @@ def _row(listed: "Listed") -> tuple[str, ...]:
     return (
         listed.record.id,
         listed.record.status,
-        done_of(listed.steps, listed.settings.steps),
+        progress_text(listed.steps, listed.settings.steps),
         plain if augment is None else f"--augment {augment}",
         f"{listed.record.size / 1e6:.1f}",
         listed.record.manifest.updated[:16].replace("T", " "),

@@ -11,7 +11,7 @@ from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.commands.policies import database_and_policy
 from jbench.errors import RequestError
-from jbench.names import one_of
+from jbench.names import in_prose
 from jbench.wording import counted, repair_hint
 
 _TASK = "face_direction"
@@ -73,7 +73,7 @@ def export(
     typed = {"RUN": run, "--dataset": dataset, "--task": task, "--format": format}
     for option, value in {**typed, "--inputs": inputs, "--returns": returns, "--out": out}.items():
         if value is not None and option not in _OPTIONS[what]:
-            has = one_of(_OPTIONS[what], "and")
+            has = in_prose(_OPTIONS[what], "and")
             raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")
     output = Output(json)
     if curves is not None:

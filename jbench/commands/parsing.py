@@ -79,13 +79,13 @@ def _representations(value: str, results: "Results") -> list[str]:
     if value.lower() in names.NO_ENCODER:
         return [names.FULL]
     held = setting_values(results, "representation")
-    of_kind = [name for name in held if names.kind_of(name) == value]
+    of_kind = [name for name in held if names.kind_in(name) == value]
     return of_kind or [known_or_held("representation", value, [results])]
 
 
 def _is_representation(value: str) -> bool:
     """Returns whether a value is `full`, or a built-in kind with its size, such as dae12."""
-    kind = names.kind_of(value)
+    kind = names.kind_in(value)
     return value == names.FULL or (value != kind and kind in {*names.ENCODER_KINDS, names.OFE})
 
 

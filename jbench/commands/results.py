@@ -12,7 +12,7 @@ from jbench import names
 from jbench.commands import checking, options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
-from jbench.wording import are, counted, done_of, duration, repair_hint, with_results
+from jbench.wording import are, counted, duration, progress_text, repair_hint, with_results
 
 _FILES = Option(0, min=0, help="Number of files read at a time (0: one per core).")
 
@@ -49,7 +49,7 @@ def runs(
         what: [line.run for line in lines],
         "status": [line.status for line in lines],
         "points" if imports else "episodes": [f"{line.episodes:,}" for line in lines],
-        "steps": [done_of(line.steps_done, line.steps) for line in lines],
+        "steps": [progress_text(line.steps_done, line.steps) for line in lines],
         "wall time": ["" if line.wall_time is None else duration(line.wall_time) for line in lines],
         "created": [line.created[:16].replace("T", " ") for line in lines],
     }

@@ -27,7 +27,7 @@ _STORAGE = "hdf5"  # Minari's default
 _OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured
 
 
-class Exported(NamedTuple):
+class ExportedDataset(NamedTuple):
     """An exported dataset.
 
     Attributes:
@@ -55,7 +55,7 @@ def export_minari(
     task: str,
     root: Path,
     progress: Callable[[int], None] = lambda episodes: None,
-) -> Exported:
+) -> ExportedDataset:
     """Writes a dataset for Minari with the observations and rewards of a task.
 
     The export is atomic: it is written to a hidden directory beside the target. An interrupted
@@ -94,7 +94,7 @@ def export_minari(
         _write(dataset, task, id, directory / "data", progress)
         written = sum(file.stat().st_size for file in directory.rglob("*") if file.is_file())
         directory.rename(path)
-    return Exported(path, id, written)
+    return ExportedDataset(path, id, written)
 
 
 @contextmanager

@@ -119,7 +119,7 @@ def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int
     return None
 
 
-def state_of(rows: pa.Table, episode_steps: int) -> State:
+def read_state(rows: pa.Table, episode_steps: int) -> State:
     """Returns the states (episodes, steps + 1) of rows of whole episodes, in float32."""
     parts = {}
     for part, names in STATE_COLUMNS.items():
@@ -128,7 +128,7 @@ def state_of(rows: pa.Table, episode_steps: int) -> State:
     return State(**parts)
 
 
-def target_of(task: str, rows: pa.Table) -> Target:
+def read_target(task: str, rows: pa.Table) -> Target:
     """Returns the targets (episodes, 1) of a task, in float32."""
     x, y, yaw = (
         rows[f"{task}_target_{part}"].to_numpy().astype(np.float32)[:, None]

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from jbench.datasets import layout
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS
-from jbench.settings.records import JITTERBUG, Specs
+from jbench.settings.records import JITTERBUG, DatasetSettings, Specs
 from jbench.simulation import Task, find_task
 from jbench.simulation.find import check_specs
 from jbench.store import Record, Results, schema
@@ -110,8 +111,8 @@ class Dataset:
             )
         if not is_jitterbug:
             return _block_of_task(find_task(task), rows)
-        state = layout.state_of(rows, EPISODE_STEPS)
-        targets_of_task = layout.target_of(task, targets)
+        state = layout.read_state(rows, EPISODE_STEPS)
+        targets_of_task = layout.read_target(task, targets)
         target = geometry.Target(
             np.broadcast_to(targets_of_task.position, (*state.position.shape[:-1], 3)),
             np.broadcast_to(targets_of_task.yaw, state.position.shape[:-1]),
@@ -192,3 +193,29 @@ def find_dataset(
             f"--dataset: {', '.join(record.id for record in finished)}."
         )
     return Dataset(max(plain, key=lambda record: record.manifest.updated))
+
+
+class Listed(NamedTuple):
+    """A finished or unfinished dataset, with its committed control steps."""
+
+    record: Record
+    settings: DatasetSettings
+    steps: int
+
+
+def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
+    """Returns all datasets, oldest first, and an error for each unreadable one."""
+    records, problems = results.scan("dataset")
+    datasets = []
+    for record in records:
+        try:
+            settings = DatasetSettings.model_validate(record.settings)
+        except ValidationError as error:
+            problems.append(
+                f"The dataset {record.id} has invalid settings "
+                f"({error.errors()[0]['msg']}); delete {record.path} to make it again."
+            )
+            continue
+        steps = record.rows(layout.tables(settings.robot)[1]) * EPISODE_STEPS
+        datasets.append(Listed(record, settings, steps))
+    return datasets, problems

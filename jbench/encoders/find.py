@@ -7,7 +7,7 @@ from jbench.encoders.registry import Wanted, wanted_encoder
 from jbench.encoders.saved import load_encoder
 from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import one_of
+from jbench.names import in_prose
 from jbench.simulation import find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
@@ -74,7 +74,7 @@ def find_draws(
     if missing:
         raise RequestError(
             f"There is no encoder with the settings of {record.id} and the seed "
-            f"{one_of(missing)} in {results.name}; type "
+            f"{in_prose(missing)} in {results.name}; type "
             f"{with_results(settings.wanted.command(task), results.name)} "
             f"--seed {','.join(missing)} to make it, with the same options."
         )

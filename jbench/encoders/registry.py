@@ -69,7 +69,7 @@ def short_name(kind: str) -> str:
 
 def code_provenance(kind: str) -> dict[str, str | None]:
     """Returns provenance of the code of a kind; none for those of jbench."""
-    return {} if kind in ENCODER_KINDS else plugins.code_of(_WHAT, kind, _offered())
+    return {} if kind in ENCODER_KINDS else plugins.provenance(_WHAT, kind, _offered())
 
 
 def latent_sizes(kind: str, task: str) -> range:

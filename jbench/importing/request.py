@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jbench.errors import RequestError
-from jbench.names import FULL, MAX_SEED, ImportFormat, ReturnsName, one_of
+from jbench.names import FULL, MAX_SEED, ImportFormat, ReturnsName, in_prose
 from jbench.store.files import sha256
 
 _USED_BY = {
@@ -56,7 +56,7 @@ class ImportRequest:
             if getattr(self, name) is not None and self.format not in formats:
                 option = f"--{name.replace('_', '-')}"
                 raise RequestError(
-                    f"{option} is for {one_of(formats)}; leave it out with --from {self.format}."
+                    f"{option} is for {in_prose(formats)}; leave it out with --from {self.format}."
                 )
         given = [self.seed_from, self.seed_column]
         if None not in given or (given == [None, None] and self.format != "csv"):

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbench.names import one_of
+from jbench.names import in_prose
 from jbench.settings.alike import variant
 from jbench.store import schema
 from jbench.store.parquet import to_table
@@ -101,8 +101,8 @@ def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
     logged = [name for name in formats if name not in _EPISODES]
     if logged:
         notes.append(
-            f"A point of an imported {one_of(logged)} curve is a value in its file, which need not "
-            "be the return of a single episode."
+            f"A point of an imported {in_prose(logged)} curve is a value in its file, which need "
+            "not be the return of a single episode."
         )
     shorter = len(frame) - len(chosen)
     if shorter:

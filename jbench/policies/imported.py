@@ -46,7 +46,7 @@ def policy_code(name: str) -> str | None:
         return sha256_start(name)
     if not is_imported_policy(name):
         return None
-    made_with = plugins.code_of("policy", name, installed_policies())
+    made_with = plugins.provenance("policy", name, installed_policies())
     checksum = made_with.get("source_sha256")
     return checksum[:16] if checksum else made_with.get("package")
 

@@ -22,7 +22,7 @@ from jbench.names import (
     LoggerName,
     TimeLimit,
     evaluation_interval,
-    kind_of,
+    kind_in,
     known,
 )
 from jbench.recording.recorder import Recording
@@ -120,7 +120,7 @@ def external_settings(
             f"{EPISODE_STEPS} or more."
         )
     if encoder not in NO_ENCODER:
-        if kind_of(encoder).rstrip(":") == OFE:
+        if kind_in(encoder).rstrip(":") == OFE:
             raise RequestError(
                 f"encoder={encoder!r} is learned together with jbench's own agents; choose none "
                 "or an encoder of these results."

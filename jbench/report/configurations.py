@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from jbench.names import kind_of
+from jbench.names import kind_in
 from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import seed_scores, statistics
 from jbench.report.data.configuration import (
@@ -189,7 +189,7 @@ def published_frame(
     shown = shown if algo is None else shown[shown["algo"] == algo]
     names = {
         "algo": shown["algo"].map(display_name),
-        "kind": shown["representation"].map(kind_of),
+        "kind": shown["representation"].map(kind_in),
         "representation": shown["representation"].map(shown_representation),
     }
     return shown.assign(**names)[PUBLISHED_CURVES].reset_index(drop=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
-from jbench.names import FULL, one_of
+from jbench.names import FULL, in_prose
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.verdicts import judged
 from jbench.report.data.returns import FILE, steps, whole
@@ -68,7 +68,7 @@ def _on_sides(comparisons: pd.DataFrame, margin: float) -> str:
     elif len(comparisons) == 1:
         (answer,) = counts
     else:
-        answer = one_of([f"{word} in {count}" for word, count in counts.items()], "and")
+        answer = in_prose([f"{word} in {count}" for word, count in counts.items()], "and")
         tasks = comparisons["task"].nunique() == len(comparisons)
         answer += f" of {len(comparisons)} {'tasks' if tasks else 'configurations'}"
     return f"The final return with {first}, compared with {other}, is {answer}."
@@ -91,12 +91,12 @@ def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:
             outcomes.setdefault(_outcome(of_task), []).append(str(task))
         for outcome, tasks in outcomes.items():
             everywhere = len(tasks) == rows["task"].nunique()
-            on = f" on {one_of(tasks, 'and')}" if several and not everywhere else ""
+            on = f" on {in_prose(tasks, 'and')}" if several and not everywhere else ""
             found.setdefault(outcome, {}).setdefault(on, []).append(str(representation))
     for outcome, verb in _OUTCOMES.items():
         where = sorted(found.get(outcome, {}).items())
         if where:
-            parts = (f"with {one_of(names, 'and')}{on}" for on, names in where)
+            parts = (f"with {in_prose(names, 'and')}{on}" for on, names in where)
             yield f"{verb} {', and '.join(parts)}"
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.markers import MarkerStyle
 
-from jbench.names import MEANINGS, kind_of
+from jbench.names import MEANINGS, kind_in
 from jbench.paper.citation import CITATION
 from jbench.report import style
 from jbench.report.analysis.claims import MARGIN
@@ -129,7 +129,7 @@ def _mark(marker: str) -> str:
 def _meanings(frames: Frames) -> list[tuple[str, str]]:
     """Returns what the representations of the curves mean, if there are several."""
     names = [str(name) for name in frames.curves["representation"].unique()]
-    kinds = dict.fromkeys(map(kind_of, names))
+    kinds = dict.fromkeys(map(kind_in, names))
     endings = [name for name in MEANINGS if name[0] == "-" and any(name in one for one in names)]
     if len(names) < 2:
         return []

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import kind_of
+from jbench.names import kind_in
 from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
 from jbench.report.data.configuration import display_name, shown_representation
@@ -45,7 +45,10 @@ def run_frame(source: Source, returns: str) -> pd.DataFrame:
         found.append(
             {
                 **{"configuration": "", "label": "", "words": "", "task": row["task"]},
-                **{"algo": display_name(str(row["algo"])), "kind": kind_of(representation)},
+                **{
+                    "algo": display_name(str(row["algo"])),
+                    "kind": kind_in(representation),
+                },
                 "representation": shown_representation(representation),
                 **(one.identity if one else {}),
                 **{"source": key[0], "run": key[1]},

@@ -17,7 +17,7 @@ from jbench.names import (
     Engine,
     Precision,
     TimeLimit,
-    kind_of,
+    kind_in,
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import Count, Seed, Settings, in_id, omissible, typed, validated
@@ -159,7 +159,7 @@ class RunSettings(Settings):
     def _contradictions_of_features(self) -> Iterator[str]:
         """Yields what is wrong with features that are learned with the agent."""
         name = self.representation
-        if (self.ofe is not None) != (kind_of(name) == OFE):
+        if (self.ofe is not None) != (kind_in(name) == OFE):
             yield f"features that are learned with the agent are called {OFE}N"
         if self.ofe is None:
             return

@@ -10,7 +10,7 @@ from typing import Any
 
 from jbench import plugins
 from jbench.errors import RequestError
-from jbench.names import SUITE, SUITE_TASKS, TASK_GROUP, TASKS, closest, one_of
+from jbench.names import SUITE, SUITE_TASKS, TASK_GROUP, TASKS, closest, in_prose
 from jbench.settings.records import Specs
 from jbench.simulation.jitterbug import JitterbugTask
 from jbench.simulation.suite import DmTask
@@ -77,7 +77,7 @@ def check_specs(name: str, recorded: Specs | None) -> None:
         return
     fields = [n for n in Specs.model_fields if getattr(now, n, None) != getattr(recorded, n, None)]
     raise RequestError(
-        f"The task {name} has changed since it was recorded: its {one_of(fields, 'and')} differ; "
+        f"The task {name} has changed since it was recorded: its {in_prose(fields, 'and')} differ; "
         "use the task's code of then, or train again."
     )
 
@@ -86,7 +86,7 @@ def code_provenance(name: str) -> dict[str, str | None]:
     """Returns provenance of the code of a task, if it is that of another package."""
     if name in TASKS or name.startswith(SUITE):
         return {}
-    code = plugins.code_of("task", name, installed_tasks())
+    code = plugins.provenance("task", name, installed_tasks())
     return {f"task_{key}": value for key, value in code.items()}
 
 

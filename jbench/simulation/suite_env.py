@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jbench import opengl
 from jbench.errors import RequestError
-from jbench.names import one_of
+from jbench.names import in_prose
 from jbench.simulation.find import find_task
 from jbench.simulation.suite import DmWorlds
 
@@ -135,6 +135,6 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if name is None:
             return 0 if cameras else -1
         if name not in cameras:
-            choices = one_of(cameras) if cameras else "leave the camera out"
+            choices = in_prose(cameras) if cameras else "leave the camera out"
             raise RequestError(f"{self.task} has no camera {name}; it has {choices}.")
         return cameras.index(name)

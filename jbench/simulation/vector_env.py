@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jbench.cores import cores
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, one_of
+from jbench.names import EPISODE_STEPS, in_prose
 from jbench.simulation.robots import Robots
 from jbench.tasks import resets
 from jbench.tasks.geometry import State, Target
@@ -65,7 +65,7 @@ class JitterbugVectorEnv(
         modes = self.metadata["render_modes"]
         if settings.get("render_mode") not in (None, *modes):
             raise RequestError(
-                f"render_mode {settings['render_mode']!r} is not one of {one_of(modes)}; "
+                f"render_mode {settings['render_mode']!r} is not one of {in_prose(modes)}; "
                 "gymnasium.make has more."
             )
         limit = EPISODE_STEPS if max_episode_steps is None else max_episode_steps
@@ -75,7 +75,7 @@ class JitterbugVectorEnv(
         if not whole or min(num_envs, threads) < 1 or limit < -1 or limit == 0:
             raise RequestError(
                 "num_envs, max_episode_steps and threads must be whole numbers of at least 1, not "
-                f"{one_of(map(str, numbers), 'and')}."
+                f"{in_prose(map(str, numbers), 'and')}."
             )
         # Never stepped: it has the model and the spaces, and draws.
         self._single = JitterbugEnv(task, **settings)

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import one_of
+from jbench.names import in_prose
 from jbench.store import parquet
 from jbench.store.database import Results
 from jbench.store.manifest import KINDS
@@ -73,7 +73,7 @@ def _check_source(results: Results, source: Results) -> None:
     if not any((source.path / f"{kind}s").is_dir() for kind in KINDS):
         raise RequestError(
             f"{source.path} holds no results; name a directory with "
-            f"{one_of(f'{kind}s' for kind in KINDS)} in it."
+            f"{in_prose(f'{kind}s' for kind in KINDS)} in it."
         )
     if source.path.resolve() == results.path.resolve():
         raise RequestError(f"{source.path} is the results directory itself; name another.")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import kind_of, known
+from jbench.names import kind_in, known
 from jbench.report.analysis.verdicts import BASELINES
 from jbench.settings.alike import SEED, alike, with_implied
 from jbench.settings.base import Count, Settings, validated, whole
@@ -204,7 +204,7 @@ def _with_baselines(cells: Sequence[Cell]) -> Iterator[MatrixComparison]:
 
 
 def _kind(cell: Cell) -> str:
-    return kind_of(cell.runs[0].representation)
+    return kind_in(cell.runs[0].representation)
 
 
 def _key(cell: Cell) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError
-from jbench.names import one_of
+from jbench.names import in_prose
 from jbench.tasks.features import TASK_SPECS
 from jbench.tasks.geometry import TARGET_HEIGHT, Array, Target
 
@@ -101,7 +101,7 @@ def option_target(
     if chosen.shape not in shapes or not np.isfinite(chosen).all():
         raise RequestError(
             f"The target of {task} is an array ({', '.join(names)}) of finite numbers, of shape "
-            f"{one_of(map(str, shapes))}, not {numbers!r}."
+            f"{in_prose(map(str, shapes))}, not {numbers!r}."
         )
     chosen = np.broadcast_to(chosen, shapes[-1])
     by_name = dict(zip(names, np.moveaxis(chosen, -1, 0), strict=True))

@@ -58,7 +58,7 @@ def simulate_again(robot, episodes):
 
 
 def kept_state(record):
-    return layout.state_of(record.read("steps"), EPISODE)
+    return layout.read_state(record.read("steps"), EPISODE)
 
 
 def test_id_of_plain_dataset_ignores_augment_setting(plain):

@@ -15,7 +15,7 @@ import pytest
 from scipy.stats import trim_mean
 
 import jbench
-from jbench.names import kind_of
+from jbench.names import kind_in
 from jbench.report.frames import frames
 from jbench.store.shipped import shipped_results
 from tests.command_line import succeed
@@ -73,7 +73,7 @@ def returns(evaluations):
 
 def named(frame):
     """Adds the names of the pages: `scaled` and `planar` have no number."""
-    names = [kind_of(r) if kind_of(r) in ("scaled", "planar") else r for r in frame.representation]
+    names = [kind_in(r) if kind_in(r) in ("scaled", "planar") else r for r in frame.representation]
     return frame.assign(name=names)
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from jbench.names import ENCODER_KINDS, kind_of
+from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
 from jbench.report.figures import charts, cleaned
 from jbench.report.figures.marks import thinned
@@ -46,7 +46,7 @@ def drawn(panel, version=None):
 
 
 def representation_looks(names):
-    rows = pd.DataFrame({"name": names, "kind": [kind_of(name) for name in names]})
+    rows = pd.DataFrame({"name": names, "kind": [kind_in(name) for name in names]})
     return style.representation_looks(rows, "name")
 
 

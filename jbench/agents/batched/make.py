@@ -32,7 +32,7 @@ from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS, PRECISIONS, TimeLimit, one_of
+from jbench.names import EPISODE_STEPS, PRECISIONS, TimeLimit, in_prose
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
 
@@ -78,7 +78,7 @@ class Computation:
         device = find_device(self.device)
         if self.precision not in PRECISIONS:
             raise RequestError(
-                f"Unknown precision {self.precision!r}; choose {one_of(PRECISIONS)}."
+                f"Unknown precision {self.precision!r}; choose {in_prose(PRECISIONS)}."
             )
         if device.type == "cuda":
             products = torch.backends.cuda.matmul

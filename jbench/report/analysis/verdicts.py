@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL, kind_of
+from jbench.names import FULL, kind_in
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Comparison, Ends, Pair, ends, seed_scores
 from jbench.report.data.configuration import (
@@ -146,9 +146,9 @@ class _Question:
 
 def _pairs(configurations: Sequence[Configuration]) -> Iterator[Pair]:
     for group in differing_in(configurations, "representation"):
-        baselines = {kind_of(one.representation): one for one in reversed(group)}
+        baselines = {kind_in(one.representation): one for one in reversed(group)}
         for ours in group:
-            others = {FULL: (), SCALED: (FULL,)}.get(kind_of(ours.representation), BASELINES)
+            others = {FULL: (), SCALED: (FULL,)}.get(kind_in(ours.representation), BASELINES)
             yield from ((ours, baselines[name]) for name in others if name in baselines)
 
 

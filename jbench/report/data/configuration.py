@@ -15,7 +15,7 @@ from jbench.names import (
     TASKS,
     Order,
     ReturnsName,
-    kind_of,
+    kind_in,
 )
 from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.returns import FILE, TRAINING, has_solved_return
@@ -151,7 +151,7 @@ class Configuration:
     def identity(self) -> dict[str, str]:
         """The columns `ID`."""
         shown = shown_representation(self.representation)
-        words = self._shown_algo, shown, kind_of(self.representation), self.words
+        words = self._shown_algo, shown, kind_in(self.representation), self.words
         values = self.configuration, self.label, self.source, self.task, *words
         return dict(zip(ID, values, strict=True))
 

@@ -35,7 +35,7 @@ class StatePairs(NamedTuple):
         """Returns parts of this many rows; the last one may be smaller."""
         none = [None] * -(-len(self.now) // rows)
         parts = [none if part is None else part.split(rows) for part in self]
-        return [StatePairs(*each) for each in zip(*parts, strict=True)]
+        return [StatePairs(*part) for part in zip(*parts, strict=True)]
 
 
 class Shard(NamedTuple):

@@ -71,7 +71,7 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
     )
     errors = (_trained(learned)(test.inputs) - test.targets).square().mean(0)
     variance = test.targets.var(0, correction=0)
-    found = []
+    rows = []
     for target, columns in _columns(states.task).items():
         linear_r2 = _r2(linear_errors[columns], linear_variance[columns])
         is_linear = linear_r2 is not None and linear_r2 >= _LINEAR
@@ -80,8 +80,8 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
         amplitude = float(amplitudes[columns].square().mean().sqrt()) if is_linear else None
         r2 = _r2(errors[columns], variance[columns])
         row = {"target": target, "r2": r2, "linear_r2": linear_r2, "amplitude": amplitude}
-        found.append({**row, **shared})
-    return found
+        rows.append({**row, **shared})
+    return rows
 
 
 def effective_rank(rows: NDArray[np.floating]) -> float:

@@ -88,10 +88,10 @@ def train_encoder(
                 raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
             # An interrupted process may have committed the errors already.
             if not record.rows("encoder_errors"):
-                found = [
+                table_rows = [
                     {"encoder": record.id, **row} for row in predictions(kind, weights, states)
                 ]
-                table = pa.Table.from_pylist(found, encoder_schema.ENCODER_PREDICTIONS)
+                table = pa.Table.from_pylist(table_rows, encoder_schema.ENCODER_PREDICTIONS)
                 errors = error_tables(record.id, kind, weights, settings.latents, states)
                 record.append({**errors, "encoder_predictions": table})
         training.finish(weights)

@@ -95,7 +95,7 @@ def unknown_task(name: str) -> RequestError:
     close = closest(name, [*TASKS, *installed_tasks(), *SUITE_TASKS])
     if close is None:  # a domain, such as cartpole or HalfCheetah-v5
         domains = {task.removeprefix(SUITE).partition("-")[0]: task for task in SUITE_TASKS[::-1]}
-        close = next((domains[each] for each in domains if each in name.lower()), None)
+        close = next((task for domain, task in domains.items() if domain in name.lower()), None)
     hint = f"did you mean {close}? Choose" if close else "choose"
     gym = " Gymnasium environments are not supported." if re.search(r"-v\d+$", name) else ""
     return RequestError(

@@ -52,17 +52,17 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise RequestError(f"render_mode is rgb_array or None, not {render_mode!r}.")
         if render_mode is not None:
             opengl.choose_backend()  # before dm_control is imported
-        found = find_task(task)
+        robot_task = find_task(task)
         self.task, self.render_mode = task, render_mode
-        worlds = found.worlds(1, augment=augment)
+        worlds = robot_task.worlds(1, augment=augment)
         assert isinstance(worlds, DmWorlds)
         self._worlds, self._size = worlds, (height, width)
         self._renderer: mujoco.Renderer | None = None
-        shape = (found.observation_size,)
+        shape = (robot_task.observation_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
-        self.action_space = gymnasium.spaces.Box(-1, 1, (found.action_size,), np.float32)
-        if found.control_timestep:
-            self.metadata = {**self.metadata, "render_fps": round(1 / found.control_timestep)}
+        self.action_space = gymnasium.spaces.Box(-1, 1, (robot_task.action_size,), np.float32)
+        if robot_task.control_timestep:
+            self.metadata = {**self.metadata, "render_fps": round(1 / robot_task.control_timestep)}
         self._camera = None if render_mode is None else self._find_camera(camera)
 
     @property

@@ -97,7 +97,7 @@ class _Chain:
                 )
             if node.op == "placeholder":
                 return layers
-            before = [node for node in node.all_input_nodes if node.op != "get_attr"]
+            before = [given for given in node.all_input_nodes if given.op != "get_attr"]
             if len(before) != 1:
                 raise UnsupportedPolicyError(f"{node.name} takes {len(before)} results, not one")
             layers = [*self._node_layers(node, before[0]), *layers]

@@ -61,3 +61,48 @@ class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Steps the environment; a truncation becomes a termination."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         return observation, reward, terminated or truncated, False, info
+
+
+class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Switches through the robots of a run, one or several; each has as many episodes.
+
+    The paper's authors kept the policy from robot to robot. Here the agent does not notice the
+    switch: it keeps its networks, optimizers, entropy coefficient, step count and replay buffer. In
+    the authors' experiment (1e6 steps per robot), the new robot's transitions gradually replace the
+    old ones in the buffer of a million.
+
+    The switch is made at the beginning of an episode and not between two calls of the agent's
+    `learn`: those end with a rollout, which may be in the middle of an episode, so that robots
+    would begin late and lose the truncated episodes.
+    """
+
+    def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
+        super().__init__(make_env(settings, encoder))
+        self._settings, self._encoder = settings, encoder
+        self._robot = self._ended = 0
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the current robot, and counts its episodes."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._ended += terminated or truncated
+        return observation, reward, terminated, truncated, info
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode; switches to the next robot after the last episode of this one."""
+        robot = min(self._ended // self._settings.episodes_on_each, self._settings.robots - 1)
+        if robot != self._robot:
+            self.env = with_robot(self.env, self._settings, self._encoder, robot)
+            self._robot = robot
+        return self.env.reset(seed=seed, options=options)
+
+
+def with_robot(
+    env: gymnasium.Env[Any, Any], settings: RunSettings, encoder: Encoder | None, robot: int
+) -> gymnasium.Env[Any, Any]:
+    """Returns an environment with another robot and the generator of the given environment."""
+    other = make_env(settings, encoder, robot)
+    other.unwrapped.np_random = env.unwrapped.np_random
+    env.close()
+    return other

@@ -4,7 +4,6 @@ import contextlib
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -22,7 +21,7 @@ from jbench.settings.run import RunSettings
 from jbench.simulation import find
 from jbench.simulation.rollout import PATH_EVERY, Path, make_path, path_point
 from jbench.store import Record, Results
-from jbench.training.environment import make_env
+from jbench.training.environment import RobotSequence, make_env, with_robot
 from jbench.training.evaluation import EvaluationSchedule, final_evaluation_episodes, seeds_of
 from jbench.training.events import Event, Report, ignore
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
@@ -120,51 +119,6 @@ def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> SavedNetwork:
         return sb3.policy(agent)
     spaces: Any = agent.observation_space, agent.action_space
     return sb3.copy_model(agent, *(space.shape[0] for space in spaces))
-
-
-class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Switches through the robots of a run, one or several; each has as many episodes.
-
-    The paper's authors kept the policy from robot to robot. Here the agent does not notice the
-    switch: it keeps its networks, optimizers, entropy coefficient, step count and replay buffer. In
-    the authors' experiment (1e6 steps per robot), the new robot's transitions gradually replace the
-    old ones in the buffer of a million.
-
-    The switch is made at the beginning of an episode and not between two calls of the agent's
-    `learn`: those end with a rollout, which may be in the middle of an episode, so that robots
-    would begin late and lose the truncated episodes.
-    """
-
-    def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
-        super().__init__(make_env(settings, encoder))
-        self._settings, self._encoder = settings, encoder
-        self._robot = self._ended = 0
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Steps the current robot, and counts its episodes."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        self._ended += terminated or truncated
-        return observation, reward, terminated, truncated, info
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode; switches to the next robot after the last episode of this one."""
-        robot = min(self._ended // self._settings.episodes_on_each, self._settings.robots - 1)
-        if robot != self._robot:
-            self.env = with_robot(self.env, self._settings, self._encoder, robot)
-            self._robot = robot
-        return self.env.reset(seed=seed, options=options)
-
-
-def with_robot(
-    env: gymnasium.Env[Any, Any], settings: RunSettings, encoder: Encoder | None, robot: int
-) -> gymnasium.Env[Any, Any]:
-    """Returns an environment with another robot and the generator of the given environment."""
-    other = make_env(settings, encoder, robot)
-    other.unwrapped.np_random = env.unwrapped.np_random
-    env.close()
-    return other
 
 
 class SB3Evaluator(EvaluationSchedule):

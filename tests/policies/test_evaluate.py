@@ -12,7 +12,6 @@ from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.query import load, run_sql
 from jbench.tasks import resets
-from jbench.tasks.geometry import Target
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.heuristics import heuristic
 from tests.training.small_runs import shorten_episodes
@@ -115,13 +114,8 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
         ([""], "Unknown policy ''; choose heuristic, random, constant:U"),
         (["constant:2"], "lies in [-1, 1]"),
         (["constant:+0.5"], "lies in [-1, 1]; type constant:0.5"),
-        (["constant: 0.5"], "lies in [-1, 1]; type constant:0.5"),
-        (["constant:0,5"], "lies in [-1, 1]; type constant:0.5"),
         (["constant:0_1"], "lies in [-1, 1]; type constant:0.5"),
-        (["constant:\N{ARABIC-INDIC DIGIT ONE}"], "lies in [-1, 1]"),
-        (["constant:"], "lies in [-1, 1]"),
         (["constant:nan"], "lies in [-1, 1]"),
-        (["constant:x"], "lies in [-1, 1]"),
         (["face_direction/td3/full/s00-00000000"], "No run face_direction/td3"),
         (["../x"], "is not an id"),
         (["random", "--policy", "heuristic"], "Two policies, random and heuristic: type one."),
@@ -133,10 +127,3 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
 )
 def test_invalid_request_is_refused(arguments, message, tmp_path, refused):
     assert message in refused("evaluate", *arguments, results=tmp_path)
-
-
-def test_drawn_target_differs_from_fixed_target():
-    # The paper's Figure 5 fixes 45 degrees; the drawn target is different.
-    _, target = beginning("move_in_direction", 0, 0)
-    assert isinstance(target, Target)
-    assert target.yaw != pytest.approx(math.pi / 4)

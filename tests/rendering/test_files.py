@@ -11,7 +11,7 @@ from PIL import Image
 from jbench.errors import RequestError
 from jbench.rendering import write
 from jbench.rendering.episode import Scene, render_episode, strip_picture, video_picture
-from jbench.rendering.write import default_size, mp4, render_to_file
+from jbench.rendering.write import mp4, render_to_file
 from tests.rendering.render_policies import Constant
 
 SCENE = Scene("move_to_pose", seed=1, width=160, height=120)
@@ -68,13 +68,6 @@ def test_mp4_shows_episode_in_slow_motion(tmp_path):
         assert np.abs(found - expected).mean() < 8
 
 
-@rendering
-def test_gif_ends_at_last_control_step(tmp_path):
-    path = tmp_path / "episode.gif"
-    assert render_to_file(Constant(), SCENE, path, name="x", steps=10).step == 10
-    assert Image.open(path).n_frames == 4  # at 0, 4, 8 and 10
-
-
 def test_odd_video_size_is_padded_to_even(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     gray = np.full((65, 97, 3), 128, np.uint8)
@@ -103,12 +96,6 @@ def test_interrupted_writing_keeps_old_file(tmp_path, ending):
         render_to_file(Constant(fails_at=6), SCENE, path, name="x", steps=12)
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
     assert path.read_bytes() == b"before"
-
-
-def test_default_sizes_have_same_aspect_ratio(tmp_path):
-    sizes = [default_size(tmp_path / f"file{ending}") for ending in write.SUFFIXES]
-    assert sizes == [(640, 480), (640, 480), (320, 240)]
-    assert {width * 3 for width, _ in sizes} == {height * 4 for _, height in sizes}
 
 
 @pytest.mark.parametrize(

@@ -55,13 +55,6 @@ def test_each_line_shows_its_value(change, line):
     assert MARGIN + line * LINE <= first <= last < MARGIN + (line + 1) * LINE
 
 
-def test_title_and_camera_are_written():
-    written = video_picture(frame(), "title", "ego camera")
-    assert changed_rows(written, video_picture(frame(), "other", "ego camera"))[1] < MARGIN + LINE
-    below = changed_rows(written, video_picture(frame(), "title", "overhead camera"))
-    assert below[0] >= HEIGHT - MARGIN - LINE
-
-
 def test_numbers_have_fixed_width():
     assert times(frame()) == f"{PAD}2.50 s   return {PAD}{PAD}12.3"
     assert times(frame(1000, 914.37)) == "10.00 s   return" + f" {PAD}914.4"

@@ -16,8 +16,8 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.tasks.robots import load_model
 from jbench.training import sb3_run as running
-from jbench.training.environment import make_env
-from jbench.training.sb3_run import RobotSequence, run
+from jbench.training.environment import RobotSequence, make_env
+from jbench.training.sb3_run import run
 from tests.training.small_runs import EPISODE, shorten_episodes, small_run
 
 SHORT = pytest.mark.usefixtures("short_episodes")

@@ -1,13 +1,10 @@
 """Tests of runs with stable-baselines3: recorded rows, reproducibility, policies and failures."""
 
-import json
-
 import numpy as np
 import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import load_agent
-from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.training.environment import make_env
@@ -108,13 +105,6 @@ def test_same_settings_give_same_rows(finished, tmp_path):
     assert record.read_file("policy.safetensors") == again.read_file("policy.safetensors")
 
 
-def test_other_seed_gives_other_episodes(finished, tmp_path):
-    _, record, _ = finished
-    other = run(settings(seed=1, steps=EPISODE, evaluate_episodes=0), Results(tmp_path), None)
-    first, second = (r.read("episodes")["episode_return"].to_pylist() for r in (record, other))
-    assert not set(first) & set(second)
-
-
 def test_saved_agent_reproduces_evaluation(finished):
     results, record, _ = finished
     agent = load_agent(results, record.id)
@@ -199,19 +189,3 @@ def test_run_locked_by_another_process_is_refused(tmp_path):
     record = results.create("run", settings().id, settings().model_dump(mode="json"))
     with record.lock(), pytest.raises(WorkError, match="Another process"):
         run(settings(), results, None)
-
-
-def test_id_depends_on_every_setting():
-    base = settings()
-    assert base.id.startswith("face_direction/td3/full/s00-")
-    others = [
-        settings(seed=1),
-        settings(steps=4000),
-        settings(time_limit="terminal"),
-        settings(evaluate_every=EPISODE),
-        settings(overrides={"tau": 0.01}),
-        settings("ddpg"),
-    ]
-    assert len({base.id, *(other.id for other in others)}) == 7
-    again = RunSettings.model_validate_json(json.dumps(base.model_dump(mode="json")))
-    assert again.id == base.id

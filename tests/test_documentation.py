@@ -19,7 +19,7 @@ from jbench.cli import app
 from jbench.datasets import Dataset
 from jbench.paper import citation
 from jbench.report import page
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.store import Results
 from jbench.tasks import features
 from tests.documentation import PAGES, ROOT, Session, blocks_of
@@ -206,7 +206,7 @@ def test_readme_and_report_cite_paper(demo_results):
     assert f"{{{' and '.join(f'{family}, {given}' for given, _, family in authors)}}}" in readme
     for text in (citation.TITLE, citation.VENUE, citation.YEAR):
         assert f"= {{{text}}}," in readme
-    found = frames(demo_results)
+    found = Frames(demo_results)
     assert citation.CITATION in html.unescape(page.render(found, []))
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from PIL import Image
 
 from jbench.report import figures, style
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
@@ -53,8 +53,8 @@ def copy_compared(target: Path) -> Results:
 
 def draw(results: Results, drawing: Drawing) -> None:
     """Draws a figure with few colors and pixels, which makes its file small."""
-    found = frames(results, Request(task=drawing.task, algo="td3"))
-    made = figures.charts(figures.cleaned(found))
+    found = Frames(results, Request(task=drawing.task, algo="td3"))
+    made = figures.charts(found)
     (drawn,) = (one.figure(drawing.columns) for one in made if one.name == drawing.figure)
     picture = Image.open(io.BytesIO(style.image(drawn, "png"))).convert("RGB")
     picture = picture.resize(

@@ -100,7 +100,7 @@ def _curves(
     database = parsing.existing_results(results)
     task = task and parsing.known_or_held("task", task, [database])
     check_output(file)
-    read = sources.joined(sources.own_and_imported(database, Request(task=task)))
+    read = sources.own_and_imported(database, Request(task=task))
     chosen = with_returns(read.configurations, returns)
     if not chosen:
         (other,) = {*names.RETURNS} - {returns}

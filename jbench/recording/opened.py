@@ -139,7 +139,7 @@ class OpenedResults:
         return points.merge(named, on=_CURVE, how="left")
 
     def _rows(self, request: Request) -> sources.Source:
-        found = sources.joined(sources.own_and_imported(self._results, request))
+        found = sources.own_and_imported(self._results, request)
         for problem in found.problems:
             warnings.warn(problem, stacklevel=3)
         return found

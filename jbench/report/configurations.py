@@ -1,13 +1,14 @@
 """Frames of configurations and their seeds: statistics of final returns, and learning curves."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jbench.names import kind_in
 from jbench.report.analysis.claims import decide_solved
-from jbench.report.analysis.scores import seed_scores, statistics
+from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import (
     ID,
     Configuration,
@@ -15,10 +16,19 @@ from jbench.report.data.configuration import (
     display_name,
     shown_representation,
 )
-from jbench.report.data.curves import BAND_SEEDS, QUANTILES, Curve, centers
+from jbench.report.data.curves import (
+    BAND_SEEDS,
+    QUANTILES,
+    Curve,
+    centers,
+    moving_average,
+    steps_to_threshold,
+)
 from jbench.report.data.published import NAMES, PUBLISHED, SEQUENCE_ROBOTS, best_beside
-from jbench.report.data.returns import TRAINING
-from jbench.statistics.bootstrap import Estimate
+from jbench.report.data.returns import SOLVED, TRAINING
+from jbench.statistics import FloatArray
+from jbench.statistics import bootstrap as st
+from jbench.statistics.agents import components, smallest_difference
 
 Curves = Sequence[tuple[Configuration, Curve]]
 
@@ -27,18 +37,16 @@ _STATISTICS = [
     for name in ("median", "iqm", "over_run", "deviation", "solved_steps")
     for end in ("", "_low", "_high")
 ]
-_SOLVED = {"supported": "yes", "contradicted": "no", "undecided": "undecided"}
+_IS_SOLVED = {"supported": "yes", "contradicted": "no", "undecided": "undecided"}
 CONFIGURATIONS = [
     *(*ID, "variant", "returns", "seeds", "draws", "steps_min", "steps", "diverged"),
     *(*_STATISTICS, "deviation_by_episodes", "s", "s_low", "s_high", "detectable"),
     *("reached", "solved", "published", "published_figure", "note"),
 ]
 SEEDS = [
-    *(*ID, "returns", "seed", "run", "final", "over_run", "episodes", "episode_sd", "diverged"),
+    *(*ID, "returns", "seed", "run", "final", "over_run", "episodes", "episode_sd", "diverged")
 ]
-CURVES = [
-    *(*ID, "returns", "steps", "seeds", "window", *NAMES.values(), "robots", "robot_steps"),
-]
+CURVES = [*(*ID, "returns", "steps", "seeds", "window", *NAMES.values(), "robots", "robot_steps")]
 RUN_CURVES = ["configuration", "source", "run", "seed", "returns", "steps", "value"]
 PROCESSOR = [*ID, "returns", "seconds", "median"]
 PUBLISHED_CURVES = [
@@ -57,30 +65,60 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
     """Returns a row per configuration and kind of return, in the order of drawing.
 
     Columns: `ID`, variant (hash), returns (kind), seeds (with a final return), draws (of encoders),
-    steps_min and steps (control steps of training), diverged (seeds); statistics, see
-    `scores.statistics`; solved (whether the median is 900 or more: yes, no or undecided); published
-    (median at the same control step) and published_figure; note.
+    steps_min and steps (control steps of training), diverged (seeds). Statistics with the ends of
+    their 95% intervals (…_low, …_high): median, iqm (interquartile mean) and deviation (standard
+    deviation) of the final returns, over_run (interquartile mean of the mean return over the run),
+    solved_steps (median of the control steps to a return of `SOLVED`; infinite: after the runs'
+    end; NaN for a sequence of robots), s (standard deviation between agents). deviation_by_episodes
+    (that of final returns if all agents were equally good), detectable (smallest difference of
+    means that two such configurations show), reached (seeds that reach `SOLVED`), solved (whether
+    the median is 900 or more: yes, no or undecided), published (the paper's median at the same
+    control step) and published_figure, note.
     """
     rows = []
-    for one, curve in curves:
-        row = statistics(one, curve)
-        seeds = len(seed_scores(one).final)
-        median = Estimate(row["median"], row["median_low"], row["median_high"])
-        value, figure = best_beside(one, published) or (np.nan, None)
-        rows.append(
-            {
-                **one.identity,
-                **{"variant": one.variant, "returns": one.kind, "seeds": seeds},
-                **{"draws": one.draws, "diverged": int(one.diverged.sum())},
-                **{"steps_min": int(one.steps.min()), "steps": int(one.steps.max())},
-                **row,
-                "solved": _SOLVED[decide_solved(median, seeds)[0]]
-                if seeds and one.has_solved_return
-                else None,
-                **{"published": value, "published_figure": figure, "note": "; ".join(one.notes)},
-            }
-        )
+    for config, curve in curves:
+        scores = seed_scores(config)
+        location = {"median": st.median, "iqm": st.interquartile_mean}
+        variability = {"deviation": st.standard_deviation} if len(scores.final) > 1 else {}
+        row: dict[str, Any] = {**config.identity, "variant": config.variant, "draws": config.draws}
+        row |= {"returns": config.kind, "seeds": len(scores.final), "note": "; ".join(config.notes)}
+        row |= {"steps_min": int(config.steps.min()), "steps": int(config.steps.max())}
+        row |= {"diverged": int(config.diverged.sum()), "solved": None}
+        row |= _intervals(location | variability, scores.final)
+        row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
+        row["deviation_by_episodes"] = scores.deviation_by_episodes
+        if scores.agents.known and len(scores.final) >= st.MIN_SEEDS:
+            row["s"], row["s_low"], row["s_high"], w = components(scores.agents)
+            sizes = len(scores.final), row["s"], w, scores.episodes.mean()
+            row["detectable"] = smallest_difference(*sizes)
+        if config.robots <= 1 and config.has_solved_return:
+            steps = _steps_to_solved(config, curve)
+            row |= _intervals({"solved_steps": st.median}, steps)
+            row["reached"] = int(np.isfinite(steps).sum())
+        if row["seeds"] and config.has_solved_return:
+            median = st.Estimate(*(row[f"median{end}"] for end in ("", "_low", "_high")))
+            row["solved"] = _IS_SOLVED[decide_solved(median, row["seeds"])["verdict"]]
+        value, figure = best_beside(config, published) or (np.nan, None)
+        rows.append(row | {"published": value, "published_figure": figure})
     return pd.DataFrame(rows, columns=CONFIGURATIONS).astype({"reached": "Int64"})
+
+
+def _intervals(statistics: Mapping[str, st.Statistic], scores: FloatArray) -> dict[str, float]:
+    row: dict[str, float] = {}
+    samples = st.samples(list(statistics.values()), [scores])
+    for name, sample in zip(statistics, samples, strict=True):
+        row |= zip((name, f"{name}_low", f"{name}_high"), sample.estimate(), strict=False)
+    return row
+
+
+def _steps_to_solved(config: Configuration, curve: Curve) -> FloatArray:
+    """Returns the control steps (seeds with a return,) after which each first reaches `SOLVED`.
+
+    Windows that are cut off at the ends of a run do not count.
+    """
+    known = np.isfinite(config.returns).any(axis=1)
+    at = moving_average(config.control_steps[known], curve.window)
+    return steps_to_threshold(curve.each[known][:, curve.widths == curve.window], at, SOLVED)
 
 
 def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
@@ -91,13 +129,13 @@ def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     mean is episode_sd / √episodes), diverged.
     """
     parts = []
-    for one in configurations:
-        scores = seed_scores(one)
-        numbers = {"seed": one.seeds, "run": np.array(one.runs, object), "diverged": one.diverged}
-        numbers = {name: values[scores.known] for name, values in numbers.items()}
+    for config in configurations:
+        scores = seed_scores(config)
+        numbers = {"seed": config.seeds, "run": np.array(config.runs, object)}
+        numbers = {n: v[scores.known] for n, v in (numbers | {"diverged": config.diverged}).items()}
         numbers |= {"final": scores.final, "over_run": scores.area}
         numbers |= {"episodes": scores.episodes, "episode_sd": scores.deviations}
-        parts.append(pd.DataFrame({**one.identity, "returns": one.kind, **numbers}))
+        parts.append(pd.DataFrame({**config.identity, "returns": config.kind, **numbers}))
     return concatenated(parts, SEEDS)
 
 
@@ -112,13 +150,11 @@ def curve_points(curves: Curves) -> pd.DataFrame:
     return concatenated([_points(*pair) for pair in ordered], POINTS)
 
 
-def _points(configuration: Configuration, curve: Curve) -> pd.DataFrame:
-    names = {"returns": configuration.kind, "order": curve.order, "window": curve.widths}
-    numbers = {"control_steps": curve.control_steps, "seeds": curve.seeds}
+def _points(config: Configuration, curve: Curve) -> pd.DataFrame:
+    names = dict(zip(POINTS, (*config.key, config.kind, curve.order), strict=False))
+    numbers = {"control_steps": curve.control_steps, "seeds": curve.seeds, "window": curve.widths}
     quantiles = {f"q{percent}": curve.quantile(percent) for percent in QUANTILES}
-    return pd.DataFrame(
-        {**dict(zip(POINTS[:5], configuration.key, strict=True)), **names, **numbers, **quantiles}
-    )
+    return pd.DataFrame({**names, **numbers, **quantiles})
 
 
 def curve_frame(curves: Curves) -> pd.DataFrame:
@@ -129,12 +165,12 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
     on a sequence of robots have robots and robot_steps (control steps with each robot).
     """
     parts = []
-    for one, curve in curves:
-        points = _points(one, curve).rename(columns={**NAMES, "control_steps": "steps"})
-        if len(one.seeds) < BAND_SEEDS:
+    for config, curve in curves:
+        points = _points(config, curve).rename(columns={**NAMES, "control_steps": "steps"})
+        if len(config.seeds) < BAND_SEEDS:
             points[["q10", "q25", "q75", "q90"]] = np.nan
-        robot_steps = one.robot_episodes * one.longest / one.returns.shape[1]
-        points = points.assign(**one.identity, robots=one.robots, robot_steps=robot_steps)
+        robot_steps = config.robot_episodes * config.longest / config.returns.shape[1]
+        points = points.assign(**config.identity, robots=config.robots, robot_steps=robot_steps)
         parts.append(points[points["seeds"] > 0])
     return concatenated(parts, CURVES)
 
@@ -145,12 +181,12 @@ def run_curve_frame(curves: Curves) -> pd.DataFrame:
     Columns: configuration, source, run, seed, returns, steps, value.
     """
     parts = []
-    for one, curve in curves:
-        for run, seed, values in zip(one.runs, one.seeds, curve.each, strict=True):
+    for config, curve in curves:
+        for run, seed, values in zip(config.runs, config.seeds, curve.each, strict=True):
             shown = np.flatnonzero(np.isfinite(values))
             if len(shown) > _SHOWN_POINTS:
                 shown = shown[np.linspace(0, len(shown) - 1, _SHOWN_POINTS).round().astype(int)]
-            names = one.configuration, one.source, run, seed, one.kind
+            names = config.configuration, config.source, run, seed, config.kind
             points = {"steps": curve.control_steps[shown], "value": values[shown]}
             parts.append(pd.DataFrame({**dict(zip(RUN_CURVES, names, strict=False)), **points}))
     return concatenated(parts, RUN_CURVES)
@@ -164,16 +200,17 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
     has no time afterwards, and counts only in the return.
     """
     parts = []
-    for one, curve in curves:
-        times = one.processor_time[~one.diverged]
+    for config, curve in curves:
+        times = config.processor_time[~config.diverged]
         if not len(times):
             continue
         middle = np.median(times, axis=0)  # NaN where a seed has none
         # If some times of a window are missing, the mean of the others is not that at its center.
         known = centers(np.isfinite(middle).astype(np.float64), curve.window) == 1
         usable = known & np.isfinite(curve.quantile(50))
-        names = {**one.identity, "returns": one.kind, "median": curve.quantile(50)[usable]}
-        parts.append(pd.DataFrame({**names, "seconds": centers(middle, curve.window)[usable]}))
+        numbers = {"median": curve.quantile(50), "seconds": centers(middle, curve.window)}
+        points = pd.DataFrame({**config.identity, "returns": config.kind, **numbers})
+        parts.append(points[usable])
     return concatenated(parts, PROCESSOR)
 
 
@@ -199,7 +236,7 @@ def sequence_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame:
     """Returns curves on sequences of robots, and the authors' up to the last step of ours."""
     ours = curve_frame(curves)
     longest = ours.groupby(["task", "algo"])["steps"].max()
-    theirs = published_frame(published, {one.task for one, _ in curves})
+    theirs = published_frame(published, {config.task for config, _ in curves})
     keys = pd.MultiIndex.from_frame(theirs[["task", "algo"]])
     theirs = theirs[theirs["steps"] <= longest.reindex(keys).to_numpy()]
     name = theirs["algo"] + " " + theirs["representation"] + ", published"

@@ -3,17 +3,25 @@
 import json
 import re
 from collections.abc import Mapping, Sequence
+from statistics import multimode
 from typing import Any
 
 import pandas as pd
 import pyarrow as pa
 
 from jbench.names import ENCODER_KINDS, TASKS
-from jbench.report.analysis.compare import return_frame
-from jbench.report.data.configuration import Configuration, in_order, shown_representation
+from jbench.report.analysis.scores import seed_scores
+from jbench.report.data.configuration import (
+    ID,
+    Configuration,
+    differing_in,
+    in_order,
+    shown_representation,
+)
 from jbench.settings.alike import ENCODER_VARIANT
 from jbench.settings.base import settings_hash
 from jbench.settings.variants import variant_labels
+from jbench.statistics import bootstrap as st
 
 PREDICTED = {
     "yaw_rate": "yaw rate",
@@ -66,7 +74,9 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
     orders = {"task": in_order(frame["task"], TASKS), "kind": kinds}
     ordered: pd.DataFrame = frame.sort_values(
         ["task", "kind", "settings", "latents", "representation"],
-        key=lambda one: one.map(orders[one.name].index) if one.name in orders else one,
+        key=lambda column: (
+            column.map(orders[column.name].index) if column.name in orders else column
+        ),
         ignore_index=True,
     )
     return ordered[_COLUMNS]
@@ -90,15 +100,32 @@ def prediction_frame(
     return long.assign(quantity=long["quantity"].map(PREDICTED))
 
 
+def return_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
+    """Returns the final returns of configurations that differ only in their representation.
+
+    They are measured at the most frequent last step of these configurations, or at the latest of
+    several such; those that have not reached it are left out. Columns: `ID`, returns, steps, seeds,
+    iqm with its 95% interval (low, high).
+    """
+    rows = []
+    for group in differing_in(configurations, "representation"):
+        end = max(multimode(int(config.last_step) for config in group))
+        for config in (config for config in group if config.last_step >= end):
+            final = seed_scores(config, end).final
+            value, low, high, _ = st.estimate(st.interquartile_mean, [final])
+            numbers = {"steps": end, "seeds": len(final), "iqm": value, "low": low, "high": high}
+            rows.append({**config.identity, "returns": config.kind, **numbers})
+    return pd.DataFrame(rows, columns=[*ID, "returns", "steps", "seeds", "iqm", "low", "high"])
+
+
 def _labels(rows: pd.DataFrame) -> list[str]:
     """Returns the options that distinguish each row's variant within its task and kind."""
-    recorded = [json.loads(text) for text in rows["settings"]]
-    kept = [{n: v for n, v in one.items() if n not in ENCODER_VARIANT} for one in recorded]
-    keys = list(zip(rows["task"], rows["kind"], map(settings_hash, kept), strict=True))
-    variants: dict[tuple[str, str], dict[str, dict[str, Any]]] = {}
-    for (task, kind, name), variant in zip(keys, kept, strict=True):
-        variants.setdefault((task, kind), {})[name] = variant
-    labels = {key: variant_labels(found) for key, found in variants.items()}
+    keys, variants = [], dict[tuple[str, str], dict[str, dict[str, Any]]]()
+    for task, kind, text in zip(rows["task"], rows["kind"], rows["settings"], strict=True):
+        kept = {n: v for n, v in json.loads(text).items() if n not in ENCODER_VARIANT}
+        keys.append((task, kind, settings_hash(kept)))
+        variants.setdefault((task, kind), {})[keys[-1][2]] = kept
+    labels = {key: variant_labels(options) for key, options in variants.items()}
     # An option that is not set has its default; the scale is in the representation's name.
     redundant = re.compile(r"\w+=\(not set\)(, )?|(re)?scale=[^,]+(, )?")
     return [redundant.sub("", labels[t, k][name]).strip(", ") for t, k, name in keys]

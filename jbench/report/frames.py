@@ -4,16 +4,15 @@ A figure, its tooltips, a table of the page, its CSV, LaTeX and Markdown are fun
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError, WorkError
-from jbench.names import ReturnsName
 from jbench.report import policies
 from jbench.report.analysis import compare, tasks
 from jbench.report.analysis.claims import claim_frame
-from jbench.report.analysis.examine import examine, examine_published
+from jbench.report.analysis.examine import examine
+from jbench.report.analysis.published_claims import examine_published
 from jbench.report.analysis.scores import Pair
 from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.configurations import (
@@ -26,9 +25,9 @@ from jbench.report.configurations import (
     sequence_frame,
 )
 from jbench.report.data import sources
-from jbench.report.data.configuration import IMPORTED, Configuration, verified, with_returns
+from jbench.report.data.configuration import IMPORTED, Configuration, with_returns
 from jbench.report.data.published import SEQUENCE, imported_curve, read_published
-from jbench.report.data.returns import FILE, KINDS, TRAINING
+from jbench.report.data.returns import FILE, KINDS, TRAINING, clean, map_texts
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame, prediction_frame
 from jbench.report.headline import headline
@@ -42,9 +41,8 @@ from jbench.wording import repair_hint, with_results
 _DEFAULT = Request()
 
 
-@dataclass
 class Frames:
-    """All that a report shows.
+    """All that a report on some results shows, or on the file of a request.
 
     Attributes:
         returns: kind of return that is shown first; also that of pairs, profiles, predictions.
@@ -52,144 +50,102 @@ class Frames:
         problems: a sentence for each unreadable record.
     """
 
-    request: Request
-    returns: ReturnsName
-    headline: str
-    notes: list[str]
-    problems: list[str]
-    configurations: pd.DataFrame
-    curves: pd.DataFrame
-    published: pd.DataFrame
-    seeds: pd.DataFrame
-    run_curves: pd.DataFrame
-    metrics: pd.DataFrame
-    paths: pd.DataFrame
-    baselines: pd.DataFrame
-    verdicts: pd.DataFrame
-    decisions: pd.DataFrame
-    pairs: pd.DataFrame
-    profiles: pd.DataFrame
-    encoders: pd.DataFrame
-    predictions: pd.DataFrame
-    processor: pd.DataFrame
-    motor: pd.DataFrame
-    positions: pd.DataFrame
-    sequences: pd.DataFrame
-    comparisons: pd.DataFrame
-    claims: pd.DataFrame
-    runs: pd.DataFrame
-    leaderboard: pd.DataFrame
-    provenance: pd.DataFrame = field(init=False)
+    def __init__(self, results: Results | None, request: Request = _DEFAULT) -> None:
+        """Reads the results and makes the frames.
 
-    def __post_init__(self) -> None:
-        """Adds what the runs have recorded."""
-        self.provenance = provenance_frame(self.runs)
-
-
-def frames(results: Results | None, request: Request = _DEFAULT) -> Frames:
-    """Returns the frames of the report on some results, or on the file of the request.
-
-    Raises:
-        NothingYetError: if there are no runs, or none passes the filters.
-        WorkError: if there are runs but none can be read.
-    """
-    parts, groups, notes = _read(results, request)
-    source = sources.joined(parts)
-    every = source.configurations
-    published = read_published(query.published())
-    curves = [(one, one.curve(request.order, request.window)) for one in every]
-    baseline = IMPORTED, request.baseline
-    baselines = [imported_curve(*pair) for pair in curves if _named(pair[0]) == baseline]
-    drawn = [pair for pair in curves if _named(pair[0]) != baseline]
-    plain = [pair for pair in drawn if pair[0].robots <= 1]
-    returns = _leading(every, request)
-    lead = with_returns(every, returns)
-    configurations = configuration_frame(curves, published)
-    leading = configurations[configurations["returns"] == returns]
-    decisions = decision_frame(verified(every))
-    verdicts = verdict_frame(verified(every), decisions)
-    comparisons = compare.comparison_frame(groups)
-    encoders = encoder_frame(source.tables, request.task)
-    motor, positions, unread = policies.behavior(results, request.task)
-    claims, untested = _claims(source, published, request)
-    known = {one.task for one in every if one.source != FILE}
-    figures = published[published["figure"] != SEQUENCE]
-    return Frames(
-        request=request,
-        returns=returns,
-        headline=headline(
-            verdicts[verdicts["returns"] == returns],
-            leading,
-            comparisons[comparisons["returns"] == returns],
-        ),
-        notes=[*source.notes, *notes, *_notes(every), *untested],
-        problems=[*source.problems, *unread],
-        configurations=tasks.with_file_means(configurations, lead),
-        curves=curve_frame(plain),
-        published=published_frame(pd.concat([figures, *baselines]), known, request.algo),
-        seeds=seed_frame(every),
-        run_curves=run_curve_frame(plain),
-        metrics=metric_frame(source),
-        paths=source.paths,
-        baselines=policies.baseline_frame(known),
-        verdicts=verdicts,
-        decisions=decisions,
-        pairs=compare.pair_frame(lead, verdicts[verdicts["returns"] == returns]),
-        profiles=tasks.profile_frame(lead),
-        encoders=encoders,
-        predictions=prediction_frame(verified(lead), encoders),
-        processor=processor_frame([pair for pair in plain if pair[0].kind == returns]),
-        motor=motor,
-        positions=positions,
-        sequences=sequence_frame(
+        Raises:
+            NothingYetError: if there are no runs, or none passes the filters.
+            WorkError: if there are runs but none can be read.
+        """
+        source, compared = _read(results, request)
+        configurations = source.configurations
+        kinds = {config.kind for config in configurations}
+        returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
+        curves = [
+            (config, config.curve(request.order, request.window)) for config in configurations
+        ]
+        baseline = [(c.source, c.algo) == (IMPORTED, request.baseline) for c in configurations]
+        drawn = [pair for pair, apart in zip(curves, baseline, strict=True) if not apart]
+        plain = [pair for pair in drawn if pair[0].robots <= 1]
+        trained = [config for config in configurations if config.source != IMPORTED]
+        lead, trained_lead = with_returns(configurations, returns), with_returns(trained, returns)
+        published = read_published(query.published())
+        figures = published[published["figure"] != SEQUENCE]
+        known = {config.task for config in configurations if config.source != FILE}
+        self.request, self.returns = request, returns
+        self.configurations = configuration_frame(curves, published)
+        leading = self.configurations[self.configurations["returns"] == returns]
+        self.decisions = decision_frame(trained)
+        self.verdicts = verdict_frame(trained, self.decisions)
+        self.comparisons = compare.comparison_frame(compared)
+        self.headline = headline(self.lead(self.verdicts), leading, self.lead(self.comparisons))
+        self.configurations = tasks.with_file_means(self.configurations, lead)
+        self.curves = curve_frame(plain)
+        beside = [imported_curve(*pair) for pair in curves if pair not in drawn]
+        self.published = published_frame(pd.concat([figures, *beside]), known, request.algo)
+        self.seeds = seed_frame(configurations)
+        self.run_curves = run_curve_frame(plain)
+        self.metrics, self.paths = metric_frame(source), source.paths
+        self.baselines = policies.baseline_frame(known)
+        self.pairs = compare.pair_frame(trained_lead, self.lead(self.verdicts))
+        self.profiles = tasks.profile_frame(lead)
+        self.encoders = encoder_frame(source.tables, request.task)
+        self.predictions = prediction_frame(trained_lead, self.encoders)
+        self.processor = processor_frame([pair for pair in plain if pair[0].kind == returns])
+        self.motor, self.positions, unread = policies.behavior(results, request.task)
+        self.sequences = sequence_frame(
             [pair for pair in drawn if pair[0].robots > 1],
             published[published["figure"] == SEQUENCE],
-        ),
-        comparisons=comparisons,
-        claims=claims,
-        runs=run_frame(source, returns),
-        leaderboard=leaderboard(
-            leading[leading["source"] != FILE],
-            policies.hand_written_returns(source.tables),
-            figures,
-            request.algo,
-        ),
-    )
+        )
+        self.claims, untested = _claims(trained, source, published, request)
+        self.runs = run_frame(source, returns)
+        self.provenance = provenance_frame(self.runs)
+        by_hand = policies.hand_written_returns(source.tables)
+        ranked = leading[leading["source"] != FILE]
+        self.leaderboard = leaderboard(ranked, by_hand, figures, request.algo)
+        self.notes = [*source.notes, *_notes(configurations), *untested]
+        self.problems = [*source.problems, *unread]
+        self.clean()
+
+    def clean(self) -> None:
+        """Brings each text into one line, without control characters."""
+        self.headline = clean(self.headline)
+        for name, value in vars(self).items():
+            if isinstance(value, list):
+                setattr(self, name, list(map(clean, value)))
+            elif isinstance(value, pd.DataFrame):
+                setattr(self, name, map_texts(value))
+
+    def lead(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Returns the rows of a frame that are of the kind of return that is shown first."""
+        return frame[frame["returns"] == self.returns]
 
 
-def _named(configuration: Configuration) -> tuple[str, str]:
-    return configuration.source, configuration.algo
-
-
-def _read(
-    results: Results | None, request: Request
-) -> tuple[list[Source], list[list[Pair]], list[str]]:
-    """Returns each source, the pairs of compared configurations, and notes."""
+def _read(results: Results | None, request: Request) -> tuple[Source, list[list[Pair]]]:
+    """Returns the runs, and the pairs of compared configurations."""
     if request.curves is not None:
-        part = sources.from_file(request, request.curves)
-        return [part], compare.method_pairs(part.configurations), []
+        source = sources.from_file(request, request.curves)
+        return source, compare.method_pairs(source.configurations)
     assert results is not None
     if request.compare is not None:
-        sides = [sources.side(text, results, request) for text in request.compare]
-        return sides, *_compared(sides[0].configurations, sides[1].configurations, request)
-    parts = sources.own_and_imported(results, request)
+        ours, theirs = (sources.side(side, results, request) for side in request.compare)
+        return _compared(ours, theirs, request)
+    source = own = sources.own_and_imported(results, request)
     if request.reference:
-        parts.append(sources.reference(request, shipped_results()))
-    configurations = [one for part in parts for one in part.configurations]
+        source = sources.joined([own, sources.reference(request, shipped_results())])
     if request.baseline is not None:
-        sources.check_baseline(request.baseline, configurations)
-    drawable = (
-        configurations
-        or len(encoder_frame(parts[0].tables, request.task))
-        or _has_states(results, request.task)
-    )
-    if parts[0].runs.empty and not drawable:
-        raise _nothing_to_report(results, [p for part in parts for p in part.problems])
-    if not drawable:
-        raise NothingYetError(
-            f"No run has an episode yet; wait for them. {' '.join(parts[0].notes)}"
-        )
-    return parts, [], []
+        sources.check_baseline(request.baseline, source.configurations)
+    saved = (record.settings for record in results.scan("evaluation")[0])
+    if (
+        source.configurations
+        or len(encoder_frame(source.tables, request.task))
+        # States of policies can be drawn without any run.
+        or any(s.get("states") and request.task in (None, s.get("task")) for s in saved)
+    ):
+        return source, []
+    if len(own.runs):
+        raise NothingYetError(f"No run has an episode yet; wait for them. {' '.join(own.notes)}")
+    raise _nothing_to_report(results, source.problems)
 
 
 def _nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
@@ -204,23 +160,16 @@ def _nothing_to_report(results: Results, problems: Sequence[str]) -> RequestErro
     )
 
 
-def _has_states(results: Results, task: str | None) -> bool:
-    """Returns whether states of policies were saved, which can be drawn without any run."""
-    saved = (one.settings for one in results.scan("evaluation")[0])
-    return any(one.get("states") and task in (None, one.get("task")) for one in saved)
-
-
-def _compared(
-    ours: Sequence[Configuration], theirs: Sequence[Configuration], request: Request
-) -> tuple[list[list[Pair]], list[str]]:
-    """Returns the pairs of two sides, and notes on configurations without a counterpart.
+def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, list[list[Pair]]]:
+    """Returns two sides together, with notes on what has no counterpart, and their pairs.
 
     Raises:
-        RequestError: if none has a counterpart.
+        RequestError: if nothing has a counterpart.
     """
     names = request.names_compared
-    pairs = compare.across(ours, theirs, names)
-    notes = compare.left_out(with_returns(ours, TRAINING), with_returns(theirs, TRAINING), pairs)
+    pairs = compare.across(ours.configurations, theirs.configurations, names)
+    first, other = (with_returns(side.configurations, TRAINING) for side in (ours, theirs))
+    notes = compare.left_out(first, other, pairs)
     if not pairs:
         free = ", ".join([*sorted(names), "seeds and steps"])
         why = [note for note in notes if "is not compared" in note][:1]
@@ -229,36 +178,31 @@ def _compared(
             f"No runs of {sides} can be compared: there must be runs of both that differ only in "
             f"{free}. {''.join(why)}".strip()
         )
-    return [[pair] for pair in pairs], notes
-
-
-def _leading(configurations: Sequence[Configuration], request: Request) -> ReturnsName:
-    """Returns the requested kind of return, or the other one if no run has it."""
-    kinds = {one.kind for one in configurations}
-    return request.returns if request.returns in kinds or not kinds else kinds.pop()
+    source = sources.joined([ours, theirs])
+    source.notes += notes
+    return source, [[pair] for pair in pairs]
 
 
 def _claims(
-    source: Source, published: pd.DataFrame, request: Request
+    trained: Sequence[Configuration], source: Source, published: pd.DataFrame, request: Request
 ) -> tuple[pd.DataFrame, list[str]]:
     """Returns the findings on the claims, if requested, and notes on untested ones."""
     if not request.claims:
         return claim_frame([]), []
-    runs = verified(source.configurations)
-    found = [finding for kind in KINDS for finding in examine(with_returns(runs, kind))]
+    ours = [row for kind in KINDS for row in examine(with_returns(trained, kind))]
     by_hand, notes = policies.findings(source.tables, request.task)
     for name in ("task", "algo"):
         if (value := getattr(request, name)) is not None:
             published = published[published[name] == value]
-    return claim_frame([*found, *by_hand, *examine_published(published)]), notes
+    return claim_frame([*ours, *by_hand, *examine_published(published)]), notes
 
 
 def _notes(configurations: Sequence[Configuration]) -> list[str]:
     """Returns the notes on configurations, a sentence each; equal notes are one sentence."""
     named: dict[str, list[str]] = {}
-    for one in configurations:
-        for note in one.notes:
-            named.setdefault(note, []).append(one.configuration)
+    for config in configurations:
+        for note in config.notes:
+            named.setdefault(note, []).append(config.configuration)
     return [
         f"{names[0] if len(names) == 1 else f'{len(names)} configurations, such as {names[0]}'}: "
         f"{note}."

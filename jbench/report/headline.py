@@ -5,8 +5,6 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from jbench.names import FULL, in_prose
-from jbench.report.analysis.claims import MARGIN
-from jbench.report.analysis.verdicts import judged
 from jbench.report.data.returns import FILE, steps, whole
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 
@@ -40,15 +38,16 @@ def headline(
             return f"{count.capitalize()} of a method can't decide a comparison."
         return f"Too early to say: {count} of {longest} control steps can't decide anything."
     if len(comparisons) and len(comparisons[["a", "b"]].drop_duplicates()) == 1:
-        on_tasks = comparisons[comparisons["task"].isin(known["task"])]
-        return _on_sides(on_tasks, 0 if from_file else MARGIN)
+        return _on_sides(comparisons[comparisons["task"].isin(known["task"])])
     against_full = verdicts[verdicts["against"] == FULL]
     if against_full.empty:
         return _best(known)
     clauses = list(_clauses(against_full))
     if not clauses:
         return "Whether agents learn as well on a reduced observation is undecided."
-    decided = [word for word, verb in _OUTCOMES.items() if any(verb in one for one in clauses)]
+    decided = [
+        word for word, verb in _OUTCOMES.items() if any(verb in clause for clause in clauses)
+    ]
     algos = against_full["algo"][against_full["verdict"].isin(decided)].unique()
     who = f"{algos[0]} agents" if len(algos) == 1 else "agents"
     while len(_sentence(clauses, who).split()) > _MAX_WORDS and len(clauses) > 1:
@@ -56,12 +55,10 @@ def headline(
     return _sentence(clauses, who)
 
 
-def _on_sides(comparisons: pd.DataFrame, margin: float) -> str:
+def _on_sides(comparisons: pd.DataFrame) -> str:
     """Returns how often the first of two sides reaches the higher return."""
     first, other = comparisons[["a", "b"]].iloc[0]
-    enough = comparisons[["seeds_a", "seeds_b"]].min(axis=1) >= DECIDING_SEEDS
-    ends = comparisons[enough][["corrected_low", "corrected_high"]]
-    words = [judged(low, high, margin=margin) for low, high in ends.to_numpy(float).tolist()]
+    words = [*comparisons["verdict"]]
     counts = {word: words.count(word) for word in ("higher", "lower", "similar") if word in words}
     if not counts:
         answer = "undecided"
@@ -84,7 +81,7 @@ def _sentence(clauses: Sequence[str], who: str) -> str:
 def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:
     """Yields a clause for each outcome: with which representations, on which tasks if not all."""
     several = verdicts["task"].nunique() > 1
-    found: dict[str, dict[str, list[str]]] = {}
+    where: dict[str, dict[str, list[str]]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):
         outcomes: dict[str, list[str]] = {}
         for task, of_task in rows.groupby("task", sort=False):
@@ -92,11 +89,12 @@ def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:
         for outcome, tasks in outcomes.items():
             everywhere = len(tasks) == rows["task"].nunique()
             on = f" on {in_prose(tasks, 'and')}" if several and not everywhere else ""
-            found.setdefault(outcome, {}).setdefault(on, []).append(str(representation))
+            where.setdefault(outcome, {}).setdefault(on, []).append(str(representation))
     for outcome, verb in _OUTCOMES.items():
-        where = sorted(found.get(outcome, {}).items())
-        if where:
-            parts = (f"with {in_prose(names, 'and')}{on}" for on, names in where)
+        if outcome in where:
+            parts = (
+                f"with {in_prose(names, 'and')}{on}" for on, names in sorted(where[outcome].items())
+            )
             yield f"{verb} {', and '.join(parts)}"
 
 

@@ -37,12 +37,11 @@ def ranked_configurations(
     Raises:
         RequestError: if no directory has an entry.
     """
-    alone, parts = len(directories) == 1, []
+    parts = []
     for name, results in directories.items():
-        ours, theirs = (OWN, IMPORTED) if alone else (name, f"{name}: {IMPORTED}")
+        ours, theirs = (OWN, IMPORTED) if len(directories) == 1 else (name, f"{name}: {IMPORTED}")
         parts.append(sources.own(results, request, ours, strict=False))
         parts.append(sources.imported(results, request, theirs))
-    every = [one for part in parts for one in part.configurations]
     by_hand: dict[str, FloatArray] = {}
     for part in parts:
         for task, returns in hand_written_returns(part.tables).items():
@@ -50,8 +49,11 @@ def ranked_configurations(
                 by_hand[task] = returns
     published = read_published(query.published())
     published = published[published["figure"] != SEQUENCE]
-    configurations = with_returns(every, request.returns)
-    curves = [(one, one.curve(request.order, request.window)) for one in configurations]
+    configurations = [config for part in parts for config in part.configurations]
+    curves = [
+        (config, config.curve(request.order, request.window))
+        for config in with_returns(configurations, request.returns)
+    ]
     frame = leaderboard(configuration_frame(curves, published), by_hand, published, request.algo)
     problems = [problem for part in parts for problem in part.problems]
     if frame.empty:

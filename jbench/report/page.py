@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any
 
@@ -19,12 +19,12 @@ from jbench.paper.citation import CITATION
 from jbench.report import style
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.data.configuration import OWN
-from jbench.report.data.returns import FILE
-from jbench.report.figures import cleaned
+from jbench.report.data.returns import clean
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
+from jbench.report.run_details import run_details
 from jbench.report.svg import panel_svgs
-from jbench.report.table import Column, Table, clean
+from jbench.report.table import Column, Table
 from jbench.report.tables import tables
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.wording import counted
@@ -39,8 +39,6 @@ _WIDE = 10  # columns above which intervals stand below their numbers
 _SEARCHED = 12  # rows from which a table has filters
 _CLAIMS = {"a": "final return", "b": "variability", "c": "speed"}
 _STATES = {"✓": "for", "✗": "against"}
-_RUN_POINTS, _PATH_POINTS = 50, 20
-_PAGE_POINTS = 6_000  # of the curves of all runs together
 
 
 def render(frames: Frames, made: Sequence[Chart]) -> str:
@@ -49,7 +47,6 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
     Its policy allows only its own style and script, so that a text in the results can't become a
     script and nothing is loaded or sent. It is readable without scripts.
     """
-    frames = cleaned(frames)
     drawn = {chart.name: _figure(chart) for chart in made}
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("jbench.report"),
@@ -64,16 +61,16 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
     rest = [name for name in drawn if name not in (*_FIRST, *_NEXT)]
-    runs = _runs(frames)
+    runs = run_details(frames)
     return environment.get_template("page.html.j2").render(
         policy=policy,
         style=Markup(css),
         script=Markup(script),
         watched=frames.request.watched,
         title=_title(frames),
-        headline=clean(frames.headline),
-        problems=[clean(text) for text in frames.problems],
-        notes=[clean(text) for text in frames.notes],
+        headline=frames.headline,
+        problems=frames.problems,
+        notes=frames.notes,
         first=[drawn[name] for name in _FIRST if name in drawn],
         next=[drawn[name] for name in _NEXT if name in drawn],
         folded=[drawn[name] for name in rest],
@@ -130,7 +127,9 @@ def _meanings(frames: Frames) -> list[tuple[str, str]]:
     """Returns what the representations of the curves mean, if there are several."""
     names = [str(name) for name in frames.curves["representation"].unique()]
     kinds = dict.fromkeys(map(kind_in, names))
-    endings = [name for name in MEANINGS if name[0] == "-" and any(name in one for one in names)]
+    endings = [
+        name for name in MEANINGS if name[0] == "-" and any(name in shown for shown in names)
+    ]
     if len(names) < 2:
         return []
     return [(name, MEANINGS[name]) for name in (*kinds, *endings) if name in MEANINGS]
@@ -138,7 +137,7 @@ def _meanings(frames: Frames) -> list[tuple[str, str]]:
 
 def _matrix(frames: Frames) -> dict[str, Any]:
     """Returns the verdicts with a row for each representation, and a column for each claim."""
-    verdicts = frames.verdicts[frames.verdicts["returns"] == frames.returns]
+    verdicts = frames.lead(frames.verdicts)
     baselines = list(dict.fromkeys(verdicts["against"]))
     scales = {claim: _scale(rows) for claim, rows in verdicts.groupby("claim")}
     claims = {claim: title for claim, title in _CLAIMS.items() if claim in scales}
@@ -184,18 +183,14 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
 
 
 def _table(table: Table) -> dict[str, Any]:
-    """Returns what the template needs of a table; columns without any text are left out."""
-    rows = table.rows()
-    shown = [i for i in range(len(table.columns)) if any(row[i][1] for row in rows)]
-    columns = [table.columns[i] for i in shown]
-    cells = [
-        [_cell(column, *row[i]) for column, i in zip(columns, shown, strict=True)] for row in rows
-    ]
+    """Returns what the template needs of a table."""
+    columns, rows = table.shown()
     filters = []
     for i, column in enumerate(columns):
-        values = list(dict.fromkeys(row[i]["text"] for row in cells))
+        values = list(dict.fromkeys(row[i][1] for row in rows))
         if column.key in _FILTERED and 1 < len(values) <= _MOST_CHOICES:
             filters.append((i, column.title, values))
+    cells = [[_cell(*pair) for pair in zip(columns, row, strict=True)] for row in rows]
     return {
         **vars(table),
         **{"columns": columns, "rows": cells, "filters": filters},
@@ -206,76 +201,19 @@ def _table(table: Table) -> dict[str, Any]:
     }
 
 
-def _cell(column: Column, value: Any, text: str) -> dict[str, Any]:
-    """Returns what the template needs of a cell; the interval of a number is apart from it."""
+def _cell(column: Column, cell: tuple[Any, str]) -> dict[str, Any]:
+    """Returns what the template needs of a cell: its text, and the value that sorts it.
+
+    The interval of a number is apart from it. Unknown values come first.
+    """
+    value, text = cell
     number, bracket, ends = text.partition(" [") if column.numeric else (text, "", "")
+    is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    known = is_number and not math.isnan(value)
     return {
         **{"text": number, "interval": f"[{ends}" if bracket else "", "title": column.title},
-        **{"numeric": column.numeric, "value": _sortable(value)},
+        **{"numeric": column.numeric, "value": float(f"{value:.6g}") if known else ""},
     }
-
-
-def _sortable(value: Any) -> Any:
-    """Returns a value by which a column is sorted; unknown ones come first."""
-    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool):
-        return "" if math.isnan(value) else float(f"{value:.6g}")
-    return ""
-
-
-def _runs(frames: Frames) -> dict[str, Any]:
-    """Returns the runs for the script: names, facts, settings by number, curves and paths."""
-    settings: dict[tuple[str, str], int] = {}
-    curves: dict[Any, list[tuple[str, pd.DataFrame]]] = {}
-    for (source, run, kind), rows in _groups(frames.run_curves, ["source", "run", "returns"]):
-        curves.setdefault((source, run), []).append((f"{kind} return", rows))
-    for pairs in curves.values():  # the leading one first, if it has five points or more
-        pairs.sort(key=lambda pair: (len(pair[1]) < 5, pair[0] != f"{frames.returns} return"))
-    for (run, name), rows in _groups(frames.metrics, ["run", "name"]):
-        curves.setdefault((OWN, run), []).append((clean(str(name)), rows))
-    paths = {key: list(_paths(rows)) for key, rows in _groups(frames.paths, ["source", "run"])}
-    most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, sum(map(len, curves.values())))))
-    found = []
-    for row in frames.runs.to_dict("records"):
-        key = row["source"], row["run"]
-        texts = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
-        facts = [row["label"], f"seed {row['seed']}", row["status"], row["diverged"], row["day"]]
-        found.append(
-            {
-                "name": row["run"]
-                if row["source"] in (OWN, FILE)
-                else f"{row['source']}: {row['run']}",
-                "facts": ", ".join(filter(None, facts)),
-                "settings": [settings.setdefault(pair, len(settings)) for pair in texts],
-                "curves": [_thin_curve(*pair, most) for pair in curves.get(key, [])],
-                "paths": paths.get(key, []),
-            }
-        )
-    return {"settings": list(settings), "runs": found}
-
-
-def _groups(rows: pd.DataFrame, by: list[str]) -> Iterator[tuple[Any, pd.DataFrame]]:
-    return iter(rows.groupby(by, sort=False)) if len(rows) else iter(())
-
-
-def _thin_curve(name: str, curve: pd.DataFrame, most: int) -> list[Any]:
-    """Returns name, steps and values of a run's curve, thinned to at most `most` points."""
-    shown = curve.iloc[np.linspace(0, len(curve) - 1, min(len(curve), most)).round().astype(int)]
-    values = [json.loads(f"{value:.3g}") for value in shown["value"]]
-    return [name, shown["steps"].round().astype(int).tolist(), values]
-
-
-def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yields the first and the last path of a run, in tenths of a millimeter."""
-    steps = sorted(rows["steps"].unique())
-    for at in dict.fromkeys((steps[0], steps[-1])):
-        path = rows[rows["steps"] == at]
-        last = path.iloc[-1]
-        path = path.iloc[np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).astype(int)]
-        numbers = {"heading": last["heading"], "gained": last["episode_return"]}
-        numbers |= {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
-        known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
-        points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
-        yield {**known, "steps": int(at), "points": points.ravel().tolist()}
 
 
 def _json(value: Any) -> Markup:

@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
-from jbench.report.analysis.claims import Finding
+from jbench.report.analysis.claims import Row
 from jbench.report.analysis.examine import examine_heuristic
 from jbench.report.data.configuration import concatenated, in_order
 from jbench.report.data.points import plain_evaluations
@@ -53,7 +53,7 @@ def baseline_frame(tasks: set[str]) -> pd.DataFrame:
 
 def findings(
     tables: Mapping[str, pa.Table], task: str | None = None
-) -> tuple[list[Finding], list[str]]:
+) -> tuple[list[Row], list[str]]:
     """Returns findings on claim (h), and a note on tasks whose policy was not evaluated.
 
     Args:
@@ -64,15 +64,15 @@ def findings(
         return [], []
     returns = hand_written_returns(tables)
     tasks = in_order(returns if task is None else {task} & returns.keys())
-    found = [examine_heuristic(name, returns[name]) for name in tasks]
+    rows = [examine_heuristic(name, returns[name]) for name in tasks]
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
     if not missing:
-        return found, []
+        return rows, []
     note = (
         f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate --policy "
         f"{HEURISTIC} --task {missing[0]}`."
     )
-    return found, [note]
+    return rows, [note]
 
 
 def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
@@ -118,10 +118,10 @@ def behavior(
     motor: list[pd.DataFrame] = []
     positions: list[pd.DataFrame] = []
     for name in dict.fromkeys(task for task, _ in newest):
-        ranked = [one for key, one in newest.items() if key[0] == name]
-        ranked.sort(key=lambda one: one["median"].iloc[0])
+        ranked = [states for key, states in newest.items() if key[0] == name]
+        ranked.sort(key=lambda states: states["median"].iloc[0])
         shown = ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
-        motor += [_motor(one) for one in shown]
+        motor += map(_motor, shown)
         positions += _positions(shown)
     return concatenated(motor, MOTOR), concatenated(positions, POSITIONS), problems
 
@@ -165,15 +165,16 @@ def _motor(states: pd.DataFrame) -> pd.DataFrame:
 
 def _positions(shown: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
     """Returns the maps of a task's policies, of one reach, without their empty squares."""
-    farthest = max(float(np.quantile(np.hypot(one["x"], one["y"]), 0.995)) for one in shown)
+    farthest = max(float(np.quantile(np.hypot(s["x"], s["y"]), 0.995)) for s in shown)
     reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
     edges = np.linspace(-reach, reach, _BINS + 1)
     middles = (edges[:-1] + edges[1:]) / 2
     maps = []
-    for one in shown:
-        counts, _, _ = np.histogram2d(one["x"], one["y"], [edges, edges])
+    for states in shown:
+        counts, _, _ = np.histogram2d(states["x"], states["y"], [edges, edges])
         column, row = np.nonzero(counts)
-        where = {"x": middles[column], "y": middles[row], "share": counts[column, row] / len(one)}
-        names = one.iloc[0][["task", "policy", "label", "median", "target_yaw"]]
+        where = {"x": middles[column], "y": middles[row], "share": counts[column, row]}
+        where["share"] /= len(states)
+        names = states.iloc[0][["task", "policy", "label", "median", "target_yaw"]]
         maps.append(pd.DataFrame({**names, **where, "reach": reach}))
     return maps

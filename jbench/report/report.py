@@ -8,20 +8,27 @@ changed are kept.
 import io
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbench.report import tables
-from jbench.report.frames import Frames, frames
+from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.report.table import WRITERS, to_csv
+from jbench.report.tables import tables
 from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
 
 LISTING = "report.json"
+
+DATA = (
+    *("configurations", "seeds", "curves", "published", "baselines", "pairs", "profiles"),
+    *("predictions", "processor", "motor", "positions", "sequences"),
+)
+"""Frames of figures, whose numbers are written as CSV."""
 
 _DEFAULT = Request()
 _NAME = re.compile(r"((figures|tables)/)?[A-Za-z0-9_][A-Za-z0-9_.-]*")
@@ -47,25 +54,38 @@ def write_report(results: Results | None, out: Path, request: Request = _DEFAULT
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
         WorkError: if there are runs but none can be read, or the disk is full.
     """
-    from jbench.report.figures import charts, cleaned  # matplotlib takes a second
+    from jbench.report.figures import charts  # matplotlib takes a second
     from jbench.report.page import render
     from jbench.report.style import image
 
-    found = frames(results, request)
+    frames = Frames(results, request)
     pa.default_memory_pool().release_unused()  # memory of the rows that were read
     make_directory(out)  # before anything is drawn, since it may raise an error
-    made = charts(cleaned(found))
-    files = {"index.html": render(found, made).encode()}
+    made = charts(frames)
+    files = {"index.html": render(frames, made).encode()}
     if not request.watched:
         for chart in made:
             drawn, name = chart.figure(request.columns), f"figures/{chart.name}"
             files |= {f"{name}.{end}": image(drawn, end) for end in request.formats}
-        files |= {f"tables/{name}": text.encode() for name, text in tables.files(found)}
-        curves = pa.Table.from_pandas(found.curves, preserve_index=False, nthreads=1)
+        files |= {f"tables/{name}": text.encode() for name, text in table_files(frames)}
+        curves = pa.Table.from_pandas(frames.curves, preserve_index=False, nthreads=1)
         pq.write_table(curves, sink := io.BytesIO(), compression="zstd")
         files["tables/curves.parquet"] = sink.getvalue()
     paths, kept = _write(out, files)
-    return Report(found, [*found.notes, *kept], paths)
+    return Report(frames, [*frames.notes, *kept], paths)
+
+
+def table_files(frames: Frames) -> Iterator[tuple[str, str]]:
+    """Yields the name and the text of each file of tables."""
+    for table in tables(frames):
+        numbers = table.frame.drop(columns=["settings", "provenance"], errors="ignore")
+        yield f"{table.name}.csv", to_csv(table.frame if table.name == "encoders" else numbers)
+        for ending, write in WRITERS.items():
+            if table.name != "runs":
+                yield f"{table.name}.{ending}", write(table)
+    for name in DATA:
+        if len(frame := getattr(frames, name)):
+            yield f"{name}.csv", to_csv(frame)
 
 
 def _write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[str]]:

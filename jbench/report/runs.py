@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import kind_in
+from jbench.names import ReturnsName, kind_in
 from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
-from jbench.report.data.configuration import display_name, shown_representation
+from jbench.report.data.configuration import ID, display_name, shown_representation, with_returns
 from jbench.report.data.sources import Source
 from jbench.settings.alike import flatten
 from jbench.settings.recorded import parse_run
@@ -21,11 +21,12 @@ COLUMNS = [
     *("source", "run", "configuration", "label", "task", "algo", "representation", "kind", "words"),
     *("seed", "steps", "final", "status", "day", "diverged", "settings", "provenance"),
 ]
+_COPIED = ("task", "seed", "steps", "status")
 METRICS = ["run", "name", "steps", "value"]
 _RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
 
 
-def run_frame(source: Source, returns: str) -> pd.DataFrame:
+def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
     """Returns a row per run, those without an episode included.
 
     Columns: source, run, the other columns `ID` (empty for a run in no configuration), seed, steps
@@ -33,35 +34,27 @@ def run_frame(source: Source, returns: str) -> pd.DataFrame:
     (when, or empty), settings (texts by name) and provenance (texts by name). Runs are in the order
     of their configurations and seeds.
     """
-    lead = [one for one in source.configurations if one.kind == returns]
-    named = {(one.source, run): one for one in [*source.configurations, *lead] for run in one.runs}
+    lead = with_returns(source.configurations, returns)
+    known = [*source.configurations, *lead]
+    named = {(config.source, run): config for config in known for run in config.runs}
+    order = {config.configuration: i for i, config in enumerate(source.configurations)}
     finals = seed_frame(lead).set_index(["source", "run"])["final"].to_dict()
-    found = []
-    for row in source.runs.to_dict("records"):
-        key = str(row["source"]), str(row["run"])
-        one, representation = named.get(key), str(row["representation"])
-        diverged = divergence(row["diverged"])
-        day = row["created"][:10] if isinstance(row["created"], str) else ""
-        found.append(
-            {
-                **{"configuration": "", "label": "", "words": "", "task": row["task"]},
-                **{
-                    "algo": display_name(str(row["algo"])),
-                    "kind": kind_in(representation),
-                },
-                "representation": shown_representation(representation),
-                **(one.identity if one else {}),
-                **{"source": key[0], "run": key[1]},
-                **{"seed": row["seed"], "steps": row["steps"], "status": row["status"]},
-                **{"final": finals.get(key, np.nan), "day": day},
-                "diverged": diverged[1] if diverged else "",
-                "settings": dict(_texts(row["settings"])),
-                "provenance": provenance(row["provenance"]),
-            }
-        )
-    order = {one.configuration: i for i, one in enumerate(source.configurations)}
-    found.sort(key=lambda row: (order.get(row["configuration"], -1), row["seed"]))
-    return pd.DataFrame(found, columns=COLUMNS).astype({"steps": "Int64"})
+    rows = []
+    for recorded in source.runs.to_dict("records"):
+        key = str(recorded["source"]), str(recorded["run"])
+        representation = str(recorded["representation"])
+        row = dict.fromkeys(ID, "") | {name: recorded[name] for name in _COPIED}
+        row |= {"algo": display_name(str(recorded["algo"])), "kind": kind_in(representation)}
+        row["representation"] = shown_representation(representation)
+        row |= named[key].identity if key in named else {}
+        row |= {"source": key[0], "run": key[1], "final": finals.get(key, np.nan)}
+        diverged, created = divergence(recorded["diverged"]), recorded["created"]
+        row["diverged"] = diverged[1] if diverged else ""
+        row["day"] = created[:10] if isinstance(created, str) else ""
+        row["settings"] = dict(_texts(recorded["settings"]))
+        rows.append(row | {"provenance": provenance(recorded["provenance"])})
+    rows.sort(key=lambda row: (order.get(row["configuration"], -1), row["seed"]))
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64"})
 
 
 def metric_frame(source: Source) -> pd.DataFrame:
@@ -98,7 +91,7 @@ def provenance_frame(runs: pd.DataFrame) -> pd.DataFrame:
 
     Columns: name, value, runs.
     """
-    pairs = [pair for one in runs["provenance"] for pair in one.items() if pair[0] != "command"]
+    pairs = [pair for named in runs["provenance"] for pair in named.items() if pair[0] != "command"]
     counted = pd.DataFrame(pairs, columns=["name", "value"])
     return counted.value_counts(["name", "value"], sort=False).reset_index(name="runs")
 

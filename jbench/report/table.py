@@ -1,14 +1,13 @@
 """Tables: frames with the columns that people read, as text, Markdown, LaTeX and CSV."""
 
-import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from jbench.report.data.returns import whole
+from jbench.report.data.returns import clean, map_texts, whole
 from jbench.wording import not_formula
 
 Row = Mapping[Any, Any]
@@ -17,21 +16,13 @@ Form = Callable[[Any], str]
 _MARKDOWN = str.maketrans({"\\": "\\\\", "|": "\\|", "`": "\\`", "*": "\\*", "<": "&lt;"})
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column that people read.
-
-    Attributes:
-        title: its heading.
-        key: column of the frame whose values sort it.
-        text: makes the text of a row.
-        numeric: whether it is aligned to the right.
-    """
+class Column(NamedTuple):
+    """A column that people read: its heading, the key by whose values it is sorted, its texts."""
 
     title: str
     key: str
     text: Callable[[Row], str]
-    numeric: bool = False
+    numeric: bool = False  # aligned to the right
 
 
 @dataclass(frozen=True)
@@ -49,44 +40,25 @@ class Table:
     frame: pd.DataFrame
     columns: Sequence[Column]
 
-    def rows(self) -> list[list[tuple[Any, str]]]:
-        """Returns the value that sorts, and the clean text, of each cell of each row."""
-        records = self.frame.to_dict("records")
-        return [
+    def shown(self) -> tuple[list[Column], list[list[tuple[Any, str]]]]:
+        """Returns the columns with any text, and the value that sorts and the text of each cell."""
+        rows = [
             [(row[column.key], clean(column.text(row))) for column in self.columns]
-            for row in records
+            for row in self.frame.to_dict("records")
         ]
+        kept = [i for i in range(len(self.columns)) if any(row[i][1] for row in rows)]
+        return [self.columns[i] for i in kept], [[row[i] for i in kept] for row in rows]
 
     def texts(self) -> pd.DataFrame:
         """Returns the table as people read it, without the columns that are empty."""
-        rows = [[text for _, text in row] for row in self.rows()]
-        frame = pd.DataFrame(rows, columns=[column.title for column in self.columns])
-        return frame.loc[:, (frame != "").any()] if rows else frame
-
-
-def clean(text: str) -> str:
-    """Returns a text in one line, without characters that control a terminal or the direction."""
-    line = " ".join(text.split())
-    if line.isascii() and line.isprintable():
-        return line
-    bad = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-    return "".join(
-        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in bad else c for c in line
-    )
+        columns, rows = self.shown()
+        texts = [[text for _, text in row] for row in rows]
+        return pd.DataFrame(texts, columns=[column.title for column in columns])
 
 
 def to_csv(frame: pd.DataFrame) -> str:
     """Returns exact numbers as CSV; no text of it is a formula of a spreadsheet."""
-    cleaned = frame.copy(deep=False)
-    for name in cleaned.select_dtypes(["object", "str", "category"]):
-        known = {value: _cell(value) for value in cleaned[name].dropna().unique()}
-        if any(text != value for value, text in known.items()):
-            cleaned[name] = cleaned[name].map(known.get)
-    return cleaned.to_csv(index=False, lineterminator="\n")
-
-
-def _cell(value: Any) -> Any:
-    return not_formula(clean(value)) if isinstance(value, str) else value
+    return map_texts(frame, not_formula).to_csv(index=False, lineterminator="\n")
 
 
 def to_markdown(table: Table) -> str:

@@ -1,7 +1,5 @@
 """The tables of a report."""
 
-from collections.abc import Iterator
-
 import pandas as pd
 
 from jbench.report.analysis.claims import CLAIMS, MARGIN
@@ -10,17 +8,7 @@ from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, signed, steps
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
-from jbench.report.table import (
-    WRITERS,
-    Column,
-    Row,
-    Table,
-    estimate,
-    missing,
-    number,
-    plain,
-    to_csv,
-)
+from jbench.report.table import Column, Row, Table, estimate, missing, number, plain
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _INTERVAL = "In brackets: 95% interval."
@@ -34,12 +22,6 @@ _AGENTS = (
     "difference that these seeds would show. "
 )
 _CLAIM = {"a": "final return", "b": "variability across seeds", "c": "speed"}
-
-DATA = (
-    *("configurations", "seeds", "curves", "published", "baselines", "pairs", "profiles"),
-    *("predictions", "processor", "motor", "positions", "sequences"),
-)
-"""Frames of figures, whose numbers are written as CSV."""
 
 
 def tables(frames: Frames) -> list[Table]:
@@ -97,13 +79,12 @@ _RANGE = Column("steps", "steps", _range, numeric=True)
 
 def _final_returns(frames: Frames) -> Table:
     """Returns the table of configurations, with the policies beside the agents."""
-    agents = frames.configurations
-    agents = agents[agents["returns"] == frames.returns]
+    agents = frames.lead(frames.configurations)
     policies = frames.baselines.assign(source=OWN, representation="", words="")
     policies = policies.assign(algo=policies["policy"].replace("random", "random actions"))
     policies = policies.rename(columns={"low": "median_low", "high": "median_high"})
     counts = dict.fromkeys(("seeds", "draws", "diverged", "reached", "steps_min", "steps"), "Int64")
-    both = [one.reindex(columns=agents.columns).astype(counts) for one in (agents, policies)]
+    both = [rows.reindex(columns=agents.columns).astype(counts) for rows in (agents, policies)]
     order = {task: i for i, task in enumerate(agents["task"].unique())}
     rows = pd.concat(both, ignore_index=True)
     rows = rows.sort_values("task", key=lambda task: task.map(order), kind="stable")
@@ -137,7 +118,7 @@ def _final_returns(frames: Frames) -> Table:
 
 
 def _verdicts(frames: Frames) -> Table:
-    rows = frames.verdicts[frames.verdicts["returns"] == frames.returns]
+    rows = frames.lead(frames.verdicts)
     columns = [
         *(_TASK, _ALGO, _OBSERVED, plain("against")),
         Column("of", "claim", lambda row: _CLAIM[row["claim"]]),
@@ -253,16 +234,3 @@ def _runs(frames: Frames) -> Table:
         *(number("day", "day", str), plain("run")),
     ]
     return Table("runs", "Runs", _final(frames), frames.runs, columns)
-
-
-def files(frames: Frames) -> Iterator[tuple[str, str]]:
-    """Yields the name and the text of each file of tables."""
-    for table in tables(frames):
-        numbers = table.frame.drop(columns=["settings", "provenance"], errors="ignore")
-        yield f"{table.name}.csv", to_csv(table.frame if table.name == "encoders" else numbers)
-        for ending, write in WRITERS.items():
-            if table.name != "runs":
-                yield f"{table.name}.{ending}", write(table)
-    for name in DATA:
-        if len(frame := getattr(frames, name)):
-            yield f"{name}.csv", to_csv(frame)

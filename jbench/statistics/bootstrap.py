@@ -158,6 +158,10 @@ class Resampled(NamedTuple):
         error = np.nan if infinite else float(np.std(drawn))
         return Estimate(self.value, float(low), float(high), error)
 
+    def interval(self, confidence: float) -> tuple[float, float]:
+        """Returns the ends of the interval of percentiles."""
+        return self.estimate(confidence)[1:3]
+
 
 def samples(
     statistics: Sequence[Statistic], *groups: Strata, resamples: int = RESAMPLES

@@ -16,7 +16,7 @@ from scipy.stats import trim_mean
 
 import jbench
 from jbench.names import kind_in
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.store.shipped import shipped_results
 from tests.command_line import succeed
 from tests.documentation import ROOT
@@ -248,7 +248,7 @@ def test_planar_coordinates_help_by_what_they_leave_out(returns):
     )
     assert (len(heading), (planar > heading.max()).sum()) == (10, 7)
     assert abs(iqm(heading) - iqm(full)) < 50
-    decisions = frames(shipped_results()).decisions
+    decisions = Frames(shipped_results()).decisions
     (row,) = chosen_from(decisions, representation="heading", against="planar").itertuples()
     assert row.verdict == "lower"
     tested = f"{row.difference:.0f} [{row.low:.0f}, {row.high:.0f}]"
@@ -311,7 +311,7 @@ def test_comparisons_that_the_sequential_test_has_decided(tmp_path):
     rows = json.loads(succeed(*typed, results=tmp_path).stdout)["comparisons"]
     # The report has the same decisions.
     tested = [(row["difference"], row["low"], row["high"]) for row in rows if row["seeds"]]
-    shown = frames(shipped_results()).decisions[["difference", "low", "high"]]
+    shown = Frames(shipped_results()).decisions[["difference", "low", "high"]]
     finite = shown.replace([np.inf, -np.inf], np.nan)  # JSON has no infinite numbers
     np.testing.assert_allclose(finite, np.array(tested, float), rtol=1e-9)
     decided = {

@@ -76,30 +76,27 @@ def test_only_evaluations_with_saved_states_are_drawn(short_episodes, tmp_path):
     assert positions["share"].sum() == pytest.approx(1)
 
 
-def test_damaged_evaluation_is_reported(short_episodes, tmp_path):
-    results = Results(tmp_path)
-    settings = EvaluationSettings(task="face_direction", policy="random", episodes=1, states=True)
-    record = evaluate(settings, results, threads=1)
-    part = record.path / record.parts("policy_states")[0].name
+def test_damaged_evaluation_is_reported(tmp_path):
+    add(Results(tmp_path), "random")
+    (part,) = tmp_path.rglob("policy_states*.parquet")
     part.write_bytes(part.read_bytes()[:-1])
-    motor, _, (problem,) = behavior(results)
+    motor, _, (problem,) = behavior(Results(tmp_path))
     assert motor.empty
     assert part.name in problem
 
 
-def test_evaluation_with_invalid_settings_is_reported(tmp_path):
-    results = Results(tmp_path)
-    record = results.create("evaluation", "a/b", {"states": True, "episodes": "many"})
-    record.finish({"median": 1.0})
-    motor, _, (problem,) = behavior(results)
-    assert motor.empty
-    assert "The evaluation a/b has invalid settings" in problem
-
-
-@pytest.mark.parametrize("speeds", [[], [1.0, np.nan]])
-def test_evaluation_without_finite_states_is_reported(tmp_path, speeds):
+@pytest.mark.parametrize(
+    ("speeds", "median", "says"),
+    [
+        ([], 1.0, "no states, or states that are not finite"),
+        ([1.0, np.nan], 1.0, "no states, or states that are not finite"),
+        ([1.0], "many", "The evaluation face_direction/random has invalid settings"),
+    ],
+)
+def test_evaluation_without_numbers_is_reported(tmp_path, speeds, median, says):
     places = [0.0] * len(speeds)
-    add(Results(tmp_path), "random", states={"motor_velocity": speeds, "x": places, "y": places})
+    states = {"motor_velocity": speeds, "x": places, "y": places}
+    add(Results(tmp_path), "random", median, states)
     motor, _, (problem,) = behavior(Results(tmp_path))
     assert motor.empty
-    assert "no states, or states that are not finite" in problem
+    assert says in problem

@@ -1,12 +1,9 @@
 """Tests of the grouping of runs into cells, of their variants and of notes on them."""
 
 import numpy as np
-import pyarrow as pa
-import pytest
 
-from jbench.report.data.build import build, usable_runs
+from jbench.report.data.build import usable_runs
 from jbench.report.data.configuration import ID, in_order, shown_representation
-from jbench.report.data.returns import EVALUATION
 from jbench.store import query
 
 
@@ -73,25 +70,6 @@ def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
     )
 
 
-@pytest.mark.parametrize(("seeds", "printed"), [(1, "only 1 seed"), (2, "only 2 seeds"), (3, None)])
-def test_few_seeds_are_noted(fabric, seeds, printed):
-    for seed in range(seeds):
-        fabric.run([1.0], seed=seed)
-    (cell,), _ = fabric.configurations()
-    assert [note.split(":")[0] for note in cell.notes] == ([printed] if printed else [])
-
-
-def test_seeds_with_evaluations_only_are_noted(fabric):
-    fabric.run([], 0, evaluated={1000: 5.0}, steps=2000, status="unfinished")
-    fabric.run([], 1, evaluated={1000: 5.0, 2000: 6.0}, steps=2000)
-    (cell,), _ = fabric.configurations(EVALUATION)
-    assert [note.split(":")[0] for note in cell.notes] == [
-        "only 2 seeds",
-        "seed 0 unfinished after 1 evaluation",
-        "seeds of unequal length, 1 to 2 evaluations",
-    ]
-
-
 def test_non_finite_returns_are_noted(fabric):
     for seed, returns in enumerate(([1, np.nan, 2], [np.inf, -np.inf, 3], [4])):
         fabric.run(returns, seed=seed)
@@ -117,17 +95,6 @@ def test_run_without_task_is_reported_as_problem(fabric):
     assert runs["run"].tolist() == ["face_direction/r0002"]
     assert len(problems) == 1
     assert "face_direction/r0001" in problems[0]
-
-
-def test_episodes_are_aligned_by_index_not_row_order(fabric):
-    fabric.run([1, 2, 3], seed=0)
-    fabric.run([4, 5], seed=1)
-    tables = query.load(fabric.results).tables
-    shuffled = tables["episodes"].take(pa.array([4, 1, 2, 3, 0]))
-    (cell,), _ = fabric.configurations()
-    again, _ = build(usable_runs(tables["runs"])[0], shuffled, tables["evaluations"])
-    np.testing.assert_equal(again[0].returns, cell.returns)
-    np.testing.assert_equal(again[0].returns, [[1, 2, 3], [4, 5, np.nan]])
 
 
 class TestVariants:
@@ -156,12 +123,6 @@ class TestVariants:
             ("face_direction", "TD3 full, stable-baselines3, learning_rate=1e-04"),
             ("move_to_pose", "TD3 full, learning_rate=0.01"),
             ("move_to_pose", "TD3 full, stable-baselines3, learning_rate=1e-04"),
-        ]
-
-    def test_engine_of_only_variant_is_named(self, fabric):
-        fabric.run([1], engine="sb3")
-        assert [cell.label for cell in fabric.configurations()[0]] == [
-            "TD3 full, stable-baselines3"
         ]
 
     def test_different_evaluations_are_no_different_configurations(self, fabric):

@@ -11,7 +11,7 @@ from axe_playwright_python.sync_playwright import Axe
 
 from jbench.cli import main
 from jbench.importing.curve_file import read_curves, to_json
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.report.request import Request
 
 ORACLE = Path(__file__).parents[1] / "statistics" / "rliable_oracle" / "made.json"
@@ -32,7 +32,7 @@ def write_csv(path, curves):
 
 
 def found(path, **request):
-    return frames(None, Request(curves=path, **request))
+    return Frames(None, Request(curves=path, **request))
 
 
 @pytest.fixture(scope="module")

@@ -68,22 +68,6 @@ def test_windows_are_truncated_at_both_ends(order):
     np.testing.assert_allclose(curve.quantile(50)[2:-2], np.convolve(run, np.ones(5) / 5, "valid"))
 
 
-def test_parallel_environments_end_episodes_at_same_control_step():
-    curve = learning_curve(*cell(range(16), environments=8), "quantile-first", 4)
-    assert curve.control_steps[:2].tolist() == [8000, 8000]
-    assert curve.control_steps[6:10].tolist() == [8000, 10000, 12000, 14000]
-    assert curve.control_steps[-1] == 16000
-
-
-def test_all_quantiles_of_one_seed_equal_its_average():
-    run = [1.0, 5.0, 3.0, NAN, 9.0, 2.0, 2.0, 8.0]
-    expected = [1.0, 3.0, 4.0, 3.0, 9.0, 5.5, 2.0, 5.0, 8.0]
-    for order in ("quantile-first", "smooth-first"):
-        curve = learning_curve(*cell(run), order, 2)
-        np.testing.assert_allclose(curve.quantiles, [expected] * 5)
-        assert curve.seeds.tolist() == [1] * 9
-
-
 class TestUnequalLengths:
     RUNS = cell([0] * 8, [10] * 12, [20] * 12)
 
@@ -97,13 +81,6 @@ class TestUnequalLengths:
         curve = learning_curve(*self.RUNS, "smooth-first", 2)
         assert curve.quantile(50).tolist() == [10.0] * 8 + [15.0] * 5
 
-    @pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
-    def test_each_point_has_its_number_of_seeds(self, order):
-        curve = learning_curve(*self.RUNS, order, 2)
-        assert curve.seeds.tolist() == [3] * 8 + [2] * 5
-        middle = [1500 + 1000 * i for i in range(11)]
-        assert curve.control_steps.tolist() == [1000, *middle, 12_000]
-
 
 def test_nan_is_ignored_and_seeds_with_only_nan_are_not_counted():
     runs = cell([1] * 8, [3] * 4 + [NAN] * 4)
@@ -114,12 +91,6 @@ def test_nan_is_ignored_and_seeds_with_only_nan_are_not_counted():
     assert quantile_first.tolist() == [2.0, 2.0, 2.0, 2.0, 1.5, 1.0, 1.0, 1.0, 1.0]
     smooth_first = learning_curve(*runs, "smooth-first", 2).quantile(50)
     assert smooth_first.tolist() == [2.0] * 5 + [1.0] * 4
-
-
-def test_quantiles_of_window_without_returns_are_nan():
-    curve = learning_curve(*cell([1, 1, 1, NAN, NAN, 1, 1, 1]), "quantile-first", 2)
-    assert np.isnan(curve.quantiles[:, 4]).all()
-    assert curve.seeds.tolist() == [1, 1, 1, 1, 0, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize(
@@ -138,24 +109,11 @@ def test_window_of_short_runs_is_quarter_of_longest(lengths, window, expected):
     assert fitting_window(np.array(lengths), window) == expected
 
 
-@pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
-def test_curve_reports_window_shortened_to_run(order):
-    curve = learning_curve(*cell(range(10), range(10)), order, 100)
-    assert curve.window == 2
-    assert curve.quantile(50).tolist() == [0.0, *(0.5 + i for i in range(9)), 9.0]
-
-
 def test_control_steps_of_curve_do_not_decrease_after_end_of_seed():
     steps = np.array([[1000.0, 2000, 3000, 4000], [3000, 6000, np.nan, np.nan]])
     curve = learning_curve(np.ones((2, 4)), steps, np.array([4, 2]), window=1)
     # Means of both seeds are 2000 and 4000. Then only the first one is left, at 3000 and 4000.
     assert curve.control_steps.tolist() == [2000, 4000, 4000, 4000]
-
-
-def test_run_of_one_episode_is_one_point():
-    curve = learning_curve(*cell([7.0]))
-    assert (curve.window, curve.control_steps.tolist()) == (1, [1000])
-    assert curve.quantiles.tolist() == [[7.0]] * 5
 
 
 def test_moving_average_accumulates_no_rounding_error():

@@ -4,7 +4,7 @@ import numpy as np
 
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.returns import EVALUATION
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 
 FLAT = np.full(40, 500.0)
 LAST = {20_000: 400.0, 40_000: 600.0}
@@ -64,7 +64,7 @@ def test_frames_count_diverged_seeds_and_note_their_treatment(fabric):
         else:
             fabric.run(FLAT, seed, evaluated=LAST)
     fabric.run(FLAT[:5], 0, algo="sac", status="failed", steps=40_000)
-    found = frames(fabric.results)
+    found = Frames(fabric.results)
     (row,) = found.configurations[found.configurations["algo"] == "TD3"][:1].to_dict("records")
     assert (row["seeds"], row["diverged"]) == (10, 2)
     assert (

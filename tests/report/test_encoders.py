@@ -8,7 +8,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.report.encoders import encoder_frame
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store import Results, encoder_schema, query
 
@@ -87,16 +87,10 @@ def test_encoders_with_other_options_are_separate_lines(results):
     assert table["settings"].tolist() == ["horizon=1"] * 2 + ["horizon=5"] * 2
 
 
-def test_unfinished_encoders_are_skipped(results):
-    add(results, "dae", 4, 0.5)
-    results.create("encoder", "face_direction/dae5/a", {"kind": "dae", "task": "face_direction"})
-    assert table_of(results)["latents"].tolist() == [4]
-
-
 def test_report_without_runs_has_encoders(results):
     for latents, explained in ((2, 0.5), (4, 0.75)):
         add(results, "vae", latents, explained)
-    found = frames(results)
+    found = Frames(results)
     assert found.encoders["test"].tolist() == pytest.approx([0.5, 0.25])
     assert found.encoders["representation"].tolist() == ["vae2", "vae4"]
     assert found.headline == "There are no returns yet."
@@ -105,11 +99,7 @@ def test_report_without_runs_has_encoders(results):
 def test_encoders_of_another_task_give_no_report(results):
     add(results, "vae", 2, 0.5)
     with pytest.raises(RequestError, match="There are no runs"):
-        frames(results, Request(task="move_to_pose"))
-
-
-def test_no_encoders_give_empty_table(results):
-    assert table_of(results).empty
+        Frames(results, Request(task="move_to_pose"))
 
 
 def add_predictions(record, yaw_rate, rank):

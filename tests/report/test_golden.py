@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from jbench.report.data.configuration import display_name, shown_representation
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from tests.report.conftest import FabricatedResults
 from tests.report.golden import cases
 
@@ -46,7 +46,7 @@ def both(request, tmp_path_factory):
                 frame[column] = frame[column].map(convert)
         return frame
 
-    return frames(*cases.CASES[request.param](fabric)), golden
+    return Frames(*cases.CASES[request.param](fabric)), golden
 
 
 def close(one, other):

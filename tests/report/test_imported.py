@@ -11,7 +11,7 @@ import jbench
 from jbench.cli import main
 from jbench.report.data.configuration import IMPORTED
 from jbench.report.figures import charts
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store import Results
 
@@ -58,7 +58,7 @@ def imported(two_imported, tmp_path):
 
 
 def test_report_of_imports_alone_has_statistics(imported):
-    found = frames(Results(imported))
+    found = Frames(Results(imported))
     rows = found.configurations.set_index("algo")
     assert set(rows["source"]) == {IMPORTED}
     for algo, returns in RETURNS.items():
@@ -70,24 +70,15 @@ def test_report_of_imports_alone_has_statistics(imported):
     assert found.pairs.empty  # imported curves are not ranked
 
 
-def test_imports_with_evaluations_only_are_reported(tmp_path):
-    path = tmp_path / "imported"
-    add(path, tmp_path, "fast", RETURNS["fast"], more=("--returns", "evaluation"))
-    found = frames(Results(path))
-    (row,) = found.configurations.to_dict("records")
-    assert (row["returns"], row["median"], row["seeds"]) == ("evaluation", 825, 6)
-    assert len(found.runs) == 6
-
-
 def test_imports_are_reported_if_no_run_was_begun_since_date(demo, tmp_path):
     add(demo, tmp_path, "fast", {0: 800.0})
-    found = frames(Results(demo), Request(since="2100-01-01"))
+    found = Frames(Results(demo), Request(since="2100-01-01"))
     assert set(found.configurations["source"]) == {IMPORTED}
     assert any("begun before 2100-01-01 are left out" in note for note in found.notes)
 
 
 def test_notes_count_only_imports_that_pass_filters(imported):
-    notes = frames(Results(imported), Request(algo="fast")).notes
+    notes = Frames(Results(imported), Request(algo="fast")).notes
     assert [note for note in notes if "curves (csv)" in note] == [
         "6 imported curves (csv) are not verified: jbench has not run the agents. Imported curves "
         "are in no claim."
@@ -98,7 +89,7 @@ def test_training_and_evaluation_of_label_are_one_cell(tmp_path):
     path = tmp_path / "imported"
     add(path, tmp_path, "fast", RETURNS["fast"])
     add(path, tmp_path, "fast", {0: 900, 1: 910}, "other", more=("--returns", "evaluation"))
-    rows = frames(Results(path)).configurations.set_index("returns")
+    rows = Frames(Results(path)).configurations.set_index("returns")
     assert rows["median"].to_dict() == {"training": 825, "evaluation": 905}
     assert "4 of 6 seeds have no evaluation" in rows.loc["evaluation", "note"]
     assert rows["configuration"].nunique() == 1
@@ -108,7 +99,7 @@ def test_longest_import_of_seed_is_used(tmp_path):
     path = tmp_path / "imported"
     add(path, tmp_path, "fast", RETURNS["fast"])
     add(path, tmp_path, "fast", {0: 500}, "longer", episodes=12)
-    found = frames(Results(path))
+    found = Frames(Results(path))
     assert sorted(found.seeds["final"]) == [500, 810, 820, 830, 840, 850]
     assert any(note.startswith("1 imported curve is not used") for note in found.notes)
 
@@ -119,26 +110,16 @@ def test_seeds_with_points_at_different_control_steps_are_noted(tmp_path):
     typed = ("--from", "csv", "--task", "face_direction", "--algo", "td3", "--seed-column", "seed")
     columns = ("--steps-column", "at", "--return-column", "value")
     assert main(["import", *typed, *columns, "--results", str(path), str(file)]) == 0
-    (row,) = frames(Results(path)).configurations.to_dict("records")
+    (row,) = Frames(Results(path)).configurations.to_dict("records")
     assert "the points of its seeds are up to 300 control steps apart" in row["note"]
-
-
-def test_seeds_reach_return_at_their_own_control_steps(tmp_path):
-    path, file = tmp_path / "imported", tmp_path / "curves.csv"
-    file.write_text("seed,control_steps,episode_return\n0,1000,950\n1,7000,950\n2,9000,950\n")
-    typed = ("--from", "csv", "--task", "face_direction", "--algo", "td3", "--seed-column", "seed")
-    assert main(["import", *typed, "--results", str(path), str(file)]) == 0
-    (row,) = frames(Results(path)).configurations.to_dict("records")
-    ends = [row[f"solved_steps{end}"] for end in ("", "_low", "_high")]
-    assert ends == [7000, 1000, 9000]
 
 
 def test_imports_change_no_number_or_claim_of_runs(demo, imported, tmp_path):
     request = Request(claims=True)
-    alone = frames(Results(demo), request)
+    alone = Frames(Results(demo), request)
     assert main(["merge", str(imported), "--results", str(demo)]) == 0
     add(demo, tmp_path, "td3", {0: 999.0, 1: 999.0}, more=("--representation", "dae12"))
-    both = frames(Results(demo), request)
+    both = Frames(Results(demo), request)
     own = both.configurations[both.configurations["source"] == "own"].reset_index(drop=True)
     pd.testing.assert_frame_equal(own, alone.configurations, check_dtype=False)
     for name in ("claims", "verdicts", "pairs"):
@@ -147,7 +128,7 @@ def test_imports_change_no_number_or_claim_of_runs(demo, imported, tmp_path):
 
 
 def test_baseline_is_drawn_like_published_curves(imported):
-    found = frames(Results(imported), Request(baseline="slow"))
+    found = Frames(Results(imported), Request(baseline="slow"))
     assert set(found.curves["algo"]) == {"fast"}
     baseline = found.published[found.published["source"] == IMPORTED]
     assert set(baseline["algo"]) == {"slow"}
@@ -174,7 +155,7 @@ def test_requests_without_curves_are_refused(typed, says, imported, capsys):
 def test_damaged_imports_are_skipped_and_reported(imported):
     part = sorted(imported.rglob("import_points-*.parquet"))[0]
     part.write_bytes(b"cut")
-    found = frames(Results(imported))
+    found = Frames(Results(imported))
     assert [problem for problem in found.problems if str(part) in problem] == found.problems
     assert len(found.problems) == 1
     assert sorted(found.configurations["seeds"]) == [5, 6]
@@ -183,7 +164,7 @@ def test_damaged_imports_are_skipped_and_reported(imported):
 def test_imports_without_length_are_skipped_and_reported(imported):
     manifest = sorted(imported.rglob("manifest.json"))[0]
     manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "summary": {}}))
-    found = frames(Results(imported))
+    found = Frames(Results(imported))
     (problem,) = found.problems
     assert "lacks a label, a seed, its kind of return or its length" in problem
     assert sorted(found.configurations["seeds"]) == [5, 6]

@@ -144,18 +144,6 @@ def test_imported_entries_have_names_of_directories(tmp_path, capsys):
     assert "imported" in sources
 
 
-def test_control_steps_are_those_of_ranked_imports(tmp_path, capsys):
-    import_curve(tmp_path, tmp_path, 300, 9000, "training")
-    import_curve(tmp_path, tmp_path, 200, 2000)
-    for returns, steps in {"evaluation": 2000, "training": 9000}.items():
-        (entry,) = [
-            one
-            for one in listed(capsys, "--results", tmp_path, "--returns", returns)
-            if one["entry"] != "published"
-        ]
-        assert (entry["steps_min"], entry["steps"]) == (steps, steps)
-
-
 def test_algorithm_selects_hand_written_policies(directories, capsys):
     assert main(["evaluate", "--episodes", "1", "--results", str(directories)]) == 0
     typed = ("--results", directories, "--algo")

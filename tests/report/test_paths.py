@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.report.data.points import PATHS, run_paths
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.store import schema
 from tests.report.conftest import evaluations
 
@@ -59,7 +59,7 @@ def test_fewer_than_two_points_are_no_path(x):
 def test_report_assigns_paths_to_runs(fabric):
     with_path, _ = (fabric.run([1.0, 2.0], seed=seed) for seed in (0, 1))
     with_path.append({"paths": path(with_path.id, 0, [0, 0.5])})
-    found = frames(fabric.results).paths
+    found = Frames(fabric.results).paths
     assert set(found["run"]) == {with_path.id}
     assert set(found["source"]) == {"own"}
     assert found[["x", "y"]].values.tolist() == [[0, 0], [0.5, 1]]

@@ -28,12 +28,6 @@ def test_final_quantiles_of_figure_9(published, task, algo):
     assert last[["median", "q10", "q90"]].tolist() == pytest.approx(ends, abs=0.7)
 
 
-def test_early_medians_of_face_direction(published):
-    for algo, median in (("td3", 945), ("sac", 943), ("ddpg", 814)):
-        found, figure = best_median(published, "face_direction", algo, "full", 0.5e6)
-        assert (round(found), figure) == (median, "Figure 9")
-
-
 def test_best_median_of_several_figures_is_used(published):
     # DDPG with the full observation ended at 632 in Figure 9, and at 295 in Figure 8.
     value, figure = best_median(published, "move_in_direction", "ddpg", "full", 4.95e6)

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.analysis.compare import return_frame
-from jbench.report.analysis.verdicts import corrected_level, decision_frame, verdict_frame
-from jbench.report.encoders import prediction_frame
-from jbench.report.frames import frames
+from jbench.report.analysis.judge import corrected_level
+from jbench.report.analysis.verdicts import decision_frame, verdict_frame
+from jbench.report.encoders import prediction_frame, return_frame
+from jbench.report.frames import Frames
 
 CLOSE = np.linspace(-10, 10, 8)
 FINALS = {
@@ -94,13 +94,16 @@ def test_error_rate_is_divided_by_the_comparisons_that_are_left():
     def interval(rate):
         return lambda confidence: (1.0, 2.0) if 1 - confidence >= rate else (-100.0, 100.0)
 
+    def decides(low, high):
+        return low > 0
+
     intervals = [interval(rate) for rate in (0.001, 0.02, 0.024, 1)]
     # 0.05 / 4 decides the first, 0.05 / 3 none of the others.
-    assert corrected_level(intervals) == pytest.approx(0.05 / 3)
+    assert corrected_level(intervals, decides) == pytest.approx(0.05 / 3)
     # 0.05 / 3 decides two of three, and 0.05 the last one.
     intervals = [interval(rate) for rate in (0.001, 0.016, 0.04)]
-    assert corrected_level(intervals) == pytest.approx(0.05)
-    assert corrected_level([]) == 0.05
+    assert corrected_level(intervals, decides) == pytest.approx(0.05)
+    assert corrected_level([], decides) == 0.05
 
 
 def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):
@@ -111,7 +114,7 @@ def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):
                 final = level + 10 * seed
                 more = {"representation": name, "evaluated": {100_000: final}}
                 fabric.run([final] * 100, seed, **steps, **more)
-        found = frames(fabric.results)
+        found = Frames(fabric.results)
         (decision,) = found.decisions.to_dict("records")
         row = found.verdicts[
             (found.verdicts["claim"] == "a") & (found.verdicts["returns"] == "evaluation")
@@ -183,7 +186,7 @@ def test_returns_stand_beside_r2_of_predictions(fabric):
 
 def test_headline_names_what_was_decided(fabric):
     learn(fabric)
-    found = frames(fabric.results)
+    found = Frames(fabric.results)
     assert "planar" in found.headline
     assert "dae12" in found.headline
     assert len(found.headline.split()) <= 30
@@ -191,7 +194,7 @@ def test_headline_names_what_was_decided(fabric):
 
 def test_headline_of_few_seeds_says_that_it_is_too_early(fabric):
     learn(fabric, {name: FINALS[name][:2] for name in ("full", "dae12")}, steps=4)
-    assert frames(fabric.results).headline == (
+    assert Frames(fabric.results).headline == (
         "Too early to say: 2 seeds of 4k control steps can't decide anything."
     )
 
@@ -200,4 +203,4 @@ def test_headline_names_task_where_answer_depends_on_it(fabric):
     learn(fabric, {name: FINALS[name] for name in ("full", "planar12")})
     names = {"full": FINALS["full"], "planar12": FINALS["full"]}
     learn(fabric, names, task="move_in_direction")
-    assert "on face_direction" in frames(fabric.results).headline
+    assert "on face_direction" in Frames(fabric.results).headline

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.report.runs import provenance
 
 
@@ -15,7 +15,7 @@ def found(fabric):
     fabric.run(np.arange(8) * 10.0, seed=1)
     fabric.run([5.0], seed=2, algo="ddpg", hyperparameters={"learning_rate": 3e-4})
     fabric.run([], seed=3, status="unfinished", steps=1000)
-    return frames(fabric.results)
+    return Frames(fabric.results)
 
 
 def test_run_has_evaluation_and_training_curves(found):

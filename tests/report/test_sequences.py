@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 
 SAC = {"algo": "sac", "task": "move_in_direction", "augment": 0, "robots": 2}
 # Two robots of 80 episodes: 80 returns of 100, then 80 of 300.
@@ -34,7 +34,7 @@ def test_run_on_first_robot_uses_planned_changes(fabric):
 def test_sequences_stand_beside_the_authors_and_apart_from_single_robots(fabric):
     fabric.run(RETURNS, 0, **SAC)
     fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
-    found = frames(fabric.results)
+    found = Frames(fabric.results)
     own = found.sequences[found.sequences["source"] == "own"]
     assert set(own["robots"]) == {2}
     assert set(own["robot_steps"]) == {80_000}

@@ -9,7 +9,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.report.data import sources
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store import Results
 from tests.store.store_rows import alter_manifest
@@ -29,13 +29,13 @@ class TestSince:
         [("2026-11-19", [0, 1]), ("2026-11-20", [1]), ("2026-11-20T01:00:00+01:00", [1])],
     )
     def test_earlier_runs_are_skipped_and_noted(self, dated, since, seeds):
-        found = frames(dated, Request(since=since))
+        found = Frames(dated, Request(since=since))
         assert found.seeds["seed"].tolist() == seeds
         assert any("begun before" in note for note in found.notes) == (len(seeds) == 1)
 
     def test_no_run_since_date_is_refused(self, dated):
         with pytest.raises(RequestError, match=r"No run was begun since 2026-12-01\. 2 runs"):
-            frames(dated, Request(since="2026-12-01"))
+            Frames(dated, Request(since="2026-12-01"))
 
     def test_invalid_date_is_refused(self):
         with pytest.raises(RequestError, match="--since yesterday: type a date"):
@@ -52,11 +52,11 @@ class TestCompare:
         return fabric.results
 
     def test_two_values_of_setting_are_compared(self, both):
-        found = frames(both, Request(compare=("engine=batched", "engine=sb3")))
+        found = Frames(both, Request(compare=("engine=batched", "engine=sb3")))
         (one,) = found.comparisons.to_dict("records")
         assert (one["a"], one["b"]) == ("engine=batched", "engine=sb3")
         assert (one["difference"], one["p"]) == (100, 1)
-        assert one["text"] == "undecided: higher by 99 to 101"  # of three seeds
+        assert one["text"] == "undecided: +100, too few seeds"
         assert found.headline.startswith("Too early to say")
         # Runs with another tau have no counterpart; they are shown and noted.
         assert len(found.configurations) == 3
@@ -67,32 +67,23 @@ class TestCompare:
             for engine, level in (("sb3", 0), ("batched", 100)):
                 fabric.run(FLAT + level + seed, seed, engine=engine)
                 fabric.run(FLAT + seed, seed, engine=engine, algo="sac")
-        found = frames(fabric.results, Request(compare=("engine=batched", "engine=sb3")))
+        found = Frames(fabric.results, Request(compare=("engine=batched", "engine=sb3")))
         assert found.headline == (
             "The final return with engine=batched, compared with engine=sb3, is higher in 1 and "
             "similar in 1 of 2 configurations."
-        )
-
-    def test_headline_says_that_no_comparison_is_decided(self, fabric):
-        for seed in range(6):
-            fabric.run(FLAT + 50 * seed, seed, engine="sb3")
-            fabric.run(FLAT + 50 * (5 - seed), seed, engine="batched")
-        found = frames(fabric.results, Request(compare=("engine=batched", "engine=sb3")))
-        assert found.headline == (
-            "The final return with engine=batched, compared with engine=sb3, is undecided."
         )
 
     def test_omitted_setting_is_compared_by_its_default(self, fabric):
         fabric.run(FLAT)
         fabric.run(FLAT + 10, precision="bfloat16")
         compare = ("precision=bfloat16", "precision=float32")
-        (one,) = frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
+        (one,) = Frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
         assert (one["a"], one["difference"]) == ("precision=bfloat16", 10)
 
     @pytest.mark.parametrize("typed", ["tau=0.25", "tau=2.5e-1", "hyperparameters.tau=0.25"])
     def test_hyperparameter_is_found_by_short_or_full_name(self, both, typed):
         other = f"{typed.split('=')[0]}=0.5, engine=sb3"
-        (one,) = frames(both, Request(compare=(typed, other))).comparisons.to_dict("records")
+        (one,) = Frames(both, Request(compare=(typed, other))).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (typed, other, -1)
 
     @pytest.mark.parametrize(
@@ -106,7 +97,7 @@ class TestCompare:
             (f"algorithm=td3, observation={shown}", "observation=full"),
             (f"encoder={shown}", "encoder=none"),  # as `jbench train --encoder` takes them
         ):
-            (one,) = frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
+            (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")
             assert (one["a"], one["b"], one["difference"]) == (*sides, 10)
 
     @pytest.mark.parametrize(
@@ -121,12 +112,12 @@ class TestCompare:
     )
     def test_invalid_comparison_is_refused(self, both, compare, printed):
         with pytest.raises(RequestError, match=printed):
-            frames(both, Request(compare=compare))
+            Frames(both, Request(compare=compare))
 
     def test_comparison_of_same_runs_is_refused(self, both):
         printed = "is not compared: tau=0.25 and tau=2.5e-1 have the same settings."
         with pytest.raises(RequestError, match=printed):
-            frames(both, Request(compare=("tau=0.25", "tau=2.5e-1")))
+            Frames(both, Request(compare=("tau=0.25", "tau=2.5e-1")))
 
     def test_comparison_of_equal_sides_is_refused(self):
         with pytest.raises(RequestError, match="type two different ones"):
@@ -137,7 +128,7 @@ class TestCompare:
         fabric.run(FLAT, 0)
         other = shutil.copytree(fabric.results.path, tmp_path / os.fsdecode(b"a\xff"))
         compare = str(other), str(fabric.results.path)
-        found = frames(fabric.results, Request(compare=compare))
+        found = Frames(fabric.results, Request(compare=compare))
         assert set(found.configurations["source"]) == {f"{tmp_path}/a\\udcff", compare[1]}
 
     def test_two_directories_are_compared(self, fabric, tmp_path):
@@ -147,7 +138,7 @@ class TestCompare:
             other.run(FLAT - 200, seed, steps=99_000)
         other.run(FLAT, 0, algo="sac")
         sides = str(tmp_path / "results"), str(tmp_path / "other")
-        found = frames(fabric.results, Request(compare=sides))
+        found = Frames(fabric.results, Request(compare=sides))
         (one,) = found.comparisons.to_dict("records")
         assert one["difference"] == 200
         assert set(found.configurations["source"]) == set(sides)
@@ -159,14 +150,14 @@ class TestCompare:
         other.run(FLAT, time_limit="terminal")
         sides = str(tmp_path / "results"), str(tmp_path / "other")
         with pytest.raises(RequestError, match=r"time_limit=bootstrap.*time_limit=terminal"):
-            frames(fabric.results, Request(compare=sides))
+            Frames(fabric.results, Request(compare=sides))
 
     def test_directory_without_runs_is_refused(self, fabric, tmp_path):
         fabric.run(FLAT)
         (tmp_path / "empty").mkdir()
         sides = str(tmp_path / "results"), str(tmp_path / "empty")
         with pytest.raises(RequestError, match=r"no run with an episode of .*empty"):
-            frames(fabric.results, Request(compare=sides))
+            Frames(fabric.results, Request(compare=sides))
 
 
 class TestReference:
@@ -192,15 +183,3 @@ class TestReference:
             found = sources.reference(Request(), Results(directory))
             assert found.configurations == []
             assert "ships no reference runs" in found.notes[-1]
-
-    def test_shipped_runs_are_never_mixed_with_own_runs(self, fabric):
-        for seed in range(3):
-            fabric.run(FLAT, seed)
-        alone = frames(fabric.results, Request()).configurations
-        beside = frames(fabric.results, Request(reference=True)).configurations
-        own = beside[beside["source"] == "own"]
-        assert (
-            own[["configuration", "seeds"]].values.tolist()
-            == alone[["configuration", "seeds"]].values.tolist()
-        )
-        assert set(beside["source"]) == {"own", "reference"}

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from jbench import cli
 from jbench.agents import sb3
 from jbench.policies.saved import load_agent
-from jbench.report.frames import frames
+from jbench.report.frames import Frames
 from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.tasks.robots import load_model
@@ -301,7 +301,7 @@ def summary_row(path, **changes):
     record = results.create("run", wanted.id, wanted.model_dump(mode="json"))
     record.append({"episodes": pa.Table.from_pylist(rows, schema.EPISODES)})
     record.finish({"wall_time": 1.0})
-    (row,) = frames(results).configurations.to_dict("records")
+    (row,) = Frames(results).configurations.to_dict("records")
     return row
 
 

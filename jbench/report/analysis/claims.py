@@ -5,18 +5,16 @@ the value that would refute it and the margin are the same for our runs, for the
 and for both kinds of return.
 """
 
-from typing import Literal, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from jbench.names import ReturnsName
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import SOLVED, ratio, signed, whole
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import seeds_to_decide
-
-Verdict = Literal["supported", "contradicted", "undecided"]
 
 MARGIN = 50.0
 """Difference in final return that counts as similar: 5% of the largest possible return."""
@@ -74,57 +72,56 @@ CLAIMS = {
         "The task is solved.",
         "The 95% interval of the median final return lies at 900 or more.",
     ),
-    "h": (
-        "The hand-written policy solves the task.",
-        "As (g), for the episodes of the policy.",
-    ),
+    "h": ("The hand-written policy solves the task.", "As (g), for the episodes of the policy."),
 }
 """Claims and their tests by letter."""
 
 
-class SeedsNeeded(NamedTuple):
-    """Seeds per configuration that would decide a comparison, if the effect is as now estimated.
-
-    Attributes:
-        rule: origin of the number: a power of 80%, or the rule that fewer than six decide nothing.
-    """
-
-    seeds: int
-    rule: Literal["80% power", "six-seed rule"]
+Row = dict[str, Any]
+"""Columns of a row of `claim_frame`."""
 
 
-class Finding(NamedTuple):
-    """Result of one comparison that tests a claim.
+def finding(
+    claim: str, compared: str, effect: st.Estimate, seeds: int, decided: Row, **more: Any
+) -> Row:
+    """Returns the result of one comparison that tests a claim.
 
-    Attributes:
+    Args:
         claim: letter of the claim.
         compared: names of the configurations.
         effect: the claim's statistic with the deciding interval.
         seeds: smallest number of seeds of the configurations; for (h), number of episodes.
-        seeds_needed: seeds that would decide it; None if it is decided or no number is known.
-        steps: control steps at which configurations are compared; None for (h).
-        source: `own`, another source, or the figure of the paper.
-        by_episodes: for (b) and (f), the effect that episodes alone would cause if all agents of a
-            configuration had the same expected return; NaN if unknown.
+        decided: see `decide`.
+        more: other columns: returns; steps, at which configurations are compared; source (`own`,
+            another source, or the figure of the paper); remark; by_episodes: for (b) and (f), the
+            effect that episodes alone would cause if all agents of a configuration had the same
+            expected return.
     """
-
-    claim: str
-    compared: str
-    effect: st.Estimate
-    seeds: int
-    verdict: Verdict
-    seeds_needed: SeedsNeeded | None
-    returns: ReturnsName
-    steps: int | None = None
-    source: str = OWN
-    remark: str = ""
-    by_episodes: float = np.nan
+    value, low, high, _ = effect
+    form = ratio if claim in "bf" else whole if claim in "gh" else signed
+    interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
+    text = f"{decided['verdict']}: {'unknown' if np.isnan(value) else form(value)}{interval}"
+    statement, test = CLAIMS[claim]
+    row = {"claim": claim, "statement": statement, "test": test, "source": OWN, "seeds": seeds}
+    row |= {"compared": compared, "effect": value, "low": low, "high": high, "remark": ""}
+    return row | {"text": text, "by_episodes": np.nan} | decided | more
 
 
-def decide(
-    effect: st.Estimate, seeds: int, boundary: float, *, logarithmic: bool = False
-) -> tuple[Verdict, SeedsNeeded | None]:
+def claim_frame(findings: Iterable[Row]) -> pd.DataFrame:
+    """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
+    rows = sorted(findings, key=lambda row: str(row["claim"]))
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
+
+
+UNDECIDED: Row = {"verdict": "undecided", "seeds_needed": None, "seeds_needed_by": ""}
+
+
+def decide(effect: st.Estimate, seeds: int, boundary: float, *, logarithmic: bool = False) -> Row:
     """Returns the verdict on a claim that an effect is above a boundary, and the seeds needed.
+
+    Columns: verdict (supported, contradicted, undecided), seeds_needed (per configuration, if the
+    effect is as now estimated; None if it is decided or no number is known) and seeds_needed_by: a
+    power of 80%, or the rule that fewer than six decide nothing.
 
     Args:
         effect: with its 95% interval.
@@ -134,24 +131,22 @@ def decide(
     """
     enough = seeds >= st.DECIDING_SEEDS
     if enough and effect.low > boundary:
-        return "supported", None
+        return UNDECIDED | {"verdict": "supported"}
     if enough and effect.high < boundary:
-        return "contradicted", None
+        return UNDECIDED | {"verdict": "contradicted"}
     distance, error = effect.value - boundary, effect.standard_error
     if logarithmic and effect.value > 0:
         distance, error = np.log(effect.value / boundary), error / effect.value
-    return "undecided", _needed(distance, error, seeds)
+    return _undecided(distance, error, seeds)
 
 
-def decide_solved(median: st.Estimate, seeds: int) -> tuple[Verdict, SeedsNeeded | None]:
-    """Returns the verdict on a median return of `SOLVED` or more, and the seeds needed."""
+def decide_solved(median: st.Estimate, seeds: int) -> Row:
+    """Returns the verdict on a median return of `SOLVED` or more; see `decide`."""
     return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task
 
 
-def decide_similar(
-    inner: st.Estimate, outer: st.Estimate, seeds: int
-) -> tuple[Verdict, SeedsNeeded | None]:
-    """Returns the verdict on a claim that two groups of seeds are similar, and the seeds needed.
+def decide_similar(inner: st.Estimate, outer: st.Estimate, seeds: int) -> Row:
+    """Returns the verdict on a claim that two groups of seeds are similar; see `decide`.
 
     Args:
         inner: the difference with its 90% interval (two one-sided tests at 5%).
@@ -160,34 +155,23 @@ def decide_similar(
     """
     enough = seeds >= st.DECIDING_SEEDS
     if enough and inner.low > -MARGIN and inner.high < MARGIN:
-        return "supported", None
+        return UNDECIDED | {"verdict": "supported"}
     if enough and (outer.low > MARGIN or outer.high < -MARGIN):
-        return "contradicted", None
-    return "undecided", _needed(MARGIN - abs(inner.value), inner.standard_error, seeds)
+        return UNDECIDED | {"verdict": "contradicted"}
+    return _undecided(MARGIN - abs(inner.value), inner.standard_error, seeds)
 
 
-def _needed(distance: float, standard_error: float, seeds: int) -> SeedsNeeded | None:
+def _undecided(distance: float, standard_error: float, seeds: int) -> Row:
     """Returns the seeds needed according to `seeds_to_decide`, but at least six."""
-    by_power = seeds_to_decide(distance, standard_error, seeds)
-    if by_power is None:
-        return None
-    if seeds < st.DECIDING_SEEDS and by_power <= st.DECIDING_SEEDS:
-        return SeedsNeeded(st.DECIDING_SEEDS, "six-seed rule")
-    return SeedsNeeded(by_power, "80% power")
+    needed = seeds_to_decide(distance, standard_error, seeds)
+    if needed is None:
+        return UNDECIDED
+    rule = "80% power"
+    if seeds < st.DECIDING_SEEDS and needed <= st.DECIDING_SEEDS:
+        needed, rule = st.DECIDING_SEEDS, "six-seed rule"
+    return UNDECIDED | {"seeds_needed": needed, "seeds_needed_by": rule}
 
 
-def claim_frame(findings: list[Finding]) -> pd.DataFrame:
-    """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
-    rows = []
-    for finding in sorted(findings, key=lambda finding: finding.claim):
-        value, low, high, _ = finding.effect
-        form = ratio if finding.claim in "bf" else whole if finding.claim in "gh" else signed
-        effect = "unknown" if np.isnan(value) else form(value)
-        interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
-        needed, rule = finding.seeds_needed or (None, "")
-        statement, test = CLAIMS[finding.claim]
-        row = {**finding._asdict(), "statement": statement, "test": test}
-        row |= {"effect": value, "low": low, "high": high}
-        row |= {"text": f"{finding.verdict}: {effect}{interval}"}
-        rows.append({**row, "seeds_needed": needed, "seeds_needed_by": rule})
-    return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
+def ratio_of_widths(ours: float, theirs: float) -> float:
+    """Returns the ratio of two deviations or widths of bands; NaN for a width of 0."""
+    return ours / theirs if theirs > 0 else np.nan

@@ -1,25 +1,21 @@
-"""Scores of each seed of a configuration, and their statistics across seeds."""
+"""Scores of each seed of a configuration, up to a control step."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from jbench.report.data.configuration import IMPORTED, Configuration
-from jbench.report.data.curves import Curve, final_returns, moving_average, steps_to_threshold
-from jbench.report.data.returns import EVALUATION, FILE, FINAL_POINTS, SOLVED
+from jbench.report.data.curves import final_returns, moving_average
+from jbench.report.data.returns import EVALUATION, FILE, FINAL_POINTS
 from jbench.returns import final_episodes
 from jbench.statistics import BoolArray, FloatArray, IntArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.agents import Agents, components, difference, smallest_difference
+from jbench.statistics.agents import Agents, difference
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
 
 Pair = tuple[Configuration, Configuration]
-
-Ends = Callable[[float], tuple[float, float]]
-"""Gives the interval of a number at a confidence."""
 
 
 class Scores(NamedTuple):
@@ -93,78 +89,26 @@ def _episodes(
     return np.array(deviations, float), np.array([len(values) for values in ends], float)
 
 
-class Comparison:
-    """Two configurations at the last control step that each of their seeds has reached.
+class PairedScores:
+    """Scores of two configurations at the last control step that each of their seeds has reached.
 
     Attributes:
-        ours: scores of the first one, up to `control_steps`.
-        theirs: scores of the second one.
         seeds: smaller number of seeds with scores.
         decidable: whether these are enough for a verdict.
     """
 
     def __init__(self, ours: Configuration, theirs: Configuration) -> None:
         self.control_steps = int(min(ours.last_step, theirs.last_step))
-        self.ours, self.theirs = (seed_scores(one, self.control_steps) for one in (ours, theirs))
+        self.ours = seed_scores(ours, self.control_steps)
+        self.theirs = seed_scores(theirs, self.control_steps)
         self.seeds = min(len(self.ours.final), len(self.theirs.final))
         self.decidable = self.seeds >= st.DECIDING_SEEDS
 
     def sample(self, statistic: st.Statistic, scores: str = "final") -> st.Resampled:
         """Returns a statistic of the scores of both: `final`, or `area`."""
-        groups = ([getattr(one, scores)] for one in (self.ours, self.theirs))
+        groups = ([getattr(side, scores)] for side in (self.ours, self.theirs))
         return st.samples([statistic], *groups)[0]
 
     def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
         """Returns the difference of the standard deviations between agents."""
         return difference(self.ours.agents, self.theirs.agents, confidence)
-
-
-def ends(sample: st.Resampled) -> Ends:
-    """Returns the intervals of a statistic."""
-    return lambda confidence: sample.estimate(confidence)[1:3]
-
-
-def statistics(configuration: Configuration, curve: Curve) -> dict[str, float]:
-    """Returns the statistics of a configuration's seeds, with the ends of their 95% intervals.
-
-    Columns: median, iqm (interquartile mean) and deviation (standard deviation) of the final
-    returns, over_run (interquartile mean of the mean return over the run), solved_steps (median of
-    the control steps to a return of `SOLVED`; infinite: after the runs' end; NaN for a sequence of
-    robots), s (standard deviation between agents), each with …_low and …_high;
-    deviation_by_episodes, detectable (smallest difference of means that two such configurations
-    show; unknown for two seeds, as s is), and reached (number of seeds that reach `SOLVED`).
-    """
-    scores = seed_scores(configuration)
-    location = {"median": st.median, "iqm": st.interquartile_mean}
-    variability = {"deviation": st.standard_deviation} if len(scores.final) > 1 else {}
-    row = _intervals(location | variability, scores.final)
-    row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
-    row["deviation_by_episodes"] = scores.deviation_by_episodes
-    if scores.agents.known and len(scores.final) >= st.MIN_SEEDS:
-        s, low, high, w = components(scores.agents)
-        detectable = smallest_difference(len(scores.final), s, w, scores.episodes.mean())
-        row |= {"s": s, "s_low": low, "s_high": high, "detectable": detectable}
-    if configuration.robots <= 1 and configuration.has_solved_return:
-        steps = _steps_to_solved(configuration, curve)
-        row |= _intervals({"solved_steps": st.median}, steps)
-        row["reached"] = int(np.isfinite(steps).sum())
-    return row
-
-
-def _intervals(statistics: dict[str, st.Statistic], scores: FloatArray) -> dict[str, float]:
-    row: dict[str, float] = {}
-    for name, sample in zip(
-        statistics, st.samples(list(statistics.values()), [scores]), strict=True
-    ):
-        row |= zip((name, f"{name}_low", f"{name}_high"), sample.estimate(), strict=False)
-    return row
-
-
-def _steps_to_solved(configuration: Configuration, curve: Curve) -> FloatArray:
-    """Returns the control steps (seeds with a return,) after which each first reaches `SOLVED`.
-
-    Windows that are cut off at the ends of a run do not count.
-    """
-    known = np.isfinite(configuration.returns).any(axis=1)
-    at = moving_average(configuration.control_steps[known], curve.window)
-    return steps_to_threshold(curve.each[known][:, curve.widths == curve.window], at, SOLVED)

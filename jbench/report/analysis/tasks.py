@@ -4,7 +4,8 @@ Returns of tasks with different ranges are normalized before they are joined: 0 
 the highest return of a task, over all its runs and points. Tasks of dm_control share a range.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,29 +28,29 @@ Range = tuple[float, float]
 """Lowest and highest return."""
 
 
-def ranges(configurations: Sequence[Configuration]) -> dict[str, Range]:
+def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
     """Returns the range of each task: of a file that of its returns, else 0 to 1000."""
-    found: dict[str, Range] = {}
-    for one in configurations:
+    known: dict[str, Range] = {}
+    for config in configurations:
         ends = 0.0, float(EPISODE_STEPS)
-        if one.source == FILE:
-            ends = float(np.nanmin(one.returns)), float(np.nanmax(one.returns))
-        low, high = found.get(one.task, ends)
-        found[one.task] = min(low, ends[0]), max(high, ends[1])
-    return found
+        if config.source == FILE:
+            ends = float(np.nanmin(config.returns)), float(np.nanmax(config.returns))
+        low, high = known.get(config.task, ends)
+        known[config.task] = min(low, ends[0]), max(high, ends[1])
+    return known
 
 
-def strata(same: Sequence[FloatArray], tasks: Sequence[Range]) -> tuple[list[FloatArray], Range]:
+def strata(finals: Sequence[FloatArray], tasks: Sequence[Range]) -> tuple[list[FloatArray], Range]:
     """Returns scores that can be joined, and their range: normalized if those of tasks differ.
 
     Args:
-        same: (seeds,) final returns on each task.
+        finals: (seeds,) final returns on each task.
         tasks: their ranges.
     """
     if len({*tasks}) == 1:
-        return [*same], tasks[0]
-    pairs = zip(same, tasks, strict=True)
-    return [(one - low) / ((high - low) or 1.0) for one, (low, high) in pairs], (0.0, 1.0)
+        return [*finals], tasks[0]
+    pairs = zip(finals, tasks, strict=True)
+    return [(final - low) / ((high - low) or 1.0) for final, (low, high) in pairs], (0.0, 1.0)
 
 
 def together(known: Mapping[str, Range]) -> str:
@@ -57,47 +58,46 @@ def together(known: Mapping[str, Range]) -> str:
     return ALL_TASKS if len({*known.values()}) == 1 else NORMALIZED
 
 
-def on_all_tasks(configurations: Sequence[Configuration]) -> list[list[Configuration]]:
+def on_all_tasks(configurations: Iterable[Configuration]) -> list[list[Configuration]]:
     """Returns the configurations, by task, that were trained equally long on each of several."""
     groups: dict[tuple[str, int], dict[str, Configuration]] = {}
-    known = [one for one in configurations if len(seed_scores(one).final)]
-    for one in known:
+    known = [config for config in configurations if len(seed_scores(config).final)]
+    for config in known:
         # A file has one curve of a method on a task, of any length.
-        steps = 0 if one.source == FILE else int(one.steps.max())
-        groups.setdefault((one.label, steps), {}).setdefault(one.task, one)
-    tasks = in_order(one.task for one in known)
-    whole = [same for same in groups.values() if len(same) == len(tasks) > 1]
-    return [[same[task] for task in tasks] for same in whole]
+        steps = 0 if config.source == FILE else int(config.steps.max())
+        groups.setdefault((config.label, steps), {}).setdefault(config.task, config)
+    tasks = in_order(config.task for config in known)
+    whole = [group for group in groups.values() if len(group) == len(tasks) > 1]
+    return [[group[task] for task in tasks] for group in whole]
 
 
 def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """Returns the share of runs above each return (Agarwal et al., 2021, section 4.2).
 
     The rows of `together` are of the configurations that were trained on each task; every task has
-    the same weight. Columns: `ID`, returns, seeds, final_return, share, low, high (pointwise 95%
-    interval, for at least three seeds).
+    the same weight. The ends are those of pointwise 95% intervals, for at least three seeds.
 
     Args:
         configurations: of one kind of return, in the order of tasks.
     """
     known, parts = ranges(configurations), []
-    alone = [one for one in configurations if len(seed_scores(one).final)]
-    for same in [*([one] for one in alone), *on_all_tasks(configurations)]:
-        finals = [seed_scores(one).final for one in same]
-        scores, ends = strata(finals, [known[one.task] for one in same])
-        if len(same) == 1 and same[0].source == FILE:
-            every = [seed_scores(one).final for one in alone if one.task == same[0].task]
-            lowest, highest = np.min(np.concatenate(every)), np.max(np.concatenate(every))
-            ends = lowest - 0.02 * ((highest - lowest) or 1), highest
+    finals = {config: seed_scores(config).final for config in configurations}
+    alone = [config for config, final in finals.items() if len(final)]
+    for group in [*([config] for config in alone), *on_all_tasks(configurations)]:
+        first, several = group[0], len(group) > 1
+        scores, ends = strata([finals[c] for c in group], [known[c.task] for c in group])
+        if not several and first.source == FILE:
+            every = np.concatenate([finals[c] for c in alone if c.task == first.task])
+            ends = every.min() - 0.02 * ((every.max() - every.min()) or 1), every.max()
         thresholds = np.linspace(*ends, _THRESHOLDS)
         low = high = np.full(len(thresholds), np.nan)
         if min(map(len, scores)) >= st.MIN_SEEDS:
             low, high = st.profile_interval(scores, thresholds)
-        names = {**same[0].identity, "returns": same[0].kind}
-        names |= {"task": together(known)} if len(same) > 1 else {}
-        numbers = {"seeds": sum(map(len, scores)), "final_return": thresholds}
-        numbers |= {"share": st.performance_profile(scores, thresholds)}
-        parts.append(pd.DataFrame({**names, **numbers, "low": low, "high": high}))
+        names = {**first.identity, "returns": first.kind, "seeds": sum(map(len, scores))}
+        names |= {"task": together(known)} if several else {}
+        numbers = {"final_return": thresholds, "low": low, "high": high}
+        numbers["share"] = st.performance_profile(scores, thresholds)
+        parts.append(pd.DataFrame({**names, **numbers}))
     return concatenated(parts, PROFILES)
 
 
@@ -108,15 +108,15 @@ def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]
         configurations: of one kind of return.
     """
     known, rows = ranges(configurations), []
-    for same in on_all_tasks([one for one in configurations if one.source == FILE]):
-        finals = [seed_scores(one).final for one in same]
-        scores, _ = strata(finals, [known[one.task] for one in same])
-        value, low, high, _ = st.estimate(st.interquartile_mean, scores)
-        task, ends = together(known), [steps for one in same for steps in one.steps]
-        names = {**same[0].identity, "task": task, "returns": same[0].kind}
-        names |= {"configuration": f"{task} {same[0].label}"}
-        numbers = {"seeds": sum(map(len, scores)), "iqm": value, "iqm_low": low, "iqm_high": high}
-        numbers |= {"draws": 0, "diverged": 0, "steps_min": min(ends), "steps": max(ends)}
-        rows.append({**names, **numbers})
+    task = together(known)
+    for group in on_all_tasks(config for config in configurations if config.source == FILE):
+        finals = [seed_scores(config).final for config in group]
+        scores, _ = strata(finals, [known[config.task] for config in group])
+        row: dict[str, Any] = {**group[0].identity, "task": task, "returns": group[0].kind}
+        row |= {"configuration": f"{task} {group[0].label}", "seeds": sum(map(len, scores))}
+        estimate = st.estimate(st.interquartile_mean, scores)
+        row |= zip(("iqm", "iqm_low", "iqm_high"), estimate, strict=False)
+        ends = [steps for config in group for steps in config.steps]
+        rows.append({**row, "draws": 0, "diverged": 0, "steps_min": min(ends), "steps": max(ends)})
     more = pd.DataFrame(rows, columns=frame.columns).astype({"reached": "Int64"})
     return pd.concat([frame, more], ignore_index=True) if rows else frame

@@ -13,14 +13,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import ReturnsName
-from jbench.report.data.configuration import (
-    IMPORTED,
-    KEY,
-    OWN,
-    Configuration,
-    make_names_unique,
-    paper_order,
-)
+from jbench.report.data.configuration import IMPORTED, KEY, OWN, Configuration, paper_order
 from jbench.report.data.curves import BAND_SEEDS
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, FILE, TRAINING
@@ -100,13 +93,16 @@ def build(
     for _, group in runs[~idle].groupby(["algo", "representation"]):
         words = variant_words(dict(zip(group["variant"], group["typed"], strict=True)))
         for _, same in group.groupby(["task", "variant"]):
-            for one in _build(same.sort_values(_ORDER, ascending=_ASCENDING), points):
-                one.words, one.source = words[one.variant], source
-                one.notes = (*one.notes, *_note_on_spacing(one))
-                built.append(one)
-    built.sort(key=lambda one: one.words)
-    built.sort(key=paper_order)
-    make_names_unique(built)
+            for config in _build(same.sort_values(_ORDER, ascending=_ASCENDING), points):
+                config.set_names(source, words[config.variant])
+                config.notes += _note_on_spacing(config)
+                built.append(config)
+    built.sort(key=lambda config: (*paper_order(config), config.words))
+    # Recorded settings may differ in nothing that has a name: then a hash tells them apart.
+    known: dict[str, str] = {}
+    for config in built:
+        if known.setdefault(config.configuration, config.variant) != config.variant:
+            config.set_names(source, ", ".join(filter(None, (config.words, config.variant))))
     return built, notes
 
 
@@ -135,9 +131,9 @@ def _build(same: pd.DataFrame, points: Points) -> Iterator[Configuration]:
         if diverged.any():
             longest = int(used["steps"].fillna(0).max())
             stacks = count_divergence(stacks, used["diverged"].to_numpy(float), longest, kind)
-        one = Configuration(kind, used, stacks)
-        one.notes = (*notes, *_notes_on_points(one, absent.sum(axis=1)))
-        yield one
+        config = Configuration(kind, used, stacks)
+        config.notes = (*notes, *_notes_on_points(config, absent.sum(axis=1)))
+        yield config
 
 
 def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) -> list[str]:
@@ -169,28 +165,30 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
     return notes
 
 
-def _notes_on_points(one: Configuration, absent: IntArray) -> list[str]:
+def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
     """Returns notes on returns (seeds,) that are not finite, and on evaluations at other steps."""
     notes = [
-        f"{counted(count, _NAMES[one.kind][1])} of seed {seed} {are(count)} not finite and left out"
-        for seed, count in zip(one.seeds, absent, strict=True)
+        f"{counted(count, _NAMES[config.kind][1])} of seed {seed} {are(count)} not finite and left "
+        "out"
+        for seed, count in zip(config.seeds, absent, strict=True)
         if count
     ]
     # A gap after a run's last point is its end; a gap before it is a missing evaluation.
-    present = np.isfinite(one.control_steps)
+    present = np.isfinite(config.control_steps)
     ended = ~np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]
-    if one.kind == EVALUATION and not (present | ended).all():
+    if config.kind == EVALUATION and not (present | ended).all():
         notes.append("seeds were evaluated after different numbers of control steps")
     return notes
 
 
-def _note_on_spacing(one: Configuration) -> list[str]:
+def _note_on_spacing(config: Configuration) -> tuple[str, ...]:
     """Returns a note if the points of imported seeds are at different control steps."""
-    if one.kind != TRAINING or one.source not in (IMPORTED, FILE):
-        return []
-    apart = np.max(np.nanmax(one.control_steps, axis=0) - np.nanmin(one.control_steps, axis=0))
+    if config.kind != TRAINING or config.source not in (IMPORTED, FILE):
+        return ()
+    steps = config.control_steps
+    apart = np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0))
     note = (
         f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of the "
         "first, second, … point of each seed"
     )
-    return [note] if apart else []
+    return (note,) if apart else ()

@@ -43,16 +43,15 @@ _SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading"
 
 
 class Configuration:
-    """The runs of a configuration, and their points of one kind of return.
+    """The runs of a configuration, one per seed, and their points of one kind of return.
 
     A point is a training episode or an evaluation. A seed that diverged counts with return 0, the
     minimum, at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
-        kind: of return.
         representation: `full`, or an encoder's kind and size, such as `dae12`.
         variant: hash of the settings without seed and steps.
-        seeds: (seeds,) in ascending order.
+        settings: settings of the run with the first seed.
         returns: (seeds, points) returns; NaN after a run's end, or if not finite.
         control_steps: (seeds, points) control steps at each point; NaN after the run's end.
         processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
@@ -64,16 +63,16 @@ class Configuration:
         longest: last control step that any seed has reached.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
             episode.
-        diverged: (seeds,) whether the run diverged.
-        finished: (seeds,) whether the run is finished.
         notes: notes for the reader, a clause each.
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
-        settings: settings of the run with the first seed.
         draws: number of different encoders of the runs.
-        runs: (seeds,) ids of the runs.
         source: `OWN`, or the name of another source.
         words: settings that differ from the defaults; see `variants.variant_words`.
+        label: name within a task: `TD3 dae12, bfloat16`.
+        name: unique name in its source: `face_direction TD3 dae12`.
+        configuration: unique name in a report: `reference: face_direction TD3 dae12`.
+        identity: the columns `ID`.
     """
 
     def __init__(
@@ -83,12 +82,11 @@ class Configuration:
 
         Args:
             kind: of return.
-            runs: a row for each seed; see `build.build`.
+            runs: a row for each seed, in ascending order; see `build.build`.
             points: (seeds, points) arrays by the names `points.FIELDS`.
         """
         first, self.kind = runs.iloc[0], kind
         self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
-        self.source, self.words = OWN, ""
         self.notes: tuple[str, ...] = ()
         self.returns, self.control_steps = points["returns"], points["control_steps"]
         self.processor_time = points["processor_time"]
@@ -108,6 +106,20 @@ class Configuration:
         self.robots = 0 if self.settings.augment is None else self.settings.robots
         episodes = max(int(planned.max()) // EPISODE_STEPS, self.returns.shape[1])
         self.robot_episodes = -(-episodes // self.robots) if self.robots else 0
+        self.set_names(OWN, "")
+
+    def set_names(self, source: str, words: str) -> None:
+        """Sets the names of a configuration of a source, with settings in words."""
+        self.source, self.words = source, words
+        algo = self.algo if source == FILE else display_name(self.algo)
+        shown = shown_representation(self.representation)
+        label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), words)))
+        prefix = "" if source in (OWN, FILE) else f"{source}: "
+        self.label, self.name = f"{prefix}{label}", f"{self.task} {label}"
+        self.configuration = f"{prefix}{self.name}"
+        kind = kind_in(self.representation)
+        names = self.configuration, self.label, source, self.task, algo, shown, kind, words
+        self.identity = dict(zip(ID, names, strict=True))
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
@@ -115,45 +127,9 @@ class Configuration:
         return self.task, self.algo, self.representation, self.variant, self.source
 
     @property
-    def label(self) -> str:
-        """Name within a task: `TD3 dae12, bfloat16`."""
-        return self._prefix + self._label_in_source
-
-    @property
-    def name(self) -> str:
-        """Unique name in its source: `face_direction TD3 dae12`."""
-        return f"{self.task} {self._label_in_source}"
-
-    @property
-    def configuration(self) -> str:
-        """Unique name in a report: `reference: face_direction TD3 dae12`."""
-        return self._prefix + self.name
-
-    @property
-    def _label_in_source(self) -> str:
-        name = f"{self._shown_algo} {shown_representation(self.representation)}"
-        return ", ".join(filter(None, (name.rstrip(), self.words)))
-
-    @property
-    def _prefix(self) -> str:
-        return "" if self.source in (OWN, FILE) else f"{self.source}: "
-
-    @property
-    def _shown_algo(self) -> str:
-        return self.algo if self.source == FILE else display_name(self.algo)
-
-    @property
     def has_solved_return(self) -> bool:
         """Whether `SOLVED` counts; what solves tasks of other robots is unknown."""
         return has_solved_return([self.task], [self.source])
-
-    @property
-    def identity(self) -> dict[str, str]:
-        """The columns `ID`."""
-        shown = shown_representation(self.representation)
-        words = self._shown_algo, shown, kind_in(self.representation), self.words
-        values = self.configuration, self.label, self.source, self.task, *words
-        return dict(zip(ID, values, strict=True))
 
     def lengths_up_to(self, control_steps: float) -> IntArray:
         """Returns the number of points (seeds,) up to a control step."""
@@ -181,9 +157,9 @@ class Configuration:
             returns, control_steps = self.returns[:, columns], self.control_steps[:, columns]
             lengths = np.clip(self.lengths - first, 0, returns.shape[1])
             parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
-        names = ("control_steps", "seeds", "quantiles", "each", "widths")
         joined: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
+            name: np.concatenate([getattr(part, name) for part in parts], axis=-1)
+            for name in ("control_steps", "seeds", "quantiles", "each", "widths")
         }
         return replace(parts[0], **joined)
 
@@ -206,14 +182,9 @@ def shown_representation(representation: str) -> str:
     return "-".join(filter(None, match.group("kind", "scale", "rescale")))
 
 
-def verified(configurations: Iterable[Configuration]) -> list[Configuration]:
-    """Returns the configurations of runs, without imported curves."""
-    return [one for one in configurations if one.source != IMPORTED]
-
-
 def with_returns(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:
     """Returns the configurations of one kind of return."""
-    return [one for one in configurations if one.kind == kind]
+    return [config for config in configurations if config.kind == kind]
 
 
 def differing_in(configurations: Iterable[Configuration], name: str) -> list[list[Configuration]]:
@@ -222,9 +193,9 @@ def differing_in(configurations: Iterable[Configuration], name: str) -> list[lis
     They have the same source, and two members or more.
     """
     groups: dict[tuple[str, str], list[Configuration]] = {}
-    for one in configurations:
-        if not one.robots:
-            groups.setdefault(one.comparable(name), []).append(one)
+    for config in configurations:
+        if not config.robots:
+            groups.setdefault(config.comparable(name), []).append(config)
     return [group for group in groups.values() if len(group) > 1]
 
 
@@ -243,17 +214,6 @@ def paper_order(configuration: Configuration) -> tuple[Any, ...]:
     ranks = _rank(configuration.task, TASKS), _rank(configuration.algo, ALGORITHMS)
     representation = configuration.representation
     return *ranks, representation != FULL, representation, configuration.source
-
-
-def make_names_unique(configurations: Sequence[Configuration]) -> None:
-    """Adds a hash to the words of all but the first of the configurations with the same name.
-
-    Names are made per source, where recorded settings may differ in nothing that has a name.
-    """
-    known: dict[str, str] = {}
-    for one in configurations:
-        if known.setdefault(one.configuration, one.variant) != one.variant:
-            one.words = ", ".join(filter(None, (one.words, one.variant)))
 
 
 def concatenated(parts: Sequence[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:

@@ -81,13 +81,13 @@ def best_median(
     are counted from the start of an episode and ours from its end.
     """
     named = (published[CURVE[1:]] == [task, algo, representation]).all(axis=1)
-    found = []
+    medians = []
     for figure, curve in published[named].groupby("figure"):
         steps, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
         within = steps[0] - EPISODE_STEPS <= control_steps <= steps[-1] + EPISODE_STEPS
         if within and sequence == (figure == SEQUENCE):
-            found.append((float(np.interp(control_steps, steps, median)), str(figure)))
-    return max(found, default=None)
+            medians.append((float(np.interp(control_steps, steps, median)), str(figure)))
+    return max(medians, default=None)
 
 
 def best_beside(configuration: Configuration, published: pd.DataFrame) -> tuple[float, str] | None:

@@ -1,7 +1,10 @@
-"""The two kinds of return that a run records, of evaluations and of training; how numbers read."""
+"""The two kinds of return, of evaluations and of training; how numbers and texts read."""
 
 import math
-from collections.abc import Iterable
+import unicodedata
+from collections.abc import Callable, Iterable
+
+import pandas as pd
 
 from jbench.names import TASKS, ReturnsName
 from jbench.returns import FINAL_EPISODES
@@ -19,7 +22,6 @@ KINDS = (EVALUATION, TRAINING)
 
 FINAL_POINTS = {EVALUATION: 1, TRAINING: FINAL_EPISODES}
 """Maximum number of points that are averaged in a final return."""
-
 
 _ZERO, _SMALL = 1e-6, 9.95  # numbers between them have two significant digits
 
@@ -63,3 +65,26 @@ def steps(value: float) -> str:
         if rounded >= size:
             return f"{rounded / size:g}{unit}"
     return f"{rounded:g}"
+
+
+def clean(text: str) -> str:
+    """Returns a text in one line, without characters that control a terminal or the direction."""
+    line = " ".join(text.split())
+    if line.isascii() and line.isprintable():
+        return line
+    bad = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+    return "".join(
+        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in bad else c for c in line
+    )
+
+
+def map_texts(frame: pd.DataFrame, change: Callable[[str], str] = str) -> pd.DataFrame:
+    """Returns a frame in which each text is clean, and changed by a function."""
+    changed = frame.copy(deep=False)
+    for name in changed.select_dtypes(["object", "str", "category"]):
+        if len(frame) and isinstance(frame[name].iloc[0], dict):
+            continue  # of texts by name
+        texts = [text for text in frame[name].unique() if isinstance(text, str)]
+        if known := {text: new for text in texts if (new := change(clean(text))) != text}:
+            changed[name] = frame[name].map(lambda value, known=known: known.get(value, value))
+    return changed

@@ -1,34 +1,25 @@
 """Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
-import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbench.errors import NothingYetError, RequestError
+from jbench.errors import NothingYetError
 from jbench.importing.curve_file import as_imports, read_curves
 from jbench.importing.runs import as_runs
 from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
-from jbench.report.data.configuration import (
-    IMPORTED,
-    OWN,
-    Configuration,
-    paper_order,
-    shown_representation,
-)
+from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
 from jbench.report.data.returns import FILE
-from jbench.report.request import Request, setting
-from jbench.settings.alike import flatten
+from jbench.report.data.selection import choose
+from jbench.report.request import Request
 from jbench.settings.recorded import Run, parse_run
-from jbench.settings.variants import value_text
 from jbench.store import Results, query
 from jbench.wording import are, counted
 
@@ -44,7 +35,7 @@ _COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass
 class Source:
     """The runs of one results directory, of a selection of them, or of several.
 
@@ -68,7 +59,7 @@ class Source:
 def joined(parts: Sequence[Source]) -> Source:
     """Returns several sources as one, with the tables of the first."""
     return Source(
-        sorted((one for part in parts for one in part.configurations), key=paper_order),
+        sorted((config for part in parts for config in part.configurations), key=paper_order),
         pd.concat([part.runs for part in parts], ignore_index=True),
         [note for part in parts for note in part.notes],
         [problem for part in parts for problem in part.problems],
@@ -99,8 +90,20 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
             imports = imports.filter(pc.equal(imports[label], value))
     runs = as_runs(imports, tables["import_points"])
     read = query.Tables(runs.tables, problems + runs.problems)
-    found = _source(read, replace(request, since=None), name, strict=False)
-    return replace(found, notes=found.notes + (runs.notes if found.configurations else []))
+    source = _source(read, replace(request, since=None), name, strict=False)
+    source.notes += runs.notes if source.configurations else []
+    return source
+
+
+def own_and_imported(results: Results, request: Request) -> Source:
+    """Returns the runs of the results, and the imported curves.
+
+    Raises:
+        NothingYetError: if no run or import passes the filters of the request.
+    """
+    imports = imported(results, request)
+    runs = own(results, request, strict=not imports.configurations)
+    return joined([runs, imports] if imports.configurations or imports.problems else [runs])
 
 
 def from_file(request: Request, path: Path) -> Source:
@@ -114,15 +117,13 @@ def from_file(request: Request, path: Path) -> Source:
     return _source(query.Tables(runs.tables, runs.problems), request, FILE)
 
 
-def own_and_imported(results: Results, request: Request) -> list[Source]:
-    """Returns the runs of the results, and the imported curves if there are any.
-
-    Raises:
-        NothingYetError: if no run or import passes the filters of the request.
-    """
-    imports = imported(results, request)
-    ours = own(results, request, strict=not imports.configurations)
-    return [ours, imports] if imports.configurations or imports.problems else [ours]
+def reference(request: Request, results: Results) -> Source:
+    """Returns the runs shipped with jbench, which form separate configurations."""
+    filters = replace(request, since=None)  # the date selects runs of the user only
+    source = _source(_load(results), filters, REFERENCE, strict=False)
+    if not source.configurations:
+        source.notes += ["This version of jbench ships no reference runs for this report."]
+    return source
 
 
 def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> None:
@@ -131,23 +132,16 @@ def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> No
     Raises:
         NothingYetError: if none was imported, or there are no others.
     """
-    labels = sorted({one.algo for one in configurations if one.source == IMPORTED})
-    if baseline not in labels:
-        instead = f"one of {', '.join(labels)}" if labels else "jbench import to import some"
+    imports = {config.algo for config in configurations if config.source == IMPORTED}
+    if baseline not in imports:
+        labels = ", ".join(sorted(imports))
+        instead = f"one of {labels}" if labels else "jbench import to import some"
         reason = f"no curve of that label was imported; type {instead}."
-    elif all((one.source, one.algo) == (IMPORTED, baseline) for one in configurations):
+    elif all((config.source, config.algo) == (IMPORTED, baseline) for config in configurations):
         reason = "there are no other curves to draw it beside; leave it out."
     else:
         return
     raise NothingYetError(f"--baseline {baseline}: {reason}")
-
-
-def reference(request: Request, results: Results) -> Source:
-    """Returns the runs shipped with jbench, which form separate configurations."""
-    filters = replace(request, since=None)  # the date selects runs of the user only
-    found = _source(_load(results), filters, REFERENCE, strict=False)
-    note = "This version of jbench ships no reference runs for this report."
-    return found if found.configurations else replace(found, notes=[*found.notes, note])
 
 
 def side(text: str, results: Results, request: Request) -> Source:
@@ -162,18 +156,14 @@ def side(text: str, results: Results, request: Request) -> Source:
         RequestError: if the text is neither, or selects no run.
     """
     choice = None
-    if Path(text).is_dir():
-        read = _load(Results(Path(text)))
-    else:
-        read = _load(results)
-        choice = _choice(
-            text, [parse_run(one) for one in read.tables["runs"]["settings"].to_pylist()]
-        )
-    found = _source(read, request, text, choice)
-    if not found.configurations:
-        reasons = " ".join(found.problems)
+    read = _load(Results(Path(text)) if (directory := Path(text).is_dir()) else results)
+    if not directory:
+        choice = choose(text, list(map(parse_run, read.tables["runs"]["settings"].to_pylist())))
+    source = _source(read, request, text, choice)
+    if not source.configurations:
+        reasons = " ".join(source.problems)
         raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())
-    return found
+    return source
 
 
 def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:
@@ -195,98 +185,41 @@ def _source(
     tables = read.tables
     runs, unusable = usable_runs(tables["runs"])
     if choice is not None:
-        runs = runs[np.array([choice(parse_run(one)) for one in runs["settings"]], bool)]
-    runs, early = _begun_since(runs, request, strict=strict)
-    runs = _filter(runs, request, strict=strict) if len(runs) else runs
+        runs = runs[np.array([choice(parse_run(text)) for text in runs["settings"]], bool)]
+    runs, notes = _filtered(runs, request, strict=strict)
     points = tables.pop("episodes"), with_more_episodes(tables)
     tables.pop("evaluations")
     # Imported curves have no paths.
     paths = run_paths(tables.pop("paths", None), points[1]).assign(source=name)
-    built, notes = build(runs, *points, name) if len(runs) else ([], [])
+    built, more_notes = build(runs, *points, name) if len(runs) else ([], [])
     problems = [*read.problems, *unusable]
-    return Source(built, runs.assign(source=name), early + notes, problems, tables, paths)
+    return Source(built, runs.assign(source=name), notes + more_notes, problems, tables, paths)
 
 
-def _begun_since(
+def _filtered(
     runs: pd.DataFrame, request: Request, *, strict: bool
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Returns the runs begun since the requested time, and a note on the others.
-
-    Raises:
-        NothingYetError: if all runs were begun earlier, and `strict` is set.
-    """
-    since = request.begun_since()
-    if since is None:
-        return runs, []
-    begun = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601") >= since
-    earlier = int((~begun).sum())
-    if not earlier:
-        return runs, []
-    note = f"{counted(earlier, 'run')} begun before {request.since} {are(earlier)} left out."
-    if strict and earlier == len(runs):
-        raise NothingYetError(f"No run was begun since {request.since}. {note}")
-    return runs[begun], [note]
-
-
-def _filter(runs: pd.DataFrame, request: Request, *, strict: bool) -> pd.DataFrame:
-    """Returns the runs of the requested task and algorithm.
+    """Returns the runs of the requested time, task and algorithm, and a note on earlier ones.
 
     Raises:
         NothingYetError: if there are none, and `strict` is set.
     """
-    typed = {"task": request.task, "algo": request.algo}
-    wanted = {name: value for name, value in typed.items() if value is not None}
+    notes, since = [], request.begun_since()
+    if since is not None:
+        created = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601")
+        if earlier := int((~(created >= since)).sum()):
+            left_out = f"begun before {request.since} {are(earlier)} left out."
+            notes = [f"{counted(earlier, 'run')} {left_out}"]
+            if strict and earlier == len(runs):
+                raise NothingYetError(f"No run was begun since {request.since}. {notes[0]}")
+            runs = runs[created >= since]
+    wanted = {n: v for n in ("task", "algo") if (v := getattr(request, n)) is not None}
     matches = (runs[[*wanted]] == pd.Series(wanted, dtype=object)).all(axis=1)
-    if strict and not matches.any():
+    if strict and len(runs) and not matches.any():
         existing = "; ".join(
-            f"{name} with {', '.join(sorted(set(group)))}"
-            for name, group in runs.groupby("task")["algo"]
+            f"{task} with {', '.join(sorted(set(algos)))}"
+            for task, algos in runs.groupby("task")["algo"]
         )
         asked = " and ".join(f"{name} {value!r}" for name, value in wanted.items())
         raise NothingYetError(f"There are no runs of {asked}; there are runs of {existing}.")
-    return runs[matches]
-
-
-def _choice(text: str, runs: Collection[Run]) -> Callable[[Run], bool]:
-    """Returns a function that selects runs by the typed settings.
-
-    Raises:
-        RequestError: if the text contains no settings, or no run has them.
-    """
-    typed = []
-    for part in map(str.strip, text.split(",")):
-        name, value = setting(part)
-        if not name or "=" not in part:
-            named = {
-                path[-1] for run in runs for path, one in flatten(run).items()
-                if value_text(one) == part
-            }  # fmt: skip
-            example = f"{min(named)}={part}" if named else "engine=sb3 engine=batched"
-            raise RequestError(
-                f"--compare {text}: there is no such directory; type two results directories, or "
-                f"settings such as {example}."
-            )
-        existing = {value_text(one) for run in runs for one in _values(run, name)}
-        if not existing:
-            names = sorted({".".join(path) for run in runs for path in flatten(run)})
-            raise RequestError(f"No run has a setting {name!r}; there are {', '.join(names)}.")
-        if not any(_equal(value, one) for one in existing):
-            known = ", ".join(sorted(existing))
-            raise RequestError(f"No run has {part}; there are {known}.")
-        typed.append((name, value))
-    return lambda run: all(
-        any(_equal(value, value_text(one)) for one in _values(run, name)) for name, value in typed
-    )
-
-
-def _values(run: Run, name: str) -> list[Any]:
-    """Returns the values of a setting that is named by its path, or by its last part."""
-    return [v for path, v in flatten(run).items() if name in (path[-1], ".".join(path))]
-
-
-def _equal(typed: str, value: str) -> bool:
-    """Returns whether a typed text means a value, such as 1e-4 for 0.0001, planar for planar12."""
-    try:
-        return math.isclose(float(typed), float(value), rel_tol=1e-5)
-    except ValueError:
-        return typed.replace(" ", "") in (value.replace(" ", ""), shown_representation(value))
+    return runs[matches], notes

@@ -61,7 +61,7 @@ class Chart:
     panels: Sequence[Panel]
     data: str
     legend: Mapping[str, Look] = field(default_factory=dict)
-    switches: Sequence[tuple[str, str]] = ()
+    switches: Sequence[Sequence[str]] = ()
     columns: int = 3
     alike: bool = True
     minimum: int = 340

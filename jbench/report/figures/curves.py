@@ -2,20 +2,20 @@
 
 from collections.abc import Mapping
 from functools import partial
+from itertools import product
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.data.configuration import IMPORTED, OWN
 from jbench.report.data.published import PUBLISHED
-from jbench.report.data.returns import EVALUATION, FILE, SOLVED, TRAINING, has_solved_return
+from jbench.report.data.returns import EVALUATION, FILE, TRAINING
+from jbench.report.figures import marks
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
-from jbench.report.figures.marks import add_line, add_points, interval_text, narrow, thinned
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
@@ -24,7 +24,6 @@ _BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}
 
 _ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
-_ROOM = 0.09  # of the height of a panel, between words beside it
 _GROUP = ["task", "algo", "words", "source"]
 _UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
 
@@ -32,7 +31,9 @@ _UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
 def drawn_points(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns the points of curves that are drawn, at most `MOST_POINTS` of each."""
     curves = [curve for _, curve in rows.groupby(["configuration", "returns"], sort=False)]
-    return pd.concat([curve.iloc[thinned(len(curve))] for curve in curves]) if curves else rows
+    return (
+        pd.concat([curve.iloc[marks.thinned(len(curve))] for curve in curves]) if curves else rows
+    )
 
 
 def by_representation(frames: Frames) -> Chart | None:
@@ -113,28 +114,34 @@ def _chart(
     nearest = published["steps"].min() / curves["steps"].max() if len(published) else 0
     if (ends.max() / ends.min()).max() > _UNEQUAL or nearest > 1:
         scales.reverse()
-    dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
-    panels = []
+    panels, sources = [], set[str]()
     groups = curves.groupby(by, sort=False)
-    sources: set[str] = set()
+    size = (5.6, 2.9) if groups.ngroups < 3 else (4.2, 2.5)
     for key, rows in groups:
         old = _beside(published, rows, name)
         sources |= {*old["source"]}
-        common = {
-            "looks": looks,
-            "published": old,
-            "baselines": frames.baselines[frames.baselines["task"] == rows["task"].iloc[0]],
-            "each": frames.run_curves,
-            "each_seed": frames.request.each_seed,
-        }
+        draw = partial(
+            draw_curves,
+            looks=looks,
+            published=old,
+            baselines=frames.baselines[frames.baselines["task"] == rows["task"].iloc[0]],
+            each=frames.run_curves,
+            each_seed=frames.request.each_seed,
+        )
+        versions: dict[str, Draw] = {}
+        shown = [kind for kind in kinds if (rows["returns"] == kind).any()]
+        for kind, scale in product(shown, scales):
+            # Of which kind the returns of a file are is not known.
+            what = "return" if FILE in {*rows["source"]} else f"{kind} return"
+            version = f"{kind} {scale}" if len(shown) > 1 else scale
+            versions[version] = partial(draw, rows[rows["returns"] == kind], scale=scale, y=what)
         words = [str(word) for word in key if word and word != OWN]
-        size = (5.6, 2.9) if groups.ngroups < 3 else (4.2, 2.5)
-        panels.append(Panel(", ".join(words), _versions(rows, kinds, scales, common), size))
+        panels.append(Panel(", ".join(words), versions, size))
     beside = " and ".join(name for source, name in _BESIDE.items() if source in sources)
+    dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
     legend = looks | ({beside: dotted} if beside else {})
     band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
-    switches = [(kinds[0], kinds[1])] if len(kinds) > 1 else []
-    switches.append((scales[0], scales[1]))
+    switches = [pair for pair in (kinds, scales) if len(pair) > 1]
     return Chart(name, title, f"median and {band}", panels, "curves", legend, switches)
 
 
@@ -142,10 +149,10 @@ def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
     """Returns the kinds of return, the one that is shown first in front."""
     points = curves.groupby(["returns", "configuration"])["steps"].size().groupby("returns").max()
     kinds = dict.fromkeys((leading, EVALUATION, TRAINING))
-    found = [kind for kind in kinds if kind in points.index]
-    if found[0] == EVALUATION and points[EVALUATION] < _ENOUGH:
-        found.reverse()
-    return found
+    shown = [kind for kind in kinds if kind in points.index]
+    if shown[0] == EVALUATION and points[EVALUATION] < _ENOUGH:
+        shown.reverse()
+    return shown
 
 
 def _beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -164,22 +171,6 @@ def _beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFr
     return old[old["steps"] <= end]
 
 
-def _versions(
-    rows: pd.DataFrame, kinds: list[str], scales: list[str], common: Mapping[str, Any]
-) -> dict[str, Draw]:
-    """Returns the drawings of a panel by kind of return and scale of the axis."""
-    present = [kind for kind in kinds if (rows["returns"] == kind).any()]
-    # Of which kind the returns of a file are is not known.
-    what = "return" if FILE in {*rows["source"]} else "{} return"
-    return {
-        f"{kind} {scale}" if len(present) > 1 else scale: partial(
-            draw_curves, rows[rows["returns"] == kind], scale=scale, y=what.format(kind), **common
-        )
-        for kind in present
-        for scale in scales
-    }
-
-
 def draw_curves(
     rows: pd.DataFrame,
     axes: Axes,
@@ -193,19 +184,18 @@ def draw_curves(
     x: str = "control steps",
     y: str = "return",
 ) -> None:
-    """Draws the curves of a panel, of one kind of return.
+    """Draws the curves of a panel, of one kind of return; frames have a column `series`.
 
     Args:
-        rows: rows of `frames.curves`, with a column `series`, as in `published`.
-        published: rows of `frames.published`; those of the task are drawn.
-        baselines: rows of `frames.baselines` of the task.
+        published: of the task and others.
+        baselines: of the task.
         each: `frames.run_curves`; drawn where there are too few seeds for a band.
     """
     alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
     for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
         look, band = looks[str(name)], (curve["q10"], curve["q90"])
         at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
-        add_line(axes, at, median, _tips(str(name), curve), look, band=band, alpha=alpha)
+        marks.add_line(axes, at, median, _tips(str(name), curve), look, band=band, alpha=alpha)
         if each is not None and (each_seed or band[0].isna().all()) and curve["seeds"].iloc[0] > 1:
             first = curve.iloc[0]
             keys = ["configuration", "returns"]
@@ -216,20 +206,20 @@ def draw_curves(
                 axes.plot(seed["steps"], seed["value"], **thin)
     if published is not None:
         _draw_published(axes, published[published["task"].isin(rows["task"])], looks)
-    _set_axes(axes, rows, scale)
+    marks.set_axes(axes, rows, scale)
     axes.set(xlabel=x, ylabel=y)
-    _draw_levels(axes, rows, baselines)
+    marks.add_levels(axes, rows, baselines)
 
 
 def _tips(name: str, curve: pd.DataFrame) -> list[str]:
     """Returns the tip of each point: its median, band and number of seeds."""
     seeds = curve["seeds"] if "seeds" in curve else curve["q10"] * np.nan
-    columns = (curve["steps"], curve["median"], curve["q10"], curve["q90"], seeds)
+    numbers = curve[["steps", "median", "q10", "q90"]].assign(seeds=seeds).to_numpy(float)
     return [
         f"{name} at {f'{at:,.0f}' if at >= 100 else f'{at:.3g}'}: "
-        + interval_text(median, low, high)
+        + marks.interval_text(median, low, high)
         + ("" if np.isnan(count) else f", n = {count:.0f}")
-        for at, median, low, high, count in zip(*(c.tolist() for c in columns), strict=True)
+        for at, median, low, high, count in numbers.tolist()
     ]
 
 
@@ -238,47 +228,10 @@ def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Loo
     for (name, source), curve in published.groupby(["series", "source"], sort=False):
         look = looks.get(str(name), entry)._replace(number=entry.number)
         called = " ".join(curve[["algo", "representation"]].iloc[0])
-        curve = curve.iloc[thinned(len(curve), 100)]
+        curve = curve.iloc[marks.thinned(len(curve), 100)]
         at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
         dotted = (0, style.PUBLISHED_DASH)
         axes.plot(at, median, color=look.color, linestyle=dotted, gid=look.series)
-        shown = thinned(len(at), 20)
+        shown = marks.thinned(len(at), 20)
         tips = [f"{called}, {source}, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
-        add_points(axes, at[shown], median[shown], tips, look, seen=False)
-
-
-def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
-    low, high = float(rows["median"].min()), float(rows["median"].max())
-    if FILE not in {*rows["source"]}:
-        axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
-    positive = rows["steps"][rows["steps"] > 0]
-    scale = scale if len(positive) else "linear"
-    axes.set_xscale(scale)
-    if scale == "log":
-        axes.set_xlim(left=float(positive.min()) * 0.95)
-        subs = (1, 2, 5) if not narrow(axes) or rows["steps"].max() < 10 * positive.min() else (1,)
-        axes.xaxis.set_major_locator(ticker.LogLocator(subs=subs, numticks=8))
-        axes.xaxis.set_minor_locator(ticker.NullLocator())
-    else:
-        axes.set_xlim(left=0)
-        axes.xaxis.set_major_locator(ticker.MaxNLocator(4 if narrow(axes) else 6))
-    axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
-
-
-def _draw_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -> None:
-    """Draws the returns of policies without training and that of a solved task."""
-    solved = has_solved_return(rows["task"], rows["source"])
-    levels = {"solved": float(SOLVED)} if solved else {}
-    if baselines is not None:
-        levels |= dict(zip(baselines["policy"], baselines["median"], strict=True))
-    low, high = axes.get_ylim()
-    place = -np.inf
-    for name, level in sorted(levels.items(), key=lambda item: item[1]):
-        dash = "-" if name == "solved" else (0, (3, 2))
-        axes.axhline(level, color=style.SOFT, linewidth=0.7, linestyle=dash, zorder=1)
-        place = max((level - low) / (high - low), place + _ROOM)
-        if not narrow(axes, 1.5):
-            axes.text(
-                1.02, place, str(name), transform=axes.transAxes, va="center",
-                size=mpl.rcParams["font.size"] * 0.9, color=style.SOFT,
-            )  # fmt: skip
+        marks.add_points(axes, at[shown], median[shown], tips, look, seen=False)

@@ -1,4 +1,4 @@
-"""What figures are drawn of: lines, points with tips, and rows with names."""
+"""What figures are drawn of: lines, points with tips, rows with names, levels and axes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import SOLVED, has_solved_return, whole
+from jbench.report.data.returns import FILE, SOLVED, has_solved_return, whole
 from jbench.report.style import Look
 
 MOST_POINTS = 200
@@ -22,6 +22,7 @@ ROW = 0.25
 PLAIN = ticker.StrMethodFormatter("{x:g}")
 """Formats the numbers of a logarithmic axis, since texts are not parsed as mathematics."""
 
+_ROOM = 0.09  # of the height of a panel, between words beside it
 _TIPS = 40  # points of a curve that have a tip, if it has too many for markers
 _UNSEEN = [(-1, -1), (1, 1)]  # corners of a mark; a circle would take 200 bytes
 _LONGEST = 34  # characters of a name beside a panel
@@ -140,6 +141,44 @@ def add_solved(axes: Axes, rows: pd.DataFrame) -> None:
     """Draws the return of a solved task as a vertical line, if the tasks of rows have one."""
     if has_solved_return(rows["task"], rows["source"]):
         axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
+
+
+def set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
+    """Sets the ranges and ticks of axes of returns over steps, linear or logarithmic."""
+    low, high = float(rows["median"].min()), float(rows["median"].max())
+    if FILE not in {*rows["source"]}:
+        axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
+    positive = rows["steps"][rows["steps"] > 0]
+    scale = scale if len(positive) else "linear"
+    axes.set_xscale(scale)
+    if scale == "log":
+        axes.set_xlim(left=float(positive.min()) * 0.95)
+        subs = (1, 2, 5) if not narrow(axes) or rows["steps"].max() < 10 * positive.min() else (1,)
+        axes.xaxis.set_major_locator(ticker.LogLocator(subs=subs, numticks=8))
+        axes.xaxis.set_minor_locator(ticker.NullLocator())
+    else:
+        axes.set_xlim(left=0)
+        axes.xaxis.set_major_locator(ticker.MaxNLocator(4 if narrow(axes) else 6))
+    axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
+
+
+def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -> None:
+    """Draws the returns of policies without training and that of a solved task."""
+    solved = has_solved_return(rows["task"], rows["source"])
+    levels = {"solved": float(SOLVED)} if solved else {}
+    if baselines is not None:
+        levels |= dict(zip(baselines["policy"], baselines["median"], strict=True))
+    low, high = axes.get_ylim()
+    place = -np.inf
+    for name, level in sorted(levels.items(), key=lambda item: item[1]):
+        dash = "-" if name == "solved" else (0, (3, 2))
+        axes.axhline(level, color=style.SOFT, linewidth=0.7, linestyle=dash, zorder=1)
+        place = max((level - low) / (high - low), place + _ROOM)
+        if not narrow(axes, 1.5):
+            axes.text(
+                1.02, place, str(name), transform=axes.transAxes, va="center",
+                size=mpl.rcParams["font.size"] * 0.9, color=style.SOFT,
+            )  # fmt: skip
 
 
 def shortened(name: str) -> str:

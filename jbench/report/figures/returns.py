@@ -11,17 +11,8 @@ from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.data.returns import FILE, whole
+from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
-from jbench.report.figures.marks import (
-    PLAIN,
-    ROW,
-    add_points,
-    add_rows,
-    add_solved,
-    interval_text,
-    name_rows,
-    narrow,
-)
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
@@ -33,25 +24,27 @@ _NARROW = 3  # representations with R² from which a figure is drawn
 
 def forest(frames: Frames) -> Chart | None:
     """Returns the final returns of each configuration, and beside them their variability."""
-    rows = frames.configurations[frames.configurations["returns"] == frames.returns]
-    rows = rows[rows["seeds"] > 0]
+    rows = frames.lead(frames.configurations).query("seeds > 0")
     if len(rows) < 2:
         return None
     # The paper has only training returns.
     published = frames.configurations.groupby("configuration")["published"].max()
     rows = rows.assign(published=rows["configuration"].map(published), name=rows["label"])
-    seeds = frames.seeds[frames.seeds["returns"] == frames.returns]
+    seeds = frames.lead(frames.seeds)
     by = "kind" if rows["kind"].nunique() > 1 else "algo"
     looks = style.looks(rows, by)
     panels = []
     for task, group in rows.assign(look=rows[by]).groupby("task", sort=False):
         policies = frames.baselines[frames.baselines["task"] == task]
-        height = 0.55 + ROW * (len(group) + len(policies))
+        height = 0.55 + marks.ROW * (len(group) + len(policies))
         draw = partial(_draw_forest, group, looks=looks, seeds=seeds, policies=policies)
         panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
         known = group[group["s"].notna()]
         if len(known) > 1:
-            draw, height = partial(_draw_variability, known, looks=looks), 0.55 + ROW * len(known)
+            draw, height = (
+                partial(_draw_variability, known, looks=looks),
+                0.55 + marks.ROW * len(known),
+            )
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
     note = "large mark: interquartile mean, 95% interval; dots: seeds"
     if frames.request.curves is None:
@@ -82,20 +75,22 @@ def _draw_forest(
             f"seed {seed}: {whole(value)}" + (f" ± {whole(twice)}" if np.isfinite(twice) else "")
             for seed, value, twice in zip(mine["seed"], final, error, strict=True)
         ]
-        add_points(axes, final, below, tips, look._replace(marker="o"), size=3.2, alpha=0.6)
+        marks.add_points(axes, final, below, tips, look._replace(marker="o"), size=3.2, alpha=0.6)
         if np.isfinite(row["published"]):
             tip = f"{row['name']}, the paper's training return: {row['published']:.0f}"
-            add_points(axes, [row["published"]], [place], [tip], look._replace(marker="|"), size=11)
-    add_rows(axes, rows, looks, value="iqm")
+            marks.add_points(
+                axes, [row["published"]], [place], [tip], look._replace(marker="|"), size=11
+            )
+    marks.add_rows(axes, rows, looks, value="iqm")
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
     apart = Look(style.SOFT, (), "D", len(looks))
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
         axes.plot([row["q10"], row["q90"]], [place] * 2, color=style.SOFT, linewidth=1)
-        numbers = interval_text(row["median"], row["q10"], row["q90"])
+        numbers = marks.interval_text(row["median"], row["q10"], row["q90"])
         tip = f"{names[place - len(rows)]}: median {numbers}"
-        add_points(axes, [row["median"]], [place], [tip], apart, size=5.5, hollow=True)
-    add_solved(axes, rows)
-    name_rows(axes, [*rows["name"], *names])
+        marks.add_points(axes, [row["median"]], [place], [tip], apart, size=5.5, hollow=True)
+    marks.add_solved(axes, rows)
+    marks.name_rows(axes, [*rows["name"], *names])
     if FILE not in {*rows["source"]}:
         ends = np.array([0.0, 1000.0, *seeds["final"]])
         axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))
@@ -103,7 +98,7 @@ def _draw_forest(
 
 def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
     """Draws the standard deviation s between agents' expected returns; hollow if it may be 0."""
-    add_rows(axes, rows, looks, value="s", hollow=~(rows["s_low"].to_numpy() > 0))
+    marks.add_rows(axes, rows, looks, value="s", hollow=~(rows["s_low"].to_numpy() > 0))
     # A few configurations with few seeds have intervals that would hide all others.
     ends = rows["s_high"][np.isfinite(rows["s_high"])]
     widest = min(float(ends.max()), 3 * float(ends.median()))
@@ -113,10 +108,10 @@ def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Loo
 
 def comparisons(frames: Frames) -> Chart | None:
     """Returns the differences between the two sides of `--compare`."""
-    rows = frames.comparisons[frames.comparisons["returns"] == frames.returns]
+    rows = frames.lead(frames.comparisons)
     if len(rows) < 2 or (frames.request.curves and rows["task"].value_counts().max() > _MOST):
         return None
-    words = [f", {one}" if one else "" for one in rows["words"]]
+    words = [f", {words}" if words else "" for words in rows["words"]]
     rows = rows.assign(name=rows["algo"] + " " + rows["representation"] + words)
     first, other = rows[["a", "b"]].iloc[0]
     note = f"final return with {first} minus that with {other}; 95% interval"
@@ -126,10 +121,10 @@ def comparisons(frames: Frames) -> Chart | None:
     looks = style.algorithm_looks(rows, "algo")
 
     def draw(group: pd.DataFrame, axes: Axes) -> None:
-        add_rows(axes, group, looks, value="difference", ends=("low", "high"), look="algo")
+        marks.add_rows(axes, group, looks, value="difference", ends=("low", "high"), look="algo")
         axes.axvline(0, color=style.SOFT, linewidth=0.7)
 
-    panels = by_task(rows, draw, 5.2, 0.6 + ROW * rows.groupby("task").size().max())
+    panels = by_task(rows, draw, 5.2, 0.6 + marks.ROW * rows.groupby("task").size().max())
     name = "comparisons"
     return Chart(name, "Differences", note, panels, name, looks, columns=2, minimum=440)
 
@@ -149,7 +144,7 @@ def errors(frames: Frames) -> Chart | None:
     panels = []
     for task, group in rows.groupby("task", sort=False):
         by_size = group.groupby("series")["latents"].nunique().max() > 1
-        size = (4.2, 2.6) if by_size else (5.2, 0.7 + ROW * len(group))
+        size = (4.2, 2.6) if by_size else (5.2, 0.7 + marks.ROW * len(group))
         group = group.sort_values("latents") if by_size else group
         draw = partial(_draw_errors, group, looks=looks, by_size=by_size)
         panels.append(Panel(str(task), {"": draw}, size))
@@ -171,23 +166,23 @@ def _draw_errors(
         for name, group in rows[rows[column].notna()].groupby("series", sort=False):
             look, errors = looks[str(name)], group[column].clip(lower=_FLOOR)
             tips = [
-                f"{one}: {value:.3g} not explained"
-                for one, value in zip(group["name"], group[column], strict=True)
+                f"{name}: {value:.3g} not explained"
+                for name, value in zip(group["name"], group[column], strict=True)
             ]
             x, y, size = errors, group["name"].map(places), 8 if hollow else 5
             if by_size:
                 x, y, size = group["latents"], errors, 5
                 line: Any = {"linestyle": look.line, "linewidth": 0.8 if hollow else 1.6}
                 axes.plot(x, y, color=look.color, gid=look.series, **line)
-            add_points(axes, x, y, tips, look, size=size, hollow=hollow)
+            marks.add_points(axes, x, y, tips, look, size=size, hollow=hollow)
     axis = axes.yaxis if by_size else axes.xaxis
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
     else:
-        name_rows(axes, rows["name"])
+        marks.name_rows(axes, rows["name"])
         axes.set(xscale="log", xlabel="fraction of the variance not explained")
-    axis.set_major_formatter(PLAIN)
+    axis.set_major_formatter(marks.PLAIN)
 
 
 def predictions(frames: Frames) -> Chart:
@@ -202,10 +197,10 @@ def predictions(frames: Frames) -> Chart:
             if np.isfinite(row["low"]):
                 axes.plot([at, at], [row["low"], row["high"]], color=look.color, gid=look.series)
             tip = f"{row['label']}: {row['iqm']:.0f}, R² {row['r2']:.2f}"
-            add_points(axes, [at], [row["iqm"]], [tip], look, size=6)
+            marks.add_points(axes, [at], [row["iqm"]], [tip], look, size=6)
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
         axes.set(xlim=(-0.03, 1.03), ylim=(0, 1000))
-        if narrow(axes):
+        if marks.narrow(axes):
             axes.xaxis.set_major_locator(ticker.MaxNLocator(3))
 
     rows = rows.assign(panel=rows["task"] + ", " + rows["algo"])[counts >= _NARROW]

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.analysis.tasks import ALL_TASKS
+from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, by_task
-from jbench.report.figures.marks import PLAIN, add_line, add_solved, shortened
 from jbench.report.frames import Frames
 
 _PROFILES = 6  # lines that can be told apart
@@ -47,7 +47,7 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
         weight = "bold" if row["decided"] else "normal"
         text = f"{100 * row['p']:.0f}"
         axes.text(*at, text, ha="center", va="center", color=_DARK, weight=weight, size=size)
-    middles, shown = np.arange(len(names)) + 0.5, [shortened(name) for name in names]
+    middles, shown = np.arange(len(names)) + 0.5, [marks.shortened(name) for name in names]
     axes.set_yticks(middles, shown)
     axes.set_xticks(middles, shown, rotation=40, ha="right", rotation_mode="anchor")
     axes.set_ylim(len(names), 0)
@@ -71,8 +71,8 @@ def profiles(frames: Frames) -> Chart:
             x, share = line["final_return"].to_numpy(), line["share"].to_numpy()
             tips = [f"{name}: {100 * y:.0f}% above {at:g}" for at, y in zip(x, share, strict=True)]
             band, look = (line["low"], line["high"]), looks[str(name)]
-            add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
-        add_solved(axes, every if ALL_TASKS in {*rows["task"]} else rows)
+            marks.add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
+        marks.add_solved(axes, every if ALL_TASKS in {*rows["task"]} else rows)
         axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
         axes.set_xlim(left=float(rows["final_return"].min()))
 
@@ -93,10 +93,12 @@ def motor(frames: Frames) -> Chart:
                 f"{name}: density {value:.2g} at {at * _FULL_SPEED:.0f} rad/s"
                 for at, value in zip(velocity, density, strict=True)
             ]
-            add_line(axes, velocity, density, tips, looks[str(name)], step="mid", marked=False)
+            marks.add_line(
+                axes, velocity, density, tips, looks[str(name)], step="mid", marked=False
+            )
         axes.set(yscale="log", xlabel="motor velocity as observed (1: 180 rad/s)")
         axes.set_ylabel("density")
-        axes.yaxis.set_major_formatter(PLAIN)
+        axes.yaxis.set_major_formatter(marks.PLAIN)
 
     panels = by_task(frames.motor, draw, 5.0, 2.8)
     note = "distribution over all states of the evaluated episodes (the paper's Figure 4)"
@@ -115,7 +117,7 @@ def positions(frames: Frames) -> Chart:
 
 def _draw_positions(rows: pd.DataFrame, axes: Axes) -> None:
     reach, yaw = (float(rows[name].iloc[0]) for name in ("reach", "target_yaw"))
-    share = rows.pivot_table(index="y", columns="x", values="share").where(lambda one: one > 0)
+    share = rows.pivot_table(index="y", columns="x", values="share").where(lambda share: share > 0)
     places = share.columns.to_numpy(float), share.index.to_numpy(float)
     scale: Any = {"cmap": "viridis_r", "norm": colors.LogNorm(1e-6, 0.1)}
     axes.pcolormesh(*places, share.to_numpy(), shading="nearest", rasterized=True, **scale)

@@ -41,8 +41,8 @@ def _quotas(
     try:
         # 0::/path; the limits of parent groups apply too.
         (path,) = [line[3:] for line in group.read_text().splitlines() if line.startswith("0::")]
-        own = root / path.strip("/")
-        for folder in (own, *own.parents):
+        group_folder = root / path.strip("/")
+        for folder in (group_folder, *group_folder.parents):
             limit = folder / "cpu.max"
             if folder.is_relative_to(root) and limit.exists():
                 quota, period = limit.read_text().split()

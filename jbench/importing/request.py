@@ -90,8 +90,8 @@ class ImportRequest:
                 f"--seed-from {self.seed_from} finds nothing in {what} {text}; type an expression "
                 rf"that matches its seed, such as 'seed(\d+)', or add the seed to the name{column}."
             )
-        found = match[1] if match.re.groups else match[0]
-        return parse_seed(found or "", f"--seed-from {self.seed_from} finds in {what} {text}")
+        digits = match[1] if match.re.groups else match[0]
+        return parse_seed(digits or "", f"--seed-from {self.seed_from} finds in {what} {text}")
 
     def returns_kind(self, column: str) -> ReturnsName:
         """Returns the kind of the returns in a column or tag."""

@@ -62,9 +62,9 @@ def _tag(file: ImportedFile, scalars: Scalars, tag: str | None) -> str:
     """
     if not scalars:
         raise RequestError(f"{file.path} has no scalars; leave the file out.")
-    found = [tag] if tag is not None else [name for name in KNOWN_TAGS if name in scalars]
-    if len(found) == 1 and found[0] in scalars:
-        return found[0]
+    tags = [tag] if tag is not None else [name for name in KNOWN_TAGS if name in scalars]
+    if len(tags) == 1 and tags[0] in scalars:
+        return tags[0]
     reason = f"no tag {tag!r}" if tag is not None else "not exactly one known tag of returns"
     raise RequestError(
         f"{file.path} has {reason}; type --tag with one of {', '.join(sorted(scalars))}."

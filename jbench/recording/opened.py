@@ -83,13 +83,13 @@ class OpenedResults:
         Raises:
             RequestError: if there are no such runs.
         """
-        found = self._rows(Request(task=task, algo=algo))
-        runs = found.runs[_RUN].reset_index(drop=True)
-        seeds = seed_frame(found.configurations)
+        source = self._rows(Request(task=task, algo=algo))
+        runs = source.runs[_RUN].reset_index(drop=True)
+        seeds = seed_frame(source.configurations)
         for name in KINDS:
             finals = seeds[seeds["returns"] == name].set_index(["source", "run"])["final"]
             runs[f"{name}_return"] = finals.reindex(pd.MultiIndex.from_frame(runs[_KEY])).to_numpy()
-        settings = _settings([parse_run(text) for text in found.runs["settings"]])
+        settings = _settings([parse_run(text) for text in source.runs["settings"]])
         return runs.join(settings.drop(columns=runs.columns, errors="ignore"))
 
     def curves(
@@ -123,15 +123,15 @@ class OpenedResults:
             RequestError: if an argument is invalid, or there are no such runs.
         """
         known("kind of returns", returns, RETURNS)
-        found = self._rows(
+        source = self._rows(
             Request(task=task, algo=algo, returns=returns, window=window, order=order)
         )
-        chosen = with_returns(found.configurations, returns)
-        curves = [(one, one.curve(order, window)) for one in chosen]
+        chosen = with_returns(source.configurations, returns)
+        curves = [(configuration, configuration.curve(order, window)) for configuration in chosen]
         points = _seed_points(curves) if per_seed else curve_points(curves)
-        named = pd.DataFrame([one.key for one in chosen], columns=_CURVE)
-        named["settings"] = [one.words for one in chosen]
-        settings = _settings([one.settings for one in chosen])
+        named = pd.DataFrame([configuration.key for configuration in chosen], columns=_CURVE)
+        named["settings"] = [configuration.words for configuration in chosen]
+        settings = _settings([configuration.settings for configuration in chosen])
         differing = [
             name for name in settings if settings[name].astype(str).nunique(dropna=False) > 1
         ]
@@ -139,21 +139,22 @@ class OpenedResults:
         return points.merge(named, on=_CURVE, how="left")
 
     def _rows(self, request: Request) -> sources.Source:
-        found = sources.own_and_imported(self._results, request)
-        for problem in found.problems:
+        source = sources.own_and_imported(self._results, request)
+        for problem in source.problems:
             warnings.warn(problem, stacklevel=3)
-        return found
+        return source
 
 
 def _seed_points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
     """Returns the points of each seed's curve, without windows that it has not completed."""
     parts = [pd.DataFrame(columns=[*_CURVE, *_SEED_POINT])]
-    for one, curve in curves:
-        for run, seed, values in zip(one.runs, one.seeds, curve.each, strict=True):
+    for configuration, curve in curves:
+        runs, seeds = configuration.runs, configuration.seeds
+        for run, seed, values in zip(runs, seeds, curve.each, strict=True):
             present = np.isfinite(values)
             numbers = curve.widths[present], curve.control_steps[present], values[present]
-            point = run, seed, one.kind, *numbers
-            names = dict(zip(_CURVE, one.key, strict=True))
+            point = run, seed, configuration.kind, *numbers
+            names = dict(zip(_CURVE, configuration.key, strict=True))
             parts.append(pd.DataFrame(names | dict(zip(_SEED_POINT, point, strict=True))))
     return pd.concat(parts[1:] or parts, ignore_index=True)
 
@@ -161,9 +162,9 @@ def _seed_points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
 def _settings(runs: Sequence[Run]) -> pd.DataFrame:
     """Returns a row for each run and a column for each setting, by the last part of its name."""
     flat = [flatten(run) for run in runs]
-    paths = list(dict.fromkeys(path for one in flat for path in one))
+    paths = list(dict.fromkeys(path for settings in flat for path in settings))
     last = Counter(path[-1] for path in paths)
     names = {path: path[-1] if last[path[-1]] == 1 else ".".join(path) for path in paths}
-    columns = {name: [one.get(path) for one in flat] for path, name in names.items()}
+    columns = {name: [settings.get(path) for settings in flat] for path, name in names.items()}
     # A whole number stays one beside missing values.
     return pd.DataFrame(columns, index=range(len(flat))).convert_dtypes()

@@ -73,15 +73,15 @@ class Recording:
             WorkError: if another process writes the run, or nothing can be written.
         """
         with contextlib.ExitStack() as stack:
-            found = stack.enter_context(self._results.locked("run", self.id))
+            existing = stack.enter_context(self._results.locked("run", self.id))
             if self._logger is not None:
                 _note(self._logger.where)
                 stack.enter_context(mirrored(self._results, {self.id}, self._logger, _note))
-            if found is not None and found.status == "finished":
+            if existing is not None and existing.status == "finished":
                 self.finished = True
                 return self
-            if found is not None:
-                _note(f"The run {self.id} is {found.status}; it starts over.")
+            if existing is not None:
+                _note(f"The run {self.id} is {existing.status}; it starts over.")
             record = self._results.create("run", self.id, self._settings.values, self._made_on)
             self._writer = RunWriter(record, self._settings, self._encoder)
             self._environments = 0

@@ -125,8 +125,8 @@ def external_settings(
                 f"encoder={encoder!r} is learned together with jbench's own agents; choose none "
                 "or an encoder of these results."
             )
-        fields["encoder"] = found = find_encoder(results, encoder, fields["task"])
-        fields["representation"] = representation_of(results, found)
+        fields["encoder"] = find_encoder(results, encoder, fields["task"])
+        fields["representation"] = representation_of(results, fields["encoder"])
     hyperparameters = plain_hyperparameters(hyperparameters, fields["seed"], fields["steps"])
     return validated(ExternalSettings, "the run", hyperparameters=hyperparameters, **fields)
 
@@ -159,9 +159,9 @@ def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> d
 def _plain(value: Any, where: str) -> Any:
     value = _number(value)
     if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
-        return {name: _plain(one, f"{where}[{name!r}]") for name, one in value.items()}
+        return {name: _plain(item, f"{where}[{name!r}]") for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one, f"{where}[{i}]") for i, one in enumerate(value)]
+        return [_plain(item, f"{where}[{i}]") for i, item in enumerate(value)]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if value is None or isinstance(value, bool | int | str):
@@ -188,13 +188,13 @@ def provenance_of_loop(package: str | None) -> dict[str, str | None]:
     Raises:
         RequestError: if it is not installed.
     """
-    found: dict[str, str | None] = {"script_sha256": _script_hash()}
+    provenance: dict[str, str | None] = {"script_sha256": _script_hash()}
     if package is not None:
         try:
-            found |= plugins.made_with(package)
+            provenance |= plugins.made_with(package)
         except importlib.metadata.PackageNotFoundError:
             raise RequestError(f"package={package!r} is not an installed distribution.") from None
-    return found
+    return provenance
 
 
 def _script_hash() -> str | None:

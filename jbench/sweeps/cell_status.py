@@ -59,8 +59,8 @@ def cell_statuses(
     all_statuses = []
     for cell in cells:
         statuses = [run_status(run, results) for run in cell.runs]
-        states = [each.state for each in statuses]
-        left = sum(each.steps_left for each in statuses)
+        states = [status.state for status in statuses]
+        left = sum(status.steps_left for status in statuses)
         seconds, source = measured.seconds_per_step(cell.runs[0]), "measured runs"
         if seconds is None and left and quick:
             key = alike(cell.runs[0], COST)
@@ -88,10 +88,10 @@ def cell_statuses(
 def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
     """Returns the seconds left if no process is ever idle; None if unknown."""
     work = 0.0
-    for each in statuses:
-        if each.seconds_left is None:
+    for status in statuses:
+        if status.seconds_left is None:
             return None
-        work += each.seconds_left * _at_once(each.cell, jobs)
+        work += status.seconds_left * _at_once(status.cell, jobs)
     return work / jobs
 
 
@@ -110,17 +110,17 @@ def forecasts(
 
 def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
     """Returns a sentence on the time left with `jobs` processes at a time, if it is known."""
-    seconds, steps = seconds_left(statuses, jobs), sum(each.steps_left for each in statuses)
+    seconds, steps = seconds_left(statuses, jobs), sum(status.steps_left for status in statuses)
     if not seconds:
         return None
-    runs = [run for each in statuses for run in each.cell.runs]
+    runs = [run for status in statuses for run in status.cell.runs]
     hints = {
         "fewer --steps (such as 300000)": max(run.steps for run in runs) > 300_000,
         "fewer --seeds (such as 0-2)": len({run.seed for run in runs}) > 3,
     }
     fewer = ", or ".join(hint for hint, applies in hints.items() if applies)
     less = f" For less: {fewer}." if fewer and seconds > 600 else ""
-    parts = [(each.evaluating, each.seconds_left or 0.0) for each in statuses]
+    parts = [(status.evaluating, status.seconds_left or 0.0) for status in statuses]
     share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
     most = (
         " (most of the time: fewer with --evaluate-episodes, or episodes of [evaluation] in a "

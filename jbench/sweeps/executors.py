@@ -140,14 +140,14 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     if device == "cpu":
         cells = _grouped(runs, lambda run: alike(run, SEED))
         return [part for cell in cells for part in divided(cell, jobs)]
-    found = []
+    together = []
     for stack in _grouped(runs, stack_key):
         cells = _grouped(stack, lambda run: alike(run, SEED))
         parts = max(
             jobs, stacks_for_memory(stack, device, jobs), math.ceil(len(stack) / _MAX_STACK)
         )
-        found += [[run for cell in part for run in cell] for part in divided(cells, parts)]
-    return found
+        together += [[run for cell in part for run in cell] for part in divided(cells, parts)]
+    return together
 
 
 def _grouped(

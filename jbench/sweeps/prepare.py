@@ -26,7 +26,7 @@ _LOOK_EVERY = 2.0  # s between two looks at what another process is making
 def missing_encoders(cells: Iterable[Cell], results: Results) -> list[EncoderSettings]:
     """Returns the encoders of cells that are not finished, each once."""
     wanted = {encoder.id: encoder for cell in cells for encoder in cell.encoders}
-    return [each for id, each in wanted.items() if not _is_finished(results, "encoder", id)]
+    return [wanted[id] for id in wanted if not _is_finished(results, "encoder", id)]
 
 
 def missing_datasets(cells: Sequence[Cell], results: Results) -> list[DatasetSettings]:
@@ -71,9 +71,9 @@ def prepare(
     encoders = [e for e in missing_encoders(cells, results) if e.id in needed]
     failures: dict[str, str] = {}
     for dataset in _datasets(cells).values():
-        its = [encoder for encoder in encoders if encoder.dataset == dataset.id]
-        if its:
-            failures |= _make(its, dataset, results, device, report)
+        trained_on_it = [encoder for encoder in encoders if encoder.dataset == dataset.id]
+        if trained_on_it:
+            failures |= _make(trained_on_it, dataset, results, device, report)
     for encoder, reason in failures.items():
         report(Event("warning", text=f"the runs on {encoder} are left out: {reason}"))
     return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}

@@ -10,11 +10,8 @@ In Python, a sweep is:
     results = Results(Path("results"))
     failures = sweep(matrix_cells(read_matrix("smoke"), results), results)
 
-`report` takes what happens, as an `Event` (`jbench.training.events`).
-
 Processes coordinate only through the results: a run belongs to the process that holds its lock, and
-its manifest has its status. Several sweeps of the same matrix, on one machine or on several, thus
-share the work.
+its manifest has its status. Several sweeps of a matrix thus share the work, also on other machines.
 """
 
 import queue
@@ -60,7 +57,7 @@ def sweep(
         cells: cells of a matrix, or a single one.
         results: where datasets, encoders and runs are written.
         make_executor: called if there are runs to train; None for `Local`, a process per core.
-        report: takes what happens, in the thread that called this.
+        report: takes each `Event`, in the thread that called this.
         device: device for training encoders, see `jbench.devices.find_device`.
         retry_failed: whether to retry runs that failed before.
         wait: whether to wait for runs that another process is training, and to resume them if

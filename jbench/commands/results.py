@@ -45,34 +45,35 @@ def runs(
     filters = parsing.run_filters(database, task, algo, representation, status, seed)
     what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
-    columns = {
-        what: [line.run for line in lines],
-        "status": [line.status for line in lines],
-        "points" if imports else "episodes": [f"{line.episodes:,}" for line in lines],
-        "steps": [progress_text(line.steps_done, line.steps) for line in lines],
-        "wall time": ["" if line.wall_time is None else duration(line.wall_time) for line in lines],
-        "created": [line.created[:16].replace("T", " ") for line in lines],
-    }
-    if imports:
-        columns["returns"] = [line.returns or "" for line in lines]
-    if any(line.variant for line in lines):
-        columns["variant"] = [line.variant for line in lines]
-    if status == "failed":
-        columns["error"] = [line.error or "" for line in lines]
-    if returns:
-        training = [None if line.returns == "evaluation" else line.last_return for line in lines]
-        evaluation = [line.evaluation_return for line in lines]
-        for name, finals in (("training", training), ("evaluation", evaluation)):
-            texts = ["" if final is None else f"{final:.0f}" for final in finals]
-            columns[f"{name} return"] = texts
+    rows = [
+        {
+            what: line.run,
+            "status": line.status,
+            "points" if imports else "episodes": f"{line.episodes:,}",
+            "steps": progress_text(line.steps_done, line.steps),
+            "wall time": None if line.wall_time is None else duration(line.wall_time),
+            "created": line.created[:16].replace("T", " "),
+            "returns": line.returns if imports else None,
+            "variant": line.variant,
+            "error": line.error if status == "failed" else None,
+            "training return": _rounded(None if line.returns == "evaluation" else line.last_return),
+            "evaluation return": _rounded(line.evaluation_return),
+        }
+        for line in lines
+    ]
     output = Output(json)
-    if lines:
-        rows = list(zip(*columns.values(), strict=True))
-        output.table(counted(len(lines), what), list(columns), rows)
+    if rows:
+        filled = [name for name in rows[0] if any(row[name] for row in rows)]
+        cells = [[row[name] or "" for name in filled] for row in rows]
+        output.table(counted(len(rows), what), filled, cells)
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
     output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})
     output.warn_of_damage(problems, repair_hint(results))
+
+
+def _rounded(value: float | None) -> str | None:
+    return None if value is None else f"{value:.0f}"
 
 
 _SHOWN, _LONGEST = 100, 80  # rows of a query, and characters of a cell, in a table for people

@@ -47,40 +47,29 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
 
 
 def run_filters(
-    results: "Results",
-    task: str | None,
-    algo: str | None,
-    representation: str | None,
-    status: str | None,
-    seed: str | None,
+    results: "Results", seed: str | None, status: names.Status | None, **typed: str | None
 ) -> dict[str, Collection[Any]]:
     """Returns the allowed values by field of a run's line; None allows every value.
+
+    Args:
+        typed: task, algo and representation; `planar` is every size of this kind.
 
     Raises:
         RequestError: if a value is known neither to jbench nor to a run of the results.
     """
-    filters: dict[str, Collection[Any]] = {}
-    if status is not None:
-        filters["status"] = [names.known("status", status, names.STATUSES)]
-    if seed is not None:
-        filters["seed"] = parse_numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
-    for setting, value in {"task": task, "algo": algo}.items():
-        if value is not None:
-            filters[setting] = [known_or_held(setting, value, [results])]
-    if representation is not None:
-        filters["representation"] = _representations(representation, results)
-    return filters
-
-
-def _representations(value: str, results: "Results") -> list[str]:
-    """Returns the representations that are meant: `planar` is every size of this kind."""
     from jbench.store.listing import setting_values
 
-    if value.lower() in names.NO_ENCODER:
-        return [names.FULL]
-    held = setting_values(results, "representation")
-    of_kind = [name for name in held if names.kind_in(name) == value]
-    return of_kind or [known_or_held("representation", value, [results])]
+    filters: dict[str, Collection[Any]] = {} if status is None else {"status": [status]}
+    if seed is not None:
+        filters["seed"] = parse_numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
+    for setting, value in typed.items():
+        if setting == "representation" and value is not None:
+            value = names.FULL if value.lower() in names.NO_ENCODER else value
+            held = setting_values(results, setting)
+            filters[setting] = [name for name in held if names.kind_in(name) == value]
+        if value is not None and not filters.get(setting):
+            filters[setting] = [known_or_held(setting, value, [results])]
+    return filters
 
 
 def _is_representation(value: str) -> bool:

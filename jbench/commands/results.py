@@ -42,7 +42,8 @@ def runs(
     from jbench.store.listing import list_runs
 
     database = parsing.existing_results(results)
-    filters = parsing.run_filters(database, task, algo, representation, status, seed)
+    typed = {"task": task, "algo": algo, "representation": representation}
+    filters = parsing.run_filters(database, seed, status, **typed)
     what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
     rows = [

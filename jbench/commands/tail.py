@@ -41,7 +41,8 @@ def tail(
     from jbench.store.follow import LOOK_EVERY, Follower
 
     database = parsing.existing_results(results)
-    filters = parsing.run_filters(database, task, algo, representation, status, seed)
+    typed = {"task": task, "algo": algo, "representation": representation}
+    filters = parsing.run_filters(database, seed, status, **typed)
     output, follower, problems = Output(json), Follower(database, filters), 0
     lines, is_empty = _json_lines if json else _text_lines, True
     try:

@@ -82,7 +82,7 @@ def cost(algo: str, rounds: int) -> None:
         begun = [begin(Path(folder), run) for run in runs]
         if isinstance(engine, OffPolicyEngine):
             for seed in range(SEEDS):
-                engine.restore_rows(seed, torch.randn(1, FULL, 18), FULL)
+                engine.replay.restore(seed, torch.randn(1, FULL, 18), FULL)
             engine.replay.begin(engine.environments.observations)
             # TD3 makes a thousand updates after every thousand steps.
             engine.control_steps = MILLION

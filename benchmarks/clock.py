@@ -3,7 +3,7 @@
 import time
 from typing import Any
 
-from jbench.agents.batched.engine import Engine
+from jbench.agents.engine import Engine
 
 
 class Clock:
@@ -43,6 +43,6 @@ class Clock:
         self.watch(engine.environments, "step", "robots")
         self.watch(engine, "_explore_actions", "acting")
         self.watch(engine, "_store", "transitions")
-        self.watch(engine, "_learn", "updates")
-        # On a GPU, updates only begin in `_learn`.
-        self.watch(engine, "_check_losses", "waiting for updates")
+        self.watch(engine, "_update", "updates")
+        # On a GPU, updates only begin in `_update`, and `_learn` waits for them.
+        self.watch(engine, "_learn", "waiting for updates")

@@ -4,10 +4,9 @@ In this order, within 20 minutes:
 
 1. the tests of `tests/agents/test_gpu.py` and `test_captured_regions.py`;
 2. updates per second without robots, of 10, 40 and 100 seeds in one stack;
-3. whole training of 10 seeds with 1 and 8 environments each, of one task and of all five tasks in
-   one stack, and what takes the time;
-4. whole training of 20 and 40 seeds in one stack and in two in antiphase;
-5. a profile of the kernels of DDPG's update.
+3. whole training of 10 and 40 seeds in one stack with 1 and 8 environments each, and what takes the
+   time;
+4. a profile of the kernels of DDPG's update.
 
 The results are rows of Markdown, printed and written to --out. `--device cpu --small` runs all
 parts on a CPU in a minute: a rehearsal, whose numbers mean nothing.
@@ -17,7 +16,7 @@ import argparse
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
@@ -28,19 +27,18 @@ import torch
 from clock import Clock
 from stacked_updates import Updates, peak
 
-from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.make import Computation, make_engine
+from jbench.agents.engine import Engine
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.errors import RequestError
-from jbench.names import ALGORITHMS, TASKS
+from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store.provenance import device_provenance, processor
-from jbench.training.antiphase import take_turns
 
 ROOT = Path(__file__).parents[1]
 TESTS = ("tests/agents/test_gpu.py", "tests/agents/test_captured_regions.py")
-TASK = ("face_direction",)
+TASK = "face_direction"
 Overrides = Mapping[str, Mapping[str, Any]]
 
 
@@ -56,8 +54,7 @@ class Size(NamedTuple):
         updates: in a measurement of the rate of updates.
         rounds: measurements, of which the median is reported.
         product: rows and columns of the matrices whose product is the peak.
-        trained: seeds of whole training.
-        in_antiphase: numbers of seeds that are trained in one stack and in two.
+        trained: numbers of seeds of whole training.
         environments: numbers of robots of each of them.
         warm_up: control steps of each seed before whole training is measured.
         seconds: of whole training.
@@ -70,8 +67,7 @@ class Size(NamedTuple):
     updates: int = 200
     rounds: int = 5
     product: int = 8192
-    trained: int = 10
-    in_antiphase: tuple[int, ...] = (20, 40)
+    trained: tuple[int, ...] = (10, 40)
     environments: tuple[int, ...] = (1, 8)
     warm_up: int = 3000
     seconds: float = 10.0
@@ -86,8 +82,7 @@ SMALL = Size(
     updates=4,
     rounds=2,
     product=64,
-    trained=2,
-    in_antiphase=(2,),
+    trained=(2,),
     warm_up=80,
     seconds=0.3,
     tests=("-k", "saved_policies and ddpg"),
@@ -128,19 +123,16 @@ def engine_of(
     size: Size,
     seeds: int,
     device: torch.device,
-    tasks: Sequence[str] = TASK,
     precision: str = "float32",
     **options: Any,
 ) -> Engine:
-    """Returns untrained agents in one stack, as many for each task."""
+    """Returns untrained agents in one stack."""
     overrides = dict(size.overrides.get(algo, {}))
     if algo != "ppo":
         overrides["buffer_size"] = size.transitions
     settings = algorithm_settings(algo, overrides=overrides)
     computation = Computation(str(device), precision, stacked=True)
-    own = [(task, seed) for task in tasks for seed in range(seeds)]
-    tasks_of, seeds_of = [task for task, _ in own], [seed for _, seed in own]
-    return make_engine(algo, settings, tasks_of, seeds_of, computation=computation, **options)
+    return make_engine(algo, settings, TASK, range(seeds), computation=computation, **options)
 
 
 def report_tests(size: Size, report: Report) -> bool:
@@ -200,11 +192,9 @@ def _rates(updates: Updates, size: Size, seeds: int, most: float) -> list[str]:
 
 def report_training(size: Size, device: torch.device, report: Report) -> None:
     """Reports control steps per second of whole training, and what takes the time."""
-    columns = "algorithm", "tasks", "seeds of each", "environments"
-    report.table(*columns, "control steps/s of all seeds", "time in")
-    for algo, tasks, environments in product(ALGORITHMS, (TASK, TASKS), size.environments):
-        options = {"tasks": tasks, "environments": environments}
-        with engine_of(algo, size, size.trained, device, **options) as engine:
+    report.table("algorithm", "seeds", "environments", "control steps/s of all seeds", "time in")
+    for algo, seeds, environments in product(ALGORITHMS, size.trained, size.environments):
+        with engine_of(algo, size, seeds, device, environments=environments) as engine:
             clock, steps = Clock(), engine.learn(10**12)
             clock.watch_loop(engine)
             while engine.control_steps < size.warm_up:
@@ -213,40 +203,9 @@ def report_training(size: Size, device: torch.device, report: Report) -> None:
             first, began = engine.control_steps, time.perf_counter()
             while (took := time.perf_counter() - began) < size.seconds:
                 next(steps)
-            rate = len(tasks) * size.trained * (engine.control_steps - first) / took
+            rate = seeds * (engine.control_steps - first) / took
         parts = ", ".join(f"{name} {spent / took:.0%}" for name, spent in clock.spent.items())
-        report.row(algo, len(tasks), size.trained, environments, f"{rate:,.0f}", parts)
-
-
-def report_antiphase(size: Size, device: torch.device, report: Report) -> None:
-    """Reports control steps per second of whole training in one stack and in two."""
-    report.table("algorithm", "seeds", "one stack: control steps/s", "two in antiphase", "ratio")
-    for algo, seeds in product(ALGORITHMS, size.in_antiphase):
-        one, two = (_rate_in(groups, algo, size, seeds, device) for groups in (1, 2))
-        report.row(algo, seeds, f"{one:,.0f}", f"{two:,.0f}", f"{two / one:.2f}")
-
-
-def _rate_in(groups: int, algo: str, size: Size, seeds: int, device: torch.device) -> float:
-    """Returns control steps per second of all seeds, divided into groups in antiphase."""
-
-    def train() -> Generator[None, None, float]:
-        with engine_of(algo, size, seeds // groups, device) as engine:
-            yield from _learn(engine, lambda: engine.control_steps >= size.warm_up)
-            first, began = engine.control_steps, time.perf_counter()
-            yield from _learn(engine, lambda: time.perf_counter() - began >= size.seconds)
-            took = time.perf_counter() - began
-            return seeds // groups * (engine.control_steps - first) / took
-
-    return sum(take_turns([train() for _ in range(groups)], device))
-
-
-def _learn(engine: Engine, is_done: Callable[[], bool]) -> Iterator[None]:
-    """Trains until something is done; yields when updates were begun."""
-    steps = engine.learn(10**12)
-    while not is_done():
-        next(steps)
-        if engine.begin_updates():
-            yield
+        report.row(algo, seeds, environments, f"{rate:,.0f}", parts)
 
 
 def report_profile(size: Size, device: torch.device, report: Report) -> None:
@@ -279,7 +238,7 @@ def main() -> None:
     report.line(", ".join(f"{name} {value}" for name, value in facts.items()))
     report.line(f"{cores()} cores of {processor()}, {datetime.now(UTC):%Y-%m-%d}")
     passed = report_tests(size, report)
-    for part in (report_updates, report_training, report_antiphase, report_profile):
+    for part in (report_updates, report_training, report_profile):
         part(size, device, report)
     report.line(f"\n{(time.time() - began) / 60:.1f} minutes.")
     if not passed:

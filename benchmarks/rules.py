@@ -77,7 +77,7 @@ def updates_of(algo: str | type[Rule]) -> Updates:
     settings, on_cpu = TD3Settings(buffer_size=TRANSITIONS), Computation("cpu")
     engine = make_engine(algo, settings, "face_direction", [0], computation=on_cpu)
     assert isinstance(engine, OffPolicyEngine)
-    engine.restore_rows(0, torch.randn(1, TRANSITIONS, engine.environments.size + 2), TRANSITIONS)
+    engine.replay.restore(0, torch.randn(1, TRANSITIONS, engine.environments.size + 2), TRANSITIONS)
     (updates,) = engine._groups
     return updates
 

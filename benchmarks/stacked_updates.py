@@ -7,9 +7,9 @@ import torch
 from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
 
-from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_policy import OnPolicyEngine
+from jbench.agents.engine import Engine
 
 
 class Updates:
@@ -22,7 +22,7 @@ class Updates:
         if isinstance(engine, OffPolicyEngine):
             rows = torch.randn(1, transitions, engine.environments.size + 2)
             for seed in range(len(engine._generators)):
-                engine.restore_rows(seed, rows, transitions)
+                engine.replay.restore(seed, rows, transitions)
         else:
             assert isinstance(engine, OnPolicyEngine)
             engine._rollout.rows.normal_()

@@ -27,7 +27,7 @@ def engine_with_transitions(seeds: int, precision: str) -> OffPolicyEngine:
     assert isinstance(engine, OffPolicyEngine)
     rows = torch.randn(1, TRANSITIONS, OBSERVATION + 2)
     for seed in range(seeds):
-        engine.restore_rows(seed, rows, TRANSITIONS)
+        engine.replay.restore(seed, rows, TRANSITIONS)
     return engine
 
 

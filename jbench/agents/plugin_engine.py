@@ -1,4 +1,4 @@
-"""The training loop of an agent of another package, for one seed, and its complete state."""
+"""The engine of an agent of another package, for one seed."""
 
 import contextlib
 import random
@@ -8,15 +8,20 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
-from jbench.agents.batched.engine import WORLD, Engine, SeedState, under
-from jbench.agents.batched.environments import Augment, Cell, Environments
-from jbench.agents.batched.generators import Generators
-from jbench.agents.divergence import Divergence, divergent_loss
-from jbench.agents.packing import pack, unpack
-from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable
-from jbench.closing import Closing
+from jbench.agents.divergence import divergent_loss
+from jbench.agents.engine import Engine, SeedState
+from jbench.agents.environments import Augment, Environments, StepResult
+from jbench.agents.generators import Generators
+from jbench.agents.plugin import (
+    Agent,
+    EnvironmentSpec,
+    Transition,
+    is_resumable,
+    pack,
+    unpack,
+)
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS, TimeLimit
@@ -26,18 +31,10 @@ from jbench.settings.base import Settings
 from jbench.store import schema
 
 
-class PluginEngine(Closing):
-    """Trains one agent of another package, with the interface of the batched `Engine`.
+class PluginEngine(Engine):
+    """Trains one agent of another package, which itself decides when it learns."""
 
-    Attributes:
-        control_steps: over all environments.
-        diverged: what diverged, at index 0.
-        is_resumable: whether the agent has `state` and `restore`.
-        keeps_policy_exactly: see `Engine`; the copy of an agent's policy may round differently.
-    """
-
-    updates: int | None = None
-    keeps_policy_exactly = False
+    keeps_policy_exactly = False  # a copy of its policy may round differently
 
     def __init__(
         self,
@@ -64,21 +61,22 @@ class PluginEngine(Closing):
 
         Raises:
             UnsupportedPolicyError: if its policy can't be saved.
-            WorkError: if its own code raises an error, here and below.
+            WorkError: if its own code raises an error, or returns actions of a wrong shape, or
+                losses that are no dictionary or have no column, here and below.
         """
         self._name, self._time_limit = name, time_limit
-        self._generators = Generators(seed, environments)
-        self.environments = Environments(
-            [Cell(task, [self._generators.environments], encoder)],
+        generators = Generators(seed, environments)
+        robots = Environments(
+            task,
+            [generators.environments],
+            [encoder],
             augment=augment,
             episode_steps=episode_steps,
         )
-        self.control_steps = 0
-        self.diverged: dict[int, Divergence] = {}
+        super().__init__(robots, [generators])
         self.is_resumable = is_resumable(kind)
         self._losses: dict[str, float] = {}
-        sizes = self.environments.size, self.environments.action_size
-        spec = EnvironmentSpec(*sizes, environments, episode_steps)
+        spec = EnvironmentSpec(robots.size, robots.action_size, environments, episode_steps)
         torch.manual_seed(seed)
         np.random.seed(seed)  # noqa: NPY002 - agents of others may use it
         random.seed(seed)
@@ -87,65 +85,14 @@ class PluginEngine(Closing):
         # A policy that can't be saved is refused now, not after the training.
         self.policy(0)
 
-    def close(self) -> None:
-        """Ends the threads of the robots."""
-        self.environments.close()
-
-    def has_made(self, steps: int) -> bool:
-        """Returns whether `learn` makes no more control steps."""
-        return self.control_steps >= steps
-
-    def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
-        """Trains until `steps` control steps are made; see `Engine.learn`.
-
-        Raises:
-            WorkError: if the agent returns actions of a wrong shape, or losses that are no
-                dictionary or have no column.
-        """
-        while self.control_steps < steps and not self.diverged:
-            # Copies: an agent may change its arrays, and these are also saved in checkpoints.
-            observations = self.environments.observations[0].numpy().copy()
-            actions = self._actions(self._agent.explore, observations)
-            if self.diverged:
-                yield None
-                return
-            step = self.environments.step(actions[None])
-            self.control_steps += len(actions)
-            ends = step.episode_returns is not None
-            terminated = np.full(len(actions), ends and self._time_limit == "terminal")
-            truncated = np.full(len(actions), ends and self._time_limit == "bootstrap")
-            next_observations = step.observations[0].numpy().copy()
-            rewards = step.rewards[0].astype(np.float32)
-            transition = Transition(
-                observations, actions, rewards, next_observations, terminated, truncated
-            )
-            self._note_losses(self._call(self._agent.learn, transition))
-            yield step.episode_returns
-
-    def begin_updates(self) -> bool:
-        """Returns False: the agent itself decides when it learns; see `Engine.begin_updates`."""
-        return False
-
-    def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
-        """Returns deterministic actions (1, N, dim(A)) for observations (1, N, dim(O))."""
-        seen = torch.from_numpy(observations)
-        inputs = self.environments.encode(seen)[0].numpy()
-        with torch.no_grad(), _kept_generators(self._device):
-            actions = self._actions(self._agent.act, inputs)[None]
-        return actions * self.environments.action_signs(seen)
-
     def policy(self, seed: int) -> SavedNetwork | None:
-        """Returns a copy of the policy, or None if the agent does not offer it.
-
-        Raises:
-            UnsupportedPolicyError: if it is not a sequence of supported layers.
-        """
+        """See `Engine.policy`; None if the agent does not offer it."""
         module = self._module()
         sizes = self.environments.size, self.environments.action_size
         return None if module is None else copy_module(module, *sizes)
 
     def losses(self, seed: int) -> dict[str, float]:
-        """Returns the last losses by database name; empty before the first."""
+        """See `Engine.losses`."""
         return dict(self._losses)
 
     def check_weights(self) -> None:
@@ -153,38 +100,52 @@ class PluginEngine(Closing):
         module = self._module()
         parameters = module.parameters() if isinstance(module, nn.Module) else ()
         if not all(bool(parameter.isfinite().all()) for parameter in parameters):
-            self._record_divergence("weights")
+            self._record_divergence(0, "weights")
 
     def state(self, seed: int) -> SeedState:
-        """Returns the state of the agent, of its robots, and of all random generators.
-
-        Raises:
-            WorkError: if the agent's state contains something that can't be saved.
-        """
-        tensors: dict[str, torch.Tensor] = {}
+        """See `Engine.state`; the agent's may contain something that can't be saved: WorkError."""
+        tensors: dict[str, Tensor] = {}
+        robots = self._robots_state(0)
         scalars = {
             "control_steps": self.control_steps,
-            "episodes": self.environments.episodes,
-            "episode_steps": self.environments.steps,
-            "streams": self._generators.state(),
+            **robots.scalars,
             "losses": pack(self._losses, tensors),
             "generators": pack(_generators(self._device), tensors),
             "agent": pack(self._call(self._agent.state), tensors),
         }
-        world = self.environments.state(0)
-        tensors |= {WORLD + name: torch.from_numpy(value) for name, value in world.items()}
-        return SeedState(tensors, scalars)
+        return SeedState(tensors | robots.tensors, scalars)
 
     def restore(self, states: Sequence[SeedState]) -> None:
-        """Restores what `state` returned, so that training continues with the same numbers."""
-        ((tensors, scalars),) = states
-        world = {name: tensor.numpy() for name, tensor in under(WORLD, tensors).items()}
-        self.environments.restore(0, world, scalars["episodes"], scalars["episode_steps"])
-        self._generators.restore(scalars["streams"])
+        """See `Engine.restore`."""
+        (state,) = states
+        tensors, scalars = state
+        self._restore_robots(0, state)
         self.control_steps = scalars["control_steps"]
         self._losses = unpack(scalars["losses"], tensors)
         self._call(self._agent.restore, unpack(scalars["agent"], tensors))
         _restore_generators(unpack(scalars["generators"], tensors), self._device)
+
+    def _act(self, inputs: Tensor) -> NDArray[np.floating]:
+        with torch.no_grad(), _kept_generators(self._device):
+            return self._checked_actions(self._actions(self._agent.act, inputs[0].numpy()))
+
+    def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
+        return self._actions(self._agent.explore, observations[0].numpy().copy())
+
+    def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
+        if self.diverged:
+            return
+        ends = step.episode_returns is not None
+        # Copies: an agent may change its arrays, and these are also saved in checkpoints.
+        transition = Transition(
+            observations[0].numpy().copy(),
+            actions[0],
+            step.rewards[0].astype(np.float32),
+            step.observations[0].numpy().copy(),
+            np.full(actions.shape[1], ends and self._time_limit == "terminal"),
+            np.full(actions.shape[1], ends and self._time_limit == "bootstrap"),
+        )
+        self._note_losses(self._call(self._agent.learn, transition))
 
     def _module(self) -> nn.Module | None:
         """Returns the agent's policy; a new module draws its initial weights."""
@@ -201,28 +162,24 @@ class PluginEngine(Closing):
         except Exception as error:
             reason = sentence_of_failure(error)
             raise WorkError(
-                f"{_name_of(method)} of the agent {self._name} failed ({reason})."
+                f"{_name(method)} of the agent {self._name} failed ({reason})."
             ) from error
 
     def _actions(
         self, method: Callable[..., Any], observations: NDArray[np.float32]
     ) -> NDArray[np.float64]:
-        """Returns actions (n, dim(A)); records a divergence and returns 0 if one is not finite."""
+        """Returns actions (1, n, dim(A))."""
         wanted = (len(observations), self.environments.action_size)
         actions = self._call(method, observations)
-        if isinstance(actions, torch.Tensor):
+        if isinstance(actions, Tensor):
             actions = actions.detach().cpu().numpy()
         if np.shape(actions) != wanted:
             raise WorkError(
-                f"{_name_of(method)} of the agent {self._name} returned the shape "
+                f"{_name(method)} of the agent {self._name} returned the shape "
                 f"{np.shape(actions)} for observations {observations.shape}; it must return "
                 f"actions {wanted}."
             )
-        checked: NDArray[np.float64] = np.asarray(actions, np.float64)
-        if np.isfinite(checked).all():
-            return checked
-        self._record_divergence("actions")
-        return np.zeros(wanted)
+        return np.array(actions, np.float64)[None]
 
     def _note_losses(self, losses: Mapping[str, float]) -> None:
         if not isinstance(losses, Mapping):
@@ -238,18 +195,11 @@ class PluginEngine(Closing):
             )
         self._losses |= numbers
         if (name := divergent_loss(numbers)) is not None:
-            self._record_divergence(name)
-
-    def _record_divergence(self, what: str) -> None:
-        self.diverged.setdefault(0, Divergence(None, self.control_steps, what))
+            self._record_divergence(0, name)
 
 
-def _name_of(method: Callable[..., Any]) -> str:
+def _name(method: Callable[..., Any]) -> str:
     return getattr(method, "__name__", type(method).__name__)
-
-
-Trainer = Engine | PluginEngine
-"""What trains the agents of a batch of runs."""
 
 
 @contextlib.contextmanager

@@ -14,9 +14,7 @@ Flat = dict[tuple[str, ...], Any]
 """Settings by path, such as ("hyperparameters", "tau")."""
 
 SEED = ("seed",)
-"""Runs that differ only in this form one cell, and can be trained in one process."""
-
-_STACK = ("task", "representation", "encoder", "encoder_draws", *SEED)
+"""Runs that differ only in this form one configuration, and can be trained in one process."""
 
 VARIANT = ("seed", "steps")
 """Runs that differ only in these form one variant, and one learning curve."""
@@ -24,7 +22,7 @@ VARIANT = ("seed", "steps")
 COMPARED = (*VARIANT, "evaluate_every", "evaluate_episodes")
 """Runs that differ in these are comparable: evaluation does not affect training."""
 
-COST = (*_STACK, "steps", "augment", "robots")
+COST = ("task", "representation", "encoder", "encoder_draws", *SEED, "steps", "augment", "robots")
 """Runs that differ only in these take about the same time per control step."""
 
 ENCODER_VARIANT = ("task", "kind", "latents", "seed")
@@ -68,23 +66,6 @@ def alike(run: Run, free: Collection[str]) -> str:
         if not names & {path[0], path[-1], ".".join(path)}
     }
     return canonical_json(kept)
-
-
-def stack_key(run: RunSettings) -> str:
-    """Returns a key that is equal for runs that can be trained as one stack on a GPU.
-
-    With jbench's own update rules, tasks of the Jitterbug and encoders may differ. Features that
-    are learned with the agent, a sequence of robots, and another robot are those of one cell.
-    """
-    joins = (
-        run.engine == "batched"
-        and run.is_ours
-        and run.algorithm.hidden_layers
-        and run.ofe is None
-        and run.augment is None
-        and run.specs is None
-    )
-    return alike(run, _STACK if joins else SEED)
 
 
 def comparable(run: Run, *names: str) -> str:

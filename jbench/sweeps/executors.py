@@ -2,26 +2,23 @@
 
 import contextlib
 import json
-import math
 import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
+
+import numpy as np
 
 from jbench.cores import cores
 from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY, ONE_THREAD
-from jbench.settings.alike import SEED, alike, stack_key
+from jbench.settings.alike import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training.antiphase import divided
 from jbench.training.events import Event
-from jbench.training.memory import stacks_for_memory
-
-_MAX_STACK = 500  # runs of a process, which holds a lock file of each; many systems allow 1024
 
 
 class WorkerOptions(NamedTuple):
@@ -132,32 +129,20 @@ def default_jobs(device: str) -> int:
 def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[RunSettings]]:
     """Returns the runs of each process.
 
-    On a CPU the seeds of a cell are divided among `jobs` processes. On a GPU the cells of a stack
-    (`jbench.settings.alike.stack_key`) share one process; they are divided only among several jobs,
-    or if they are too many for the GPU's memory or a process. A run of another engine has its own
-    process.
+    On a CPU the seeds of a configuration are divided among `jobs` processes. On a GPU they are one
+    stack in one process. A run of another engine than the batched one has its own process.
     """
-    if device == "cpu":
-        cells = _grouped(runs, lambda run: alike(run, SEED))
-        return [part for cell in cells for part in divided(cell, jobs)]
-    together = []
-    for stack in _grouped(runs, stack_key):
-        cells = _grouped(stack, lambda run: alike(run, SEED))
-        parts = max(
-            jobs, stacks_for_memory(stack, device, jobs), math.ceil(len(stack) / _MAX_STACK)
-        )
-        together += [[run for cell in part for run in cell] for part in divided(cells, parts)]
-    return together
-
-
-def _grouped(
-    runs: Sequence[RunSettings], key: Callable[[RunSettings], str]
-) -> list[list[RunSettings]]:
-    """Returns the runs with equal keys; a run of another engine than the batched one is alone."""
-    groups: dict[str, list[RunSettings]] = {}
+    configurations: dict[str, list[RunSettings]] = {}
     for run in runs:
-        groups.setdefault(key(run) if run.engine == "batched" else run.id, []).append(run)
-    return list(groups.values())
+        key = alike(run, SEED) if run.engine == "batched" else run.id
+        configurations.setdefault(key, []).append(run)
+    return [
+        [seeds[i] for i in part]
+        for seeds in configurations.values()
+        for part in np.array_split(
+            range(len(seeds)), min(jobs if device == "cpu" else 1, len(seeds))
+        )
+    ]
 
 
 def worker_request(

@@ -1,8 +1,7 @@
 """Trains the runs of a batch, each from its last checkpoint."""
 
 import contextlib
-from collections.abc import Generator, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import torch
 
@@ -15,7 +14,6 @@ from jbench.settings.run import RunSettings
 from jbench.simulation import find
 from jbench.store import Results
 from jbench.store.provenance import device_provenance
-from jbench.training.antiphase import divided, number_of_groups, take_turns
 from jbench.training.batch_member import Member, begin
 from jbench.training.events import Report, ignore
 from jbench.training.group import TrainingGroup
@@ -30,7 +28,6 @@ def run_batch(
     checkpoint_every: float = CHECKPOINT_EVERY,
     keep_state: bool = False,
     until: int | None = None,
-    groups: int | None = None,
     final_episodes: int | None = None,
     report: Report = ignore,
 ) -> dict[str, WorkError]:
@@ -44,8 +41,8 @@ def run_batch(
     diverges again.
 
     Args:
-        runs: settings that differ only in their seeds, or that can be one stack (see
-            `jbench.settings.alike.stack_key`); one run, if the agent is of another package.
+        runs: settings that differ only in their seeds, and in their encoders if those have seeds
+            of their own; one run, if the agent is of another package.
         results: where the runs are written.
         encoder: encoder of the observations of all runs, or one for each run.
         device: see `jbench.devices.find_device`.
@@ -53,8 +50,6 @@ def run_batch(
         keep_state: whether to keep the last checkpoint of each run when it finishes.
         until: control step at the end of an episode, where training stops and the runs remain
             unfinished; None to finish them.
-        groups: number of groups that are trained in antiphase, with the same results as in one;
-            None for what suits the device.
         final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
         report: takes an event of each run that resumes, and one after each training episode.
 
@@ -69,12 +64,19 @@ def run_batch(
     with contextlib.ExitStack() as locks:
         members, failures = _begin_all(runs, results, encoder, found, report, locks)
         sharing = len(members)
-        trainer = _Trainer(
-            device, checkpoint_every, keep_state, groups, report, sharing, final_episodes
-        )
         while members := [member for member in members if member.is_behind(until)]:
+            # Seeds may have stopped at different steps: those furthest behind catch up first.
+            behind = min(member.control_steps for member in members)
+            ahead = [member.control_steps for member in members if member.control_steps > behind]
             with _failed_on_error(members):
-                failures |= trainer.train(*_furthest_behind(members, until))
+                failures |= TrainingGroup(
+                    [member for member in members if member.control_steps == behind],
+                    device,
+                    checkpoint_every,
+                    sharing,
+                    final_episodes,
+                    keep_state=keep_state,
+                ).train(min(ahead, default=until), report)
     return failures
 
 
@@ -118,51 +120,3 @@ def _failed_on_error(members: Sequence[Member]) -> Iterator[None]:
                 with contextlib.suppress(WorkError):
                     member.record.fail(sentence_of_failure(error))
         raise
-
-
-def _furthest_behind(
-    members: Sequence[Member], until: int | None
-) -> tuple[list[Member], int | None]:
-    """Returns the members to train first, and the control step at which they stop.
-
-    Seeds may have stopped at different steps: those furthest behind catch up with the next ones.
-    """
-    behind = min(member.control_steps for member in members)
-    ahead = [member.control_steps for member in members if member.control_steps > behind]
-    return [m for m in members if m.control_steps == behind], min(ahead, default=until)
-
-
-class _Trainer(NamedTuple):
-    """How the members of a batch are trained; see `run_batch` and `TrainingGroup`."""
-
-    device: str
-    checkpoint_every: float
-    keep_state: bool
-    groups: int | None
-    report: Report
-    sharing: int
-    final_episodes: int | None
-
-    def train(self, members: Sequence[Member], until: int | None) -> dict[str, WorkError]:
-        """Trains members at the same control step, and returns the error of each failed run."""
-        device = find_device(self.device)
-        parts = divided(members, self.groups or number_of_groups(len(members), device))
-        groups = [self._train_group(part, until, in_turns=len(parts) > 1) for part in parts]
-        failures: dict[str, WorkError] = {}
-        for failed in take_turns(groups, device):
-            failures |= failed
-        return failures
-
-    def _train_group(
-        self, members: Sequence[Member], until: int | None, *, in_turns: bool
-    ) -> Generator[None, None, dict[str, WorkError]]:
-        # Made at the first turn, on the group's stream.
-        group = TrainingGroup(
-            members,
-            self.device,
-            self.checkpoint_every,
-            self.sharing,
-            self.final_episodes,
-            keep_state=self.keep_state,
-        )
-        return (yield from group.train(until, self.report, in_turns=in_turns))

@@ -21,9 +21,8 @@ import torch
 from pydantic import BaseModel, ValidationError
 from torch import Tensor
 
-from jbench.agents.batched.engine import SeedState
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.plugin_engine import Trainer
+from jbench.agents.engine import Engine, SeedState
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
@@ -85,7 +84,7 @@ class _Piece(NamedTuple):
 
 
 def save(
-    record: Record, log: RunLog, engine: Trainer, index: int, *, only: bool = False
+    record: Record, log: RunLog, engine: Engine, index: int, *, only: bool = False
 ) -> Checkpoint:
     """Commits the pending rows of a run and a checkpoint atomically.
 
@@ -103,7 +102,7 @@ def save(
         row = engine.replay.row
         pieces = [] if only else _pieces(roles)
         piece, joined = _next_piece(pieces, engine.replay.oldest, row)
-        rows = engine.replay_rows(index, piece.first)
+        rows = engine.replay.rows_since(index, piece.first)
         files[piece.role] = safetensors.torch.save({_ROWS: rows.contiguous()})
         # The previous checkpoint needs rows that are older by the same number.
         behind = row - min((int(match[2]) for match in states[-1:]), default=row)

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 
 from jbench.agents.algorithms import algorithm_of, find_agent, find_rule
-from jbench.agents.batched.environments import Augment
 from jbench.agents.batched.make import Computation, make_engine
+from jbench.agents.engine import Engine
+from jbench.agents.environments import Augment
 from jbench.agents.plugin import is_resumable
-from jbench.agents.plugin_engine import PluginEngine, Trainer
+from jbench.agents.plugin_engine import PluginEngine
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
@@ -18,7 +19,7 @@ from jbench.training.evaluation import seeds_of
 
 def make_trainer(
     runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str
-) -> Trainer:
+) -> Engine:
     """Returns what trains an agent for each run.
 
     Args:
@@ -44,7 +45,7 @@ def make_trainer(
     return make_engine(
         settings.algo if settings.is_ours else find_rule(settings.algo),
         algorithm_of(settings),
-        [run.task for run in runs],
+        settings.task,
         seeds,
         computation=Computation(device, settings.precision),
         environments=settings.environments,

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.batched.environments import Cell
-from jbench.agents.plugin_engine import Trainer
+from jbench.agents.engine import Engine
 from jbench.names import EPISODE_STEPS
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
@@ -138,42 +137,33 @@ class Evaluator(EvaluationSchedule):
         """Resumes after `done` evaluations, the last of them at `last_steps` control steps."""
         self._done, self.last_steps = done, last_steps
 
-    def __call__(self, engine: Trainer, episodes: int | None = None) -> list[Evaluation]:
+    def __call__(self, engine: Engine, episodes: int | None = None) -> list[Evaluation]:
         """Returns an evaluation of each run.
 
         Args:
             episodes: None for the number in the settings.
         """
-        if not self._settings.evaluate_episodes:
-            return [Evaluation(np.zeros(0), 0, None) for _ in self._seeds]
-        episodes = self._settings.evaluate_episodes if episodes is None else episodes
-        evaluations: list[Evaluation] = []
-        for cell in engine.environments.cells:
-            evaluations += self._evaluate_cell(engine, cell, len(evaluations), episodes)
-        self._done += 1
-        return evaluations
-
-    def _evaluate_cell(
-        self, engine: Trainer, cell: Cell, first: int, episodes: int
-    ) -> list[Evaluation]:
-        """Returns an evaluation of each run of a cell, the first of which has this index."""
-        count = len(cell.generators)
-        seeds = self._seeds[first : first + count]
+        settings, seeds = self._settings, self._seeds
+        # As many at a time as in other evaluations: a matrix product rounds by its size.
+        block = settings.evaluate_episodes
+        if not block:
+            return [Evaluation(np.zeros(0), 0, None) for _ in seeds]
+        episodes = block if episodes is None else episodes
         generators = [resets.episode_generator(seed, self._done) for seed in seeds]
-
-        def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
-            actions = engine.act(observations.reshape(count, -1, observations.shape[-1]), first)
-            return actions.reshape(len(observations), -1)
-
-        settings = self._settings
         augment = settings.robot_seed(settings.robot_at(engine.control_steps))
         threads = engine.environments.threads
-        # As many at a time as in other evaluations: a matrix product rounds by its size.
-        block = self._settings.evaluate_episodes
+
+        def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
+            actions = engine.act(observations.reshape(len(seeds), -1, observations.shape[-1]))
+            return actions.reshape(len(observations), -1)
+
         blocks = [
-            _evaluations(cell.task, augment, generators, min(block, episodes - done), act, threads)
+            _evaluations(
+                settings.task, augment, generators, min(block, episodes - done), act, threads
+            )
             for done in range(0, episodes, block)
         ]
+        self._done += 1
         return [
             parts[0]._replace(returns=np.concatenate([part.returns for part in parts]))
             for parts in zip(*blocks, strict=True)

@@ -1,7 +1,7 @@
 """Trains runs in one engine, and commits their rows and checkpoints."""
 
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class TrainingGroup:
         Args:
             device: see `jbench.devices.find_device`.
             checkpoint_every: minimum seconds between two checkpoints.
-            sharing: number of runs that share the process, those of other groups among them.
+            sharing: number of runs that share the process, those at other steps among them.
             final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
             keep_state: whether the runs, when they finish, keep a checkpoint of their last step.
         """
@@ -58,16 +58,8 @@ class TrainingGroup:
         if members[0].checkpoint is not None:
             self._restore(members[0].checkpoint.position)
 
-    def train(
-        self, until: int | None, report: Report, *, in_turns: bool
-    ) -> Generator[None, None, dict[str, WorkError]]:
+    def train(self, until: int | None, report: Report) -> dict[str, WorkError]:
         """Trains to a control step (None: to the end), or until all runs have failed.
-
-        Args:
-            in_turns: whether to pause when updates were begun, which a GPU makes in the background.
-
-        Yields:
-            None at each pause.
 
         Returns:
             The error of each failed run by id.
@@ -85,10 +77,6 @@ class TrainingGroup:
                     break
                 if self._is_checkpoint_due(episode_ended=returns is not None):
                     self._save()
-                if in_turns and engine.begin_updates():
-                    self._share_processor_time()
-                    yield
-                    self._clock.restart()
             if until is None:
                 self._end()
             else:
@@ -106,7 +94,7 @@ class TrainingGroup:
         for index, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
             if isinstance(self._engine, OffPolicyEngine):
                 row = checkpoint.replay_row
-                self._engine.restore_rows(index, read_replay(member.record, row), row)
+                self._engine.replay.restore(index, read_replay(member.record, row), row)
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
         self._evaluator.restore(position.evaluations, position.last_evaluation)
         if position.last_evaluation == position.control_steps:

@@ -248,10 +248,6 @@ class ProcessorClock:
     """Processor time (user and system) of this process, over all its threads."""
 
     def __init__(self) -> None:
-        self.restart()
-
-    def restart(self) -> None:
-        """Leaves out the time since the last call."""
         self._last = time.process_time()
 
     def share(self, logs: Sequence[RunLog]) -> None:

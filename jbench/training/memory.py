@@ -26,7 +26,7 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     Args:
         device: of the batched engine.
     """
-    needed = _needed(runs, device)
+    needed = sum(replay_bytes(run, device) for run in runs if run.engine == "batched")
     if needed < _MIN_REPORTED:
         return None
     whose = "memory" if device == "cpu" else "the GPU's memory"
@@ -41,24 +41,6 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
         f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
         f"--set buffer_size={less}."
     )
-
-
-def stacks_for_memory(runs: Sequence[RunSettings], device: str, jobs: int = 1) -> int:
-    """Returns how many stacks the runs of one stack must be divided into for a GPU's memory.
-
-    Args:
-        jobs: stacks that are trained at a time.
-    """
-    needed = _needed(runs, device) * jobs
-    free = None if needed < _MIN_REPORTED else _available_on_gpu(device)
-    return 1 if free is None else -(-needed // max(int(_USABLE * free), 1))
-
-
-def _needed(runs: Sequence[RunSettings], device: str) -> int:
-    """Returns the maximum bytes of the replay buffers of concurrent runs."""
-    sizes = [replay_bytes(run, device) for run in runs if run.engine == "batched"]
-    # In a stack all rows are as long as the longest.
-    return sum(sizes) if device == "cpu" else len(sizes) * max(sizes, default=0)
 
 
 def _transitions(run: RunSettings, device: str) -> int:

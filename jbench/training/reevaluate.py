@@ -8,7 +8,7 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from jbench.agents.batched.engine import Engine
+from jbench.agents.batched.engine import BatchedEngine
 from jbench.cores import cores, one_thread
 from jbench.devices import find_device
 from jbench.errors import RequestError
@@ -169,7 +169,7 @@ def _returns(
         return np.array([episode_return for episode_return, _ in outcome])
     device = device_for(record.manifest.provenance)
     with make_trainer([settings], [agent.encoder], device) as engine:
-        assert isinstance(engine, Engine)
+        assert isinstance(engine, BatchedEngine)
         engine.load_policy(0, agent.policy, control_steps)
         evaluator = Evaluator(settings, [seed])
         evaluator.restore(number, control_steps)

@@ -9,7 +9,6 @@ from torch import nn
 from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.make import LEARNERS
-from jbench.agents.batched.network import affines
 from jbench.agents.batched.tensors import SeedView, Tensors, aligned
 from jbench.agents.sb3_classes import Spaces
 from jbench.settings.algorithms import algorithm_settings
@@ -131,11 +130,11 @@ def ours(algo, learner, tensors, seed=0):
         flats.pop("losses", None)
         for network, flat in flats.items():
             if algo == "ppo":
-                sizes = getattr(learner, network).sizes
+                layout = getattr(learner, network).layout
             else:
                 is_critic = network.startswith("critic")
-                sizes = learner.value_sizes if is_critic else learner.actor.sizes
-            for i, affine in enumerate(affines(flat, sizes)):
+                layout = learner.critic_layout if is_critic else learner.actor.layout
+            for i, affine in enumerate(layout.views(flat)):
                 tensors_by_name[f"{network} weight{i} {suffix}".strip()] = affine.weight.mT
                 tensors_by_name[f"{network} bias{i} {suffix}".strip()] = affine.bias
     return tensors_by_name

@@ -26,18 +26,3 @@ def test_stacked_adam_equals_adam_of_each_seed(count, parts):
             adam.step()
     for seed, (values, _) in enumerate(alone):
         torch.testing.assert_close(stack[seed], values, rtol=0, atol=1e-7)
-
-
-def test_twins_share_tensor_and_are_saved_separately():
-    tensors = Tensors(3)
-    view = SeedView(tensors).twin_view()
-    joint = view.saved("critic_target", 16)
-    assert joint.shape == (6, 16)
-    joint.copy_(torch.arange(6.0)[:, None].expand(6, 16))
-    assert tensors.saved["critic1_target"][:, 0].tolist() == [0, 1, 2]
-    assert tensors.saved["critic2_target"][:, 0].tolist() == [3, 4, 5]
-    assert SeedView(tensors, 1).saved("critic2_target", 16)[0] == 4
-    assert view.saved("critic_target", 16) is joint
-    SeedView(tensors, 0).saved("critic1", 16)
-    with pytest.raises(ValueError, match="have separate tensors"):
-        view.saved("critic", 16)

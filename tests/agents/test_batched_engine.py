@@ -13,12 +13,11 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
-from jbench.agents.batched.engine import SeedState
-from jbench.agents.batched.environments import Cell, Environments
-from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.make import Computation, make_engine
-from jbench.agents.batched.noise import ActionNoise
-from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.batched.off_policy import ActionNoise, OffPolicyEngine
+from jbench.agents.engine import SeedState
+from jbench.agents.environments import Environments
+from jbench.agents.generators import Generators
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS
 from jbench.policies.network import SavedNetwork
@@ -159,11 +158,11 @@ def test_restored_engine_continues_bit_for_bit(algo, options, stop):
         states = [round_trip(engine.state(index)) for index in range(2)]
         rows, row = [], 0
         if isinstance(engine, OffPolicyEngine):
-            rows = [engine.replay_rows(index) for index in range(2)]
+            rows = [engine.replay.rows_since(index) for index in range(2)]
             row = engine.replay.row
     with engine_of(algo, [8, 9], **options) as other:
         for index, seed_rows in enumerate(rows):
-            other.restore_rows(index, seed_rows, row)
+            other.replay.restore(index, seed_rows, row)
         other.restore(states)
         rest = trajectory(other, 1, 2 * STEPS)
     done = len(whole[0]) - len(rest[0])
@@ -212,7 +211,8 @@ def test_environments_equal_gymnasium_environment(augment):
         env.np_random = generator
     seen = [env.reset()[0] for env in plain]
     with Environments(
-        [Cell("move_to_pose", [own.environments for own in generators])],
+        "move_to_pose",
+        [seed.environments for seed in generators],
         episode_steps=LENGTH,
         threads=2,
         augment=lambda episode: augment,
@@ -243,7 +243,8 @@ def test_robot_can_differ_per_episode():
         engine.environments.step(actions)
         seen = engine.environments.observations[:, 0]
     with Environments(
-        [Cell("face_direction", [Generators(seed, 1).environments for seed in (0, 1)])],
+        "face_direction",
+        [Generators(seed, 1).environments for seed in (0, 1)],
         augment=lambda episode: 2,
     ) as others:
         for index, (tensors, _) in enumerate(state):
@@ -425,7 +426,7 @@ def test_actions_are_of_latest_policy():
         for _ in engine.learn(LENGTH - 1):
             policies.append(engine.policy(0))
             observations.append(engine.environments.observations[0, 0].clone())
-        actions = engine.replay_rows(0)[0, :, -2]
+        actions = engine.replay.rows_since(0)[0, :, -2]
     # Updates follow every 10th step, so step 11 uses an updated policy.
     assert not np.array_equal(
         *(policies[step].linear_layers()[0].arrays["weight"] for step in (9, 10))

@@ -104,7 +104,7 @@ def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe, a
         value = critic.forward(pairs)
         selected = None if algo == "td3" else rows
         delta = torch.ones(9 if selected is None else 3, 1, dtype=torch.float64)
-        if algo == "sac" or critic is learner.critics.first:
+        if algo == "sac" or critic is learner.critics.networks[0]:
             gradients.append((selected, critic.action_gradient(delta, selected)))
         values.append(value)
     for index, (critic, value) in enumerate(zip(learner.critics.networks, values, strict=True)):

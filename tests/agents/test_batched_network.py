@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from jbench.agents.batched.network import Network, affines, parameter_count
+from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.tensors import SeedView, Tensors
 
 SIZES = [(5, 1), (5, 20, 1), (17, 24, 20, 1), (16, 9, 33, 16, 2)]
@@ -17,11 +17,12 @@ def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, low_precision=Fa
     """A network with random parameters, of one seed or of a stack."""
     tensors = Tensors(seeds or 1, dtype, low_precision=low_precision)
     view = SeedView(tensors) if seeds else SeedView(tensors, 0)
-    count = parameter_count(sizes, joins, ACTIONS)
-    values, gradient = view.saved("values", count), view.scratch("gradient", count)
+    layout = Layout(sizes, ACTIONS, joins)
+    values, gradient = (
+        f(name, layout.length) for f, name in ((view.saved, "values"), (view.scratch, "gradient"))
+    )
     random = torch.Generator().manual_seed(0)
-    options = {"workspace": "workspace", "joins": joins, "actions": ACTIONS}
-    network = Network(view, sizes, values, gradient, **options)
+    network = Network(view, layout, values, gradient, workspace="workspace")
     for weight, bias in network.layers:
         for parameters in (weight, bias):
             nn.init.normal_(parameters, 0, 0.3, generator=random)
@@ -37,7 +38,7 @@ def in_torch(network, inputs):
     for i, (weight, bias) in enumerate(leaves):
         if i > 0:
             values = values.relu()
-        if i == network.joins:
+        if i == network.layout.joins:
             values = torch.cat([values, last], dim=-1)
         values = values @ weight + bias.unsqueeze(-2)
     return values, leaves
@@ -55,7 +56,7 @@ def test_gradients_equal_autograd(sizes, joins, seeds):
     plain = inputs.detach()
     torch.testing.assert_close(network.forward(plain), outputs.detach())
     network.backward(delta)
-    for ours, theirs in zip(affines(network.gradient, sizes, joins, ACTIONS), leaves, strict=True):
+    for ours, theirs in zip(network.layout.views(network.gradient), leaves, strict=True):
         for gradient, leaf in zip(ours, theirs, strict=True):
             torch.testing.assert_close(gradient, leaf.grad)
     network.forward(plain)
@@ -69,7 +70,7 @@ def test_padding_stays_zero(joins):
     network.backward(torch.randn(8, 2, dtype=torch.float64))
     for flat in (network.values, network.gradient):
         rest = flat.clone()
-        for affine in affines(rest, network.sizes, joins, ACTIONS):
+        for affine in network.layout.views(rest):
             for parameters in affine:
                 parameters.zero_()
         assert not rest.any()

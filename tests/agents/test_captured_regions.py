@@ -15,7 +15,6 @@ from torch.utils._pytree import tree_leaves
 
 from jbench.agents.batched import engine, off_policy
 from jbench.agents.batched.autograd import AutogradLearner
-from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.make import LEARNERS, ON_FEATURES
 from jbench.agents.batched.on_policy import Epochs
 from jbench.agents.batched.ppo import PPO
@@ -25,6 +24,7 @@ from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
+from jbench.agents.generators import Generators
 from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.bases import SCRIPT
@@ -85,7 +85,6 @@ def regions_of(
     ofe=None,
     precision="float32",
     limit=None,
-    sizes=(SIZE,) * SEEDS,
 ):
     """The number of kernels of each recorded function of an algorithm."""
     if isinstance(algo, str):
@@ -96,7 +95,7 @@ def regions_of(
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))
     tensors = Tensors(SEEDS, torch.float32, GPU, low_precision=precision == "bfloat16")
     generators = [Generators(seed, 1) for seed in range(SEEDS)]
-    team = Team(rule, settings, sizes, 1, generators, tensors, stacked=True)
+    team = Team(partial(rule, settings, SIZE, 1), generators, tensors, stacked=True)
     (group,) = team.groups
     if algo == "ppo":
         epochs = Epochs(settings, group, Rollout(SEEDS, 8, 16, SIZE, 1))
@@ -142,11 +141,6 @@ def test_recorded_updates_launch_documented_kernels_on_gpu(algo, precision):
     assert counts == documented(algo, precision)
 
 
-@pytest.mark.parametrize("algo", ALGORITHMS)
-def test_stack_of_several_cells_launches_kernels_of_one_cell(algo):
-    assert regions_of(algo, sizes=(SIZE, 5)) == regions_of(algo)
-
-
 @pytest.mark.parametrize(
     ("algo", "options"),
     [
@@ -183,7 +177,7 @@ def test_ppo_copies_nothing_to_device_between_updates():
     settings, seen = algorithm_settings("ppo"), []
     generators = [Generators(seed, 1) for seed in range(SEEDS)]
     tensors = Tensors(SEEDS, device=GPU)
-    team = Team(PPO, settings, [SIZE] * SEEDS, 1, generators, tensors, stacked=True)
+    team = Team(partial(PPO, settings, SIZE, 1), generators, tensors, stacked=True)
     rollout = Rollout(SEEDS, 1, 2 * settings.batch_size, SIZE, 1)
     epochs = Epochs(settings, team.groups[0], rollout)
     epochs._update = lambda *_: seen.append("update")

@@ -4,7 +4,6 @@ Each test also runs on a CPU with the seeds in one stack, without graphs. `pytho
 runs this file before it measures.
 """
 
-import functools
 import json
 import signal
 import subprocess
@@ -43,10 +42,6 @@ slow_on_a_cpu = pytest.mark.parametrize(
 )
 ROOT = Path(__file__).parents[2]
 
-# Seeds with 16, 5 and 15 inputs.
-TASKS = ["face_direction", "face_direction", "move_from_origin"]
-CELLS = {"task": TASKS, "encoder": [None, TanhEncoder(), None]}
-
 # PPO makes one update of all transitions after each rollout.
 ONE_UPDATE = {"changes": {"n_epochs": 1, "batch_size": 30}}
 
@@ -57,8 +52,8 @@ def filled_engine(algo, seeds, **options):
     random = torch.Generator().manual_seed(1)
     if isinstance(engine, OffPolicyEngine):
         for index in range(len(seeds)):
-            rows = torch.randn(1, 50, engine.environments.sizes[index] + 2, generator=random)
-            engine.restore_rows(index, rows, 50)
+            rows = torch.randn(1, 50, engine.environments.size + 2, generator=random)
+            engine.replay.restore(index, rows, 50)
     else:
         rows = engine._rollout.rows
         rows.copy_(torch.randn(rows.shape, generator=random))
@@ -94,8 +89,7 @@ def largest_difference(one, other):
         ),
         ("ddpg", SCRIPTS["ddpg"], torch.float64, 1e-9),
         ("td3", {"time_limit": "terminal"}, torch.float64, 1e-9),
-        ("td3", CELLS, torch.float64, 1e-9),
-        ("ppo", {**ONE_UPDATE, **CELLS}, torch.float64, 1e-9),
+        ("td3", {"encoder": TanhEncoder()}, torch.float64, 1e-9),
         ("td3", {"ofe": MANY}, torch.float64, 1e-9),
         ("sac", {"ofe": FEW}, torch.float64, 1e-9),
         # The products of both devices are rounded to bfloat16.
@@ -144,13 +138,13 @@ def stopped_at(engine, steps):
     states = [round_trip(engine.state(index)) for index in range(2)]
     if not isinstance(engine, OffPolicyEngine):
         return states, [], 0
-    return states, [engine.replay_rows(index) for index in range(2)], engine.replay.row
+    return states, [engine.replay.rows_since(index) for index in range(2)], engine.replay.row
 
 
 def resume(engine, states, rows, row):
     """Restores an engine from the results of `stopped_at`."""
     for index, its_rows in enumerate(rows):
-        engine.restore_rows(index, its_rows, row)
+        engine.replay.restore(index, its_rows, row)
     engine.restore(states)
     return engine
 
@@ -179,17 +173,10 @@ def test_restored_engine_continues_bit_for_bit(algo, options, steps, device):
 
 
 @on_each_device
-@pytest.mark.parametrize(
-    ("algo", "cells"),
-    [
-        *((algo, {}) for algo in ALGORITHMS),
-        ("sac", {"task": TASKS[1:]}),
-        ("ppo", {"task": TASKS[1:]}),
-    ],
-)
-def test_checkpoint_can_be_restored_on_other_device(algo, cells, device):
-    here = {"device": "cpu", "stacked": False, **cells}
-    there = {"device": device, "stacked": True, **cells}
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_checkpoint_can_be_restored_on_other_device(algo, device):
+    here = {"device": "cpu", "stacked": False}
+    there = {"device": device, "stacked": True}
     for first, second in ((here, there), (there, here)):
         with engine_of(algo, [0, 4], **first) as engine:
             saved = stopped_at(engine, 40)
@@ -248,20 +235,6 @@ def test_killed_run_resumes_bit_for_bit(device, tmp_path, monkeypatch):
         assert failures == {}
     assert resumed(events, [run]) == [(1, 200, "")]
     assert outcome(tmp_path / "killed", run) == outcome(tmp_path / "whole", run)
-
-
-@slow_on_a_cpu
-def test_stacks_in_antiphase_equal_separate_runs(device, tmp_path, monkeypatch):
-    shorten_episodes(monkeypatch.setattr)
-    stack_seeds(monkeypatch.setattr)
-    runs = [settings("td3", seed) for seed in range(4)]
-    together, alone = tmp_path / "together", tmp_path / "alone"
-    train = functools.partial(batched_run.run_batch, encoder=None, device=device)
-    assert train(runs, Results(together), groups=2) == {}
-    for half in (runs[:2], runs[2:]):
-        assert train(half, Results(alone)) == {}
-    for run in runs:
-        assert outcome(together, run) == outcome(alone, run)
 
 
 class Stopped(BaseException):

@@ -91,20 +91,15 @@ def test_engine_restored_between_episodes_continues_bit_for_bit(algo, options):
         learn(engine, stop)
         states = [round_trip(engine.state(index)) for index in range(2)]
         if algo != "ppo":
-            kept, row = [engine.replay_rows(index) for index in range(2)], engine.replay.row
+            kept, row = [engine.replay.rows_since(index) for index in range(2)], engine.replay.row
             assert kept[0].shape[-1] == 25 + 5 + 1
         expected = trajectory(engine, 1, STEPS)
     with engine_of(algo, seeds, **options) as other:
         if algo != "ppo":
             for index in range(2):
-                other.restore_rows(index, kept[index], row)
+                other.replay.restore(index, kept[index], row)
         other.restore(states)
         assert_same(trajectory(other, 1, STEPS), expected)
-
-
-def test_tasks_with_different_numbers_of_actions_are_no_stack():
-    with pytest.raises(ValueError, match="number of actions here, not face_direction, dmc:cheetah"):
-        engine_of("td3", [0, 1], task=["face_direction", TASK])
 
 
 def test_state_within_an_episode_is_refused():
@@ -142,7 +137,7 @@ def test_each_motor_explores_by_itself():
         warmup = {**changes, "uniform_warmup": uniform, "noise_sigma": 0.0 if uniform else 0.3}
         with engine_of("td3", [0], **CHEETAH, changes=warmup) as engine:
             learn(engine, 10 * LENGTH)
-            rows = engine.replay_rows(0)[0]
+            rows = engine.replay.rows_since(0)[0]
         # The last row of an episode has no action.
         actions = rows.view(10, LENGTH + 1, -1)[:, :-1, 17:-1].reshape(-1, ACTIONS).numpy()
         # Without correlation, the largest of 15 correlations of 200 samples is about 0.2.

@@ -24,7 +24,9 @@ from tests.encoders.encoder_data import planar_encoder
 TASK = "face_direction"
 # With a scaling of the inputs that is exactly symmetric, so are the latents but for theirs.
 HALF = np.full(16, 0.5, np.float32)
-PLANAR = planar_encoder(TASK, PlanarReduction, Scaling(-HALF, HALF))
+PLANAR, OTHER_PLANAR = (
+    planar_encoder(TASK, PlanarReduction, Scaling(-half, half)) for half in (HALF, 2 * HALF)
+)
 MIXING = SavedEncoder(
     PrincipalComponents(),
     {"components": np.tri(5, 16, dtype=np.float32), "mean": 0 * HALF},
@@ -60,7 +62,7 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
     rows, images = (encoded(encoder, *each) for each in replay_rows())
     changes = {"mirror": True, "tau": 0.1, "batch_size": 15}
     with engine_of(algo, [3], encoder=encoder, changes=changes, dtype=torch.float64) as engine:
-        engine.restore_rows(0, rows[None], ROWS)
+        engine.replay.restore(0, rows[None], ROWS)
         settings, (learner,), (updates,) = engine._settings, engine._team.each, engine._groups
         kind, names = PLAIN[algo]
         plain = kind(settings, engine.environments.size)
@@ -85,19 +87,18 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
 
 @pytest.mark.parametrize("algo", ["td3", slow("ddpg"), slow("sac")])
 def test_seed_in_stack_with_other_mirrors_equals_single_seed(algo):
-    tasks, encoders = [TASK, "move_from_origin", TASK], [None, None, PLANAR]
+    encoders, seeds = [PLANAR, OTHER_PLANAR], [0, 4]
     options = {"dtype": torch.float64, **MIRROR}
-    cells = {"task": tasks, "encoder": encoders, "stacked": True}
-    with engine_of(algo, [0, 4, 7], **cells, **options) as engine:
+    with engine_of(algo, seeds, encoder=encoders, stacked=True, **options) as engine:
         list(engine.learn(STEPS))
-        states = [engine.state(index) for index in range(3)]
-    for index, (task, encoder) in enumerate(zip(tasks, encoders, strict=True)):
-        with engine_of(algo, [[0, 4, 7][index]], task=task, encoder=encoder, **options) as single:
+        states = [engine.state(index) for index in range(2)]
+    for state, seed, encoder in zip(states, seeds, encoders, strict=True):
+        with engine_of(algo, [seed], encoder=encoder, **options) as single:
             list(single.learn(STEPS))
             expected = single.state(0)
-        assert states[index].scalars == expected.scalars
+        assert state.scalars == expected.scalars
         for name, tensor in expected.tensors.items():
-            torch.testing.assert_close(states[index].tensors[name], tensor, rtol=1e-8, atol=1e-8)
+            torch.testing.assert_close(state.tensors[name], tensor, rtol=1e-8, atol=1e-8)
 
 
 def test_half_of_minibatches_changes_training():

@@ -7,7 +7,7 @@ import pytest
 import safetensors.torch
 import torch
 
-from jbench.agents.packing import pack, unpack
+from jbench.agents.plugin import pack, unpack
 from jbench.errors import WorkError
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.agents.batched.engine import Engine
+from jbench.agents.engine import Engine
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings

@@ -11,7 +11,8 @@ import pytest
 from torch import nn
 
 import jbench
-from jbench.agents.batched.environments import Cell, Environments
+from jbench.agents.environments import Environments
+from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
@@ -56,37 +57,28 @@ def _short_episodes(results):
         yield
 
 
-def cells(*encoders):
-    """Two cells of two seeds with three environments, always with the same generators."""
-    generators = [[np.random.default_rng((i, j)) for j in range(3)] for i in range(4)]
-    tasks = (TASK, "move_to_pose")
-    return [
-        Cell(task, generators[2 * i : 2 * i + 2], encoder)
-        for i, (task, encoder) in enumerate(zip(tasks, encoders, strict=True))
-    ]
-
-
-def angle_signs(environments):
-    """Signs (4, 3) of the observed angles to the target, of environments without encoders."""
-    seen = environments.observations.numpy()
-    first = np.sign(seen[:2, :, 15])  # the last of 16 numbers
-    return np.concatenate([first, np.sign(seen[2:, :, 18])])
+def environments(*encoders):
+    """Two seeds with three environments, always with the same generators."""
+    generators = [[np.random.default_rng((i, j)) for j in range(3)] for i in range(2)]
+    return Environments(TASK, generators, encoders, episode_steps=15)
 
 
 def test_robots_in_training_get_negated_actions_where_target_is_on_right():
-    folded = (planar_encoder(task, PlanarMirror) for task in (TASK, "move_to_pose"))
     random = np.random.default_rng(0)
     with (
-        Environments(cells(None, None), episode_steps=15) as robots,
-        Environments(cells(*folded), episode_steps=15) as agents,
+        environments(None, None) as robots,
+        environments(
+            planar_encoder(TASK, PlanarReduction), planar_encoder(TASK, PlanarMirror)
+        ) as agents,
     ):
         signs = []
         for step in range(40):
             if step == 20:
                 agents.restore(1, agents.state(1), agents.episodes, agents.steps)
-            actions = random.uniform(-1, 1, (4, 3)).astype(np.float32)
-            signs.append(angle_signs(robots))
-            rewards = robots.step((signs[-1] * actions)[..., None]).rewards
+            actions = random.uniform(-1, 1, (2, 3)).astype(np.float32)
+            signs.append(np.sign(robots.observations.numpy()[1, :, 15]))  # the angle to the target
+            taken = np.stack([actions[0], signs[-1] * actions[1]])
+            rewards = robots.step(taken[..., None]).rewards
             np.testing.assert_array_equal(agents.step(actions[..., None]).rewards, rewards)
         assert -0.5 < np.mean(signs) < 0.5
 

@@ -5,7 +5,7 @@ from torch import Generator, Tensor
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
-from jbench.agents.batched.network import Network
+from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.tensors import SeedView
 from jbench.settings.algorithms import DDPGSettings
 
@@ -19,18 +19,21 @@ class DDPG(OffPolicyLearner):
     def __init__(
         self, settings: DDPGSettings, observation_size: int, action_size: int, view: SeedView
     ) -> None:
-        """See `Learner`."""
+        """Makes the networks; see `Learner`."""
+        self._settings = settings
         super().__init__(settings, observation_size, action_size, view)
-        self._settings, joins = settings, settings.action_layer
         # Only the actor's activations must outlive a forward pass of another network.
-        self.actor = self._network("actor", self.policy_sizes, workspace="actor")
-        (self.critic,) = self._critics(["critic"], ["critic"], joins=joins)
-        self.actor_target = self._network(
-            "actor_target", self.policy_sizes, "critic", learned=False
-        )
-        (self.critic_target,) = self._critics(["critic_target"], ["critic"], False, joins)
+        self.actor = self._network("actor", self.policy_layout, workspace="actor")
+        (self.critic,) = self._critics(["critic"], ["critic"])
+        self.actor_target = self._network("actor_target", self.policy_layout, "critic", False)
+        (self.critic_target,) = self._critics(["critic_target"], ["critic"], learned=False)
         self._actor_adam = self._adam("actor", self.actor)
         self._critic_adam = self._adam("critic", self.critic)
+
+    @property
+    def critic_layout(self) -> Layout:
+        """Layout of the critic; the settings say which layer takes the action."""
+        return super().critic_layout._replace(joins=self._settings.action_layer)
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
@@ -59,7 +62,8 @@ class DDPG(OffPolicyLearner):
         `backward` continues from the network outputs, dQ and du, to the parameters.
         """
         settings = self._settings
-        # y = r + gamma Q'(s', mu'(s'))
+        # y = r + gamma Q'(s', mu'(s')). The next actions are columns of `next_state_actions`, and
+        # the actions of `state_actions`.
         torch.tanh(self.actor_target.forward(batch.next_observations), out=batch.next_actions)
         next_values = self.critic_target.forward(batch.next_state_actions)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.network import Layer
+from jbench.agents.batched.layers import Layer
 from jbench.agents.batched.tensors import SeedView
 
 

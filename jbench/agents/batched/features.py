@@ -15,8 +15,9 @@ from torch import Generator, Tensor
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.dense import DenseLayers
+from jbench.agents.batched.layers import Affine, Layer, affine_count, affine_views
 from jbench.agents.batched.learner import initialize_uniform
-from jbench.agents.batched.network import Affine, Layer, Network, affine_count, affine_views
+from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import SeedView
 from jbench.policies.network import MAX_INPUT, SavedLayer, feature_layers, linear_layer
 from jbench.settings.records import OFESettings

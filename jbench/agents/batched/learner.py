@@ -2,18 +2,15 @@
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
 
-from jbench.agents.batched.adam import MOMENTS, Adam
+from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.network import Affine, Network, Sizes, affines, parameter_count
-from jbench.agents.batched.padding import weights_of
+from jbench.agents.batched.layers import Affine
+from jbench.agents.batched.network import Layout, Network, Twins
 from jbench.agents.batched.tensors import SeedView
-from jbench.agents.batched.twins import Twins
 from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer, relu_layers
 from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
@@ -31,7 +28,7 @@ class Learner:
 
     Attributes:
         action_size: numbers in an action, each in [-1, 1].
-        policy_sizes: of the network of the policy.
+        policy_layout: of the network of the policy.
     """
 
     losses: tuple[str, ...]
@@ -47,13 +44,12 @@ class Learner:
         """
         self.view, self.action_size = view, action_size
         self._learning_rate = settings.learning_rate
-        self.policy_sizes = (observation_size, *settings.hidden_layers, action_size)
+        self.policy_layout = Layout((observation_size, *settings.hidden_layers, action_size))
         self._loss_sums = view.saved(LOSS_SUMS, len(self.losses), 2)
         self._sums_by_name = dict(zip(self.losses, self._loss_sums.unbind(dim=-2), strict=True))
         # A mean loss, and the count of 1 that is added with it.
         self._mean_and_one = view.scratch("mean_and_one", 2).fill_(1)
         self._mean = self._mean_and_one[..., 0]
-        self._networks_by_name: dict[str, Network] = {}
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
@@ -72,20 +68,12 @@ class Learner:
         network, squash = self.policy_network()
         *inner, last = [
             (layer.weight.mT.numpy().copy(), layer.bias.numpy().copy())
-            for layer in affines(network.values.float().cpu(), network.sizes)
+            for layer in network.layout.views(network.values.float().cpu())
         ]
         # The first outputs of a stochastic policy are the mean.
         mean = [parameters[: self.action_size] for parameters in last]
         linear = [linear_layer(*parameters) for parameters in (*inner, mean)]
         return SavedNetwork([*self.feature_layers(), *relu_layers(linear, squash)])
-
-    def input_weights(self, inputs: slice) -> dict[str, list[slice]]:
-        """Returns where the saved tensors have the weights of some observed numbers, by name."""
-        return {
-            name: weights
-            for network, weights in self._input_weights(inputs).items()
-            for name in (network, *(f"{network}.{moment}" for moment in MOMENTS))
-        }
 
     def load_policy(self, policy: SavedNetwork) -> None:
         """Sets the deterministic policy of one seed; inverts `policy`, bit for bit.
@@ -96,7 +84,7 @@ class Learner:
         if policy.structure() != self.policy().structure():
             raise ValueError(OTHER_LAYERS)
         network, _ = self.policy_network()
-        layers = affines(network.values, network.sizes)
+        layers = network.layers
         for layer, saved in zip(layers, policy.linear_layers()[-len(layers) :], strict=True):
             weight, bias = saved.arrays["weight"], saved.arrays["bias"]
             layer.weight[:, : len(weight)] = torch.from_numpy(weight).mT
@@ -122,13 +110,6 @@ class Learner:
         """
         self._loss_sums.zero_()
 
-    def _input_weights(self, inputs: slice) -> dict[str, list[slice]]:
-        """Returns where some observed numbers' weights lie, by name of the flat parameters."""
-        return {
-            name: [weights_of(inputs, network.first_units)]
-            for name, network in self._networks_by_name.items()
-        }
-
     def _record_loss(self, loss: str, values: Tensor) -> None:
         """Records the mean of (..., batch, 1) values."""
         torch.mean(values, dim=(-2, -1), out=self._mean)
@@ -137,31 +118,20 @@ class Learner:
     def _network(
         self,
         name: str,
-        sizes: Sizes,
+        layout: Layout,
         workspace: str,
         learned: bool = True,
-        joins: int = 0,
-        actions: int = 0,
         make: Callable[..., Network] = Network,
-        view: SeedView | None = None,
     ) -> Network:
         """Returns a network whose parameters are saved under `name`; see `Network`."""
-        count, view = parameter_count(sizes, joins, actions), view or self.view
-        self._networks_by_name[name] = made = make(
-            view,
-            sizes,
-            view.saved(name, count),
-            view.scratch(f"{name}.gradient", count) if learned else None,
-            workspace=workspace,
-            joins=joins,
-            actions=actions,
-        )
-        return made
+        values = self.view.saved(name, layout.length)
+        gradient = self.view.scratch(f"{name}.gradient", layout.length) if learned else None
+        return make(self.view, layout, values, gradient, workspace=workspace)
 
     def _adam(self, name: str, network: Network) -> Adam:
         """Returns the optimizer of a network; its moments are saved under `name`."""
         assert network.gradient is not None
-        return Adam(network.view, name, network.values, network.gradient, self._learning_rate)
+        return Adam(self.view, name, network.values, network.gradient, self._learning_rate)
 
 
 class OffPolicyLearner(Learner):
@@ -173,14 +143,11 @@ class OffPolicyLearner(Learner):
     is_stochastic: bool = False
     """Whether the policy is stochastic, so that it explores by `explore` instead of `act`."""
 
-    joins_twins: ClassVar[bool] = True
-    """Whether two critics of a stack are computed as one network."""
-
     @property
-    def value_sizes(self) -> Sizes:
-        """Sizes of a critic, whose last inputs are the action."""
-        inputs, *hidden, _ = self.policy_sizes
-        return (inputs + self.action_size, *hidden, 1)
+    def critic_layout(self) -> Layout:
+        """Layout of a critic, whose last inputs are the action."""
+        inputs, *hidden, _ = self.policy_layout.sizes
+        return Layout((inputs + self.action_size, *hidden, 1), self.action_size)
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns sampled actions (..., N, action_size) of a stochastic policy.
@@ -222,33 +189,20 @@ class OffPolicyLearner(Learner):
         raise NotImplementedError
 
     def _critics(
-        self, names: Sequence[str], workspaces: Sequence[str], learned: bool = True, joins: int = 0
+        self, names: Sequence[str], workspaces: Sequence[str], learned: bool = True
     ) -> list[Network]:
         """Returns critics; each forward pass evaluates the first one before the others."""
         return [
-            self._network(
-                name, self.value_sizes, workspace, learned, joins, actions=self.action_size
-            )
+            self._network(name, self.critic_layout, workspace, learned)
             for name, workspace in zip(names, workspaces, strict=True)
         ]
 
     def _twins(self, workspaces: Sequence[str], suffix: str = "", learned: bool = True) -> Twins:
-        """Returns two critics, saved as critic1 and critic2 with a suffix.
-
-        Args:
-            workspaces: of each; the joint network of a stack takes the first.
-        """
+        """Returns two critics, saved as critic1 and critic2 with a suffix."""
         names = [f"critic{i}{suffix}" for i in (1, 2)]
-        if not (self.view.is_stack and self.joins_twins):
-            networks = self._critics(names, workspaces, learned)
-            pairs = zip(names, networks, strict=True)
-            return Twins(networks, [self._adam(*pair) for pair in pairs] if learned else ())
-        name, view = f"critic{suffix}", self.view.twin_view()
-        make = partial(
-            self._network, sizes=self.value_sizes, workspace=workspaces[0], actions=self.action_size
-        )
-        joint, first = make(name, learned=learned, view=view), make(names[0], learned=False)
-        return Twins([joint], [self._adam(name, joint)] if learned else (), first)
+        networks = self._critics(names, workspaces, learned)
+        pairs = zip(names, networks, strict=True)
+        return Twins(networks, [self._adam(*pair) for pair in pairs] if learned else ())
 
 
 def initialize_uniform(

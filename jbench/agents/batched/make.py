@@ -9,9 +9,6 @@ import torch
 
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.ddpg import DDPG
-from jbench.agents.batched.engine import Engine
-from jbench.agents.batched.environments import Augment, Cell, Environments
-from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_features import (
@@ -28,6 +25,8 @@ from jbench.agents.batched.sac import SAC
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
+from jbench.agents.environments import Augment, Environments
+from jbench.agents.generators import Generators
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.encoders import Encoder
@@ -93,7 +92,7 @@ class Computation:
 def make_engine(
     algo: str | type[Rule],
     settings: AlgorithmSettings,
-    task: str | Sequence[str],
+    task: str,
     seeds: Sequence[int],
     *,
     computation: Computation,
@@ -103,16 +102,14 @@ def make_engine(
     ofe: OFESettings | None = None,
     augment: Augment = lambda episode: None,
     episode_steps: int = EPISODE_STEPS,
-) -> Engine:
+) -> OffPolicyEngine | OnPolicyEngine:
     """Returns an engine with one untrained agent per seed.
 
     Args:
         algo: one of `jbench.names.ALGORITHMS`, or an update rule of another package.
-        task: of all seeds, or one for each seed.
         environments: per agent; None for the settings' number (PPO's n_envs, otherwise 1).
         time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
-        encoder: of all seeds, or one for each seed. Seeds with fewer inputs than others need a rule
-            of jbench with hidden layers and without `ofe`.
+        encoder: of all seeds, or one for each seed, with the same number of latents.
         ofe: settings of features learned with the agent (not with PPO); None for no features.
         augment: the robot of each episode.
         episode_steps: control steps in an episode; tests use short episodes.
@@ -128,22 +125,22 @@ def make_engine(
     count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
     generators = [Generators(seed, count) for seed in seeds]
     robots = Environments(
-        _cells(task, encoder, generators),
+        task,
+        [seed.environments for seed in generators],
+        encoder if isinstance(encoder, Sequence) else [encoder] * len(seeds),
         threads=computation.threads or (cores() if gpu else 1),
         augment=augment,
         episode_steps=episode_steps,
     )
-    sizes = robots.sizes, robots.action_size
-    learner = _learner(algo, settings, *sizes, ofe)
+    sizes = robots.size, robots.action_size
+    learner: Callable[..., Learner]
+    if not isinstance(algo, str):
+        assert isinstance(settings, OffPolicySettings)
+        learner = partial(AutogradLearner, rule=checked_rule(algo, settings, *sizes))
+    else:
+        learner = LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)
     stacked = gpu if computation.stacked is None else computation.stacked
-    team = Team(learner, settings, *sizes, generators, tensors, stacked=stacked)
-    return _engine(settings, team, robots, time_limit)
-
-
-def _engine(
-    settings: AlgorithmSettings, team: Team[Any], robots: Environments, time_limit: TimeLimit
-) -> Engine:
-    """Returns the engine of a team, with its replay buffers or rollouts."""
+    team: Team[Any] = Team(partial(learner, settings, *sizes), generators, tensors, stacked=stacked)
     if isinstance(settings, PPOSettings):
         return OnPolicyEngine(settings, team, robots, time_limit=time_limit)
     assert isinstance(settings, OffPolicySettings)
@@ -151,42 +148,6 @@ def _engine(
         return OffPolicyEngine(settings, team, robots, time_limit=time_limit)
     except torch.OutOfMemoryError:
         raise WorkError(
-            f"The GPU's memory is not enough for the replay buffers of {len(team.each)} seeds: "
-            f"type fewer --seeds at a time, or less than --set buffer_size={settings.buffer_size}."
+            f"The GPU's memory is not enough for the replay buffers of {len(seeds)} seeds: type "
+            f"fewer --seeds at a time, or less than --set buffer_size={settings.buffer_size}."
         ) from None
-
-
-def _cells(
-    task: str | Sequence[str],
-    encoder: Encoder | Sequence[Encoder | None] | None,
-    generators: Sequence[Generators],
-) -> list[Cell]:
-    """Returns the cells of the seeds with these generators."""
-    tasks = [task] * len(generators) if isinstance(task, str) else task
-    encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(generators)
-    cells: list[Cell] = []
-    for its_task, its_encoder, own in zip(tasks, encoders, generators, strict=True):
-        last = cells[-1] if cells else None
-        if last is None or last.task != its_task or last.encoder is not its_encoder:
-            cells.append(Cell(its_task, [], its_encoder))
-        cells[-1].generators.append(own.environments)
-    return cells
-
-
-def _learner(
-    algo: str | type[Rule],
-    settings: AlgorithmSettings,
-    sizes: Sequence[int],
-    action_size: int,
-    ofe: OFESettings | None,
-) -> Callable[..., Learner]:
-    """Returns the class of the learners of seeds with these numbers of inputs."""
-    # The weights of inputs fill whole vectors of memory only in front of hidden layers.
-    pads = isinstance(algo, str) and ofe is None and settings.hidden_layers
-    if not pads and len(set(sizes)) > 1:
-        raise ValueError(f"All seeds must have the same number of inputs here, not {sizes}.")
-    if not isinstance(algo, str):
-        assert isinstance(settings, OffPolicySettings)
-        rule = checked_rule(algo, settings, sizes[0], action_size)
-        return partial(AutogradLearner, rule=rule)
-    return LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)

@@ -1,5 +1,7 @@
 """Training loop of DDPG, TD3 and SAC: act, store transitions, update from a replay buffer."""
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,20 +9,19 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.engine import Engine, act
-from jbench.agents.batched.environments import Environments, Step
+from jbench.agents.batched.engine import BatchedEngine, act
 from jbench.agents.batched.learner import OffPolicyLearner
-from jbench.agents.batched.noise import ActionNoise
-from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.updates import Updates
+from jbench.agents.environments import Environments, StepResult
+from jbench.agents.generators import Generators
 from jbench.encoders.mirror import input_mirror
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 
 
-class OffPolicyEngine(Engine):
+class OffPolicyEngine(BatchedEngine):
     """Agents that learn from one replay buffer each."""
 
     def __init__(
@@ -67,30 +68,10 @@ class OffPolicyEngine(Engine):
         ]
         self.replay.begin(environments.observations)
 
-    def replay_rows(self, seed: int, first: int = 0) -> Tensor:
-        """Returns a seed's replay rows (environments, rows, own width), without `replay.row`.
-
-        Args:
-            first: number of the first row; expired rows are left out.
-        """
-        rows = self.replay.rows_since(seed, first)
-        return without_padding(rows, self.environments.padding(seed))
-
-    def restore_rows(self, seed: int, rows: Tensor, row: int) -> None:
-        """Restores the replay rows of a seed; `restore` of all seeds must follow.
-
-        Args:
-            rows: as from `replay_rows`, up to row number `row` - 1.
-            row: the saved `replay.row`, the same for all seeds.
-        """
-        if rows.numel():
-            rows = with_padding(rows, self.environments.padding(seed))
-        self.replay.restore(seed, rows, row)
-
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         settings, shape = self._settings, self._noise.previous.shape[1:]
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:
-            actions = np.stack([each.actions.uniform(-1, 1, shape) for each in self._generators])
+            actions = np.stack([seed.actions.uniform(-1, 1, shape) for seed in self._generators])
         else:
             actions = self._policy_actions(observations).numpy()
         noisy_actions = actions + self._noise.draw(self._generators)
@@ -101,16 +82,16 @@ class OffPolicyEngine(Engine):
         if not self._team.each[0].is_stochastic:
             return self._team.run(act, observations)
         shape = self._noise.previous.shape[1:]
-        noise = np.stack([each.actions.standard_normal(shape) for each in self._generators])
+        noise = np.stack([seed.actions.standard_normal(shape) for seed in self._generators])
         return self._team.run(_explore, observations, torch.from_numpy(noise))
 
-    def _store(self, observations: Tensor, actions: NDArray[np.floating], step: Step) -> None:
+    def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
         self.replay.add(actions, step.rewards, step.observations)
         if step.episode_returns is not None:
             self._noise.reset()
             self.replay.begin(self.environments.observations)
 
-    def _learn(self) -> None:
+    def _update(self) -> None:
         self.replay.flush()
         if self.control_steps <= self._settings.learning_starts:
             return
@@ -137,13 +118,42 @@ def _explore(agent: OffPolicyLearner, observations: Tensor, noise: Tensor) -> Te
     return agent.explore(observations, noise)
 
 
+class ActionNoise:
+    """Normal or Ornstein-Uhlenbeck noise for each robot of each seed.
+
+    Attributes:
+        previous: (seeds, environments, action_size) state of the process; zeros for normal noise.
+    """
+
+    def __init__(self, settings: OffPolicySettings, shape: tuple[int, int, int]) -> None:
+        """Starts the processes at 0; the shape is (seeds, environments, action_size)."""
+        self._kind = settings.action_noise
+        self._mean, self._sigma = settings.noise_mean, settings.noise_sigma
+        self._pull = settings.noise_theta * settings.noise_dt
+        self._step = settings.noise_sigma * math.sqrt(settings.noise_dt)
+        self.previous = np.zeros(shape)
+
+    def reset(self) -> None:
+        """Restarts the processes at the beginning of an episode."""
+        self.previous[:] = 0
+
+    def draw(self, generators: Sequence[Generators]) -> NDArray[np.float64] | float:
+        """Returns the next noise (seeds, environments, action_size); 0 if there is none."""
+        if self._kind == "none":
+            return 0.0
+        shape = self.previous.shape[1:]
+        normal = np.stack([seed.actions.standard_normal(shape) for seed in generators])
+        if self._kind == "normal":
+            return self._mean + self._sigma * normal
+        self.previous += self._pull * (self._mean - self.previous) + self._step * normal
+        return self.previous
+
+
 def _row_mirror(environments: Environments) -> Tensor:
     """Returns gain and offset (2, seeds, width) of mirrored rows of the replay buffers."""
-    gain, offset = [], []
-    for cell in environments.cells:
-        inputs = input_mirror(cell.task, cell.encoder)
-        padding = environments.size - cell.size
-        actions = environments.action_size
-        gain += [[*inputs.gain, *[1] * padding, *[-1] * actions, 1]] * len(cell.generators)
-        offset += [[*inputs.offset, *[0] * (padding + actions), 0]] * len(cell.generators)
+    gain, offset, actions = [], [], environments.action_size
+    for encoder in environments.encoders:
+        inputs = input_mirror(environments.task, encoder)
+        gain.append([*inputs.gain, *[-1] * actions, 1])
+        offset.append([*inputs.offset, *[0] * actions, 0])
     return torch.tensor([gain, offset], dtype=torch.float64)

@@ -14,7 +14,7 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.ddpg import DDPG
 from jbench.agents.batched.features import FeatureCritic, Features
 from jbench.agents.batched.learner import OffPolicyLearner
-from jbench.agents.batched.network import Network
+from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.sac import SAC
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import SeedView
@@ -30,8 +30,6 @@ class OnFeatures(OffPolicyLearner):
     Target networks use the current features too. The agent's gradients do not change the features,
     which are computed in full precision.
     """
-
-    joins_twins = False  # the second critic takes the features that the first one has computed
 
     def __init__(
         self,
@@ -101,15 +99,20 @@ class OnFeatures(OffPolicyLearner):
         self.features.observation_features(batch.next_observations, encoded.next_observations)
         return encoded
 
+    @property
+    def critic_layout(self) -> Layout:
+        """Layout of a critic of z_oa."""
+        inputs = self.features.state_action_size
+        return Layout((inputs, *self.policy_layout.sizes[1:-1], 1))
+
     def _critics(
-        self, names: Sequence[str], workspaces: Sequence[str], learned: bool = True, joins: int = 0
+        self, names: Sequence[str], workspaces: Sequence[str], learned: bool = True
     ) -> list[Network]:
         """See `OffPolicyLearner._critics`; z_oa is computed once for all critics."""
-        sizes = (self.features.state_action_size, *self.value_sizes[1:])
         critics: list[Network] = []
         for name, workspace in zip(names, workspaces, strict=True):
             make = partial(FeatureCritic, self.features, critics[0] if critics else None)
-            critics.append(self._network(name, sizes, workspace, learned, make=make))
+            critics.append(self._network(name, self.critic_layout, workspace, learned, make))
         return critics
 
 

@@ -8,18 +8,17 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.engine import Engine
-from jbench.agents.batched.environments import Environments, Step
+from jbench.agents.batched.engine import BatchedEngine
 from jbench.agents.batched.graphs import Captured
-from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.rollout import Rollout, minibatch_of
 from jbench.agents.batched.team import Group, Team
+from jbench.agents.environments import Environments, StepResult
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import PPOSettings
 
 
-class OnPolicyEngine(Engine):
+class OnPolicyEngine(BatchedEngine):
     """Agents that learn from the transitions of their last rollout."""
 
     def __init__(
@@ -52,7 +51,7 @@ class OnPolicyEngine(Engine):
         actions: NDArray[np.floating] = self._outputs[..., : shape[1]].numpy()
         return actions
 
-    def _store(self, observations: Tensor, actions: NDArray[np.floating], step: Step) -> None:
+    def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
         rewards = torch.from_numpy(step.rewards).to(self._rollout.rows.dtype)
         ended = step.episode_returns is not None
         if ended and self._bootstrap:
@@ -61,7 +60,7 @@ class OnPolicyEngine(Engine):
             rewards += self._settings.gamma * values
         self._rollout.add(observations, self._outputs, rewards, ended)
 
-    def _learn(self) -> None:
+    def _update(self) -> None:
         settings = self._settings
         last_values = self._team.run(PPO.value, self.environments.observations)[..., 0]
         self._rollout.estimate(last_values, settings.gamma, settings.gae_lambda)
@@ -72,14 +71,12 @@ class OnPolicyEngine(Engine):
         self.updates += settings.n_epochs
 
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
-        steps, padding = self._rollout.steps, self.environments.padding(seed)
-        return {
-            "rollout": without_padding(self._rollout.rows[seed, :, :steps], padding),
-            "ends": torch.from_numpy(self._rollout.ends[:steps]),
-        }
+        steps = self._rollout.steps
+        ends = torch.from_numpy(self._rollout.ends[:steps])
+        return {"rollout": self._rollout.rows[seed, :, :steps], "ends": ends}
 
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
-        rows = with_padding(tensors["rollout"], self.environments.padding(seed))
+        rows = tensors["rollout"]
         self._rollout.steps = steps = rows.shape[1]
         self._rollout.rows[seed, :, :steps] = rows
         self._rollout.ends[:steps] = tensors["ends"].numpy()

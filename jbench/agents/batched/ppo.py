@@ -8,8 +8,7 @@ from torch import Generator, Tensor
 
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.learner import Learner, sum_over_actions
-from jbench.agents.batched.network import Network, parameter_count
-from jbench.agents.batched.padding import weights_of
+from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.tensors import SeedView, aligned
 from jbench.settings.algorithms import PPOSettings
 
@@ -45,13 +44,13 @@ class PPO(Learner):
     def __init__(
         self, settings: PPOSettings, observation_size: int, action_size: int, view: SeedView
     ) -> None:
-        """See `Learner`."""
+        """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         self._settings = settings
         # One network with the outputs mu(s) and V(s), or two networks.
         outputs = (action_size + 1,) if settings.shared_layers else (action_size, 1)
-        sizes = [(*self.policy_sizes[:-1], count) for count in outputs]
-        actor_length, *critic_length = map(parameter_count, sizes)
+        layouts = [Layout((*self.policy_layout.sizes[:-1], count)) for count in outputs]
+        actor_length, *critic_length = (layout.length for layout in layouts)
         lengths = [actor_length, aligned(action_size), *critic_length]
         # Networks and log sigma are one vector, because their gradient is clipped by its norm.
         self._values = view.saved("policy", sum(lengths))
@@ -61,9 +60,9 @@ class PPO(Learner):
         )
         self.log_sigma, self._log_sigma_gradient = (flat[..., :action_size] for flat in log_sigma)
         self._networks = [
-            Network(view, its_sizes, *flats, workspace=workspace)
-            for its_sizes, flats, workspace in zip(
-                sizes, (actor, *critic), ("actor", "critic"), strict=False
+            Network(view, layout, *flats, workspace=workspace)
+            for layout, flats, workspace in zip(
+                layouts, (actor, *critic), ("actor", "critic"), strict=False
             )
         ]
         self.actor, self.critic = self._networks[0], self._networks[-1]
@@ -85,14 +84,6 @@ class PPO(Learner):
     def act(self, observations: Tensor) -> Tensor:
         """Returns mu(s), clipped."""
         return self.actor.forward(observations, exact=True)[..., : self.action_size].clamp(-1, 1)
-
-    def _input_weights(self, inputs: slice) -> dict[str, list[slice]]:
-        """See `Learner`; the networks are parts of one vector."""
-        starts = (0, self._values.shape[-1] - self.critic.values.shape[-1])
-        units = self.actor.first_units
-        return {
-            "policy": [weights_of(inputs, units, start) for start in starts[: len(self._networks)]]
-        }
 
     def policy_network(self) -> tuple[Network, str]:
         """See `Learner.policy_network`."""

@@ -131,7 +131,7 @@ class ReplayBuffer:
         """
         return self._rows[seeds.start : seeds.stop].flatten(0, 2)
 
-    def rows_since(self, seed: int, first: int) -> Tensor:
+    def rows_since(self, seed: int, first: int = 0) -> Tensor:
         """Returns a copy of a seed's rows from number `first` on, (environments, rows, width).
 
         Expired rows and the row of the current observation are left out.

@@ -14,7 +14,7 @@ from jbench.agents.batched.learner import (
     sum_over_actions,
     tanh_gradient,
 )
-from jbench.agents.batched.network import Network
+from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.tensors import SeedView
 from jbench.settings.algorithms import SACSettings
 
@@ -25,7 +25,7 @@ _EPSILON = 1e-6
 _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
 
 
-class Sample(NamedTuple):
+class SampledActions(NamedTuple):
     """Sampled actions a = tanh(u), u = mu(s) + sigma(s) e; each (..., N, action_size).
 
     Attributes:
@@ -50,7 +50,7 @@ class SAC(OffPolicyLearner):
     def __init__(
         self, settings: SACSettings, observation_size: int, action_size: int, view: SeedView
     ) -> None:
-        """See `Learner`."""
+        """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         self.noise_per_transition = 2 * action_size
         self._tau, self._interval = settings.tau, settings.target_update_interval
@@ -60,8 +60,8 @@ class SAC(OffPolicyLearner):
         self._learns_temperature = settings.ent_coef == "auto"
         self._initial_temperature = 1.0 if settings.ent_coef == "auto" else settings.ent_coef
         # The actor's outputs are mu(s) and log sigma(s).
-        sizes = (*self.policy_sizes[:-1], 2 * action_size)
-        self.actor = self._network("actor", sizes, workspace="actor")
+        layout = Layout((*self.policy_layout.sizes[:-1], 2 * action_size))
+        self.actor = self._network("actor", layout, workspace="actor")
         # Both critics' activations are needed at the same time, those of their targets are not.
         self.critics = self._twins(["critic1", "critic2"])
         self.critic_targets = self._twins(["critic1", "critic1"], "_target", learned=False)
@@ -115,6 +115,7 @@ class SAC(OffPolicyLearner):
         temperature = self.log_temperature.exp().unsqueeze(-1)
 
         next_sample = self._sample(batch.next_observations, batch.noise[..., self.action_size :])
+        # The next actions are columns of `next_state_actions`, and the actions of `state_actions`.
         batch.next_actions.copy_(next_sample.actions)
         next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
         next_values.addcmul_(temperature, next_sample.log_likelihoods, value=-1)
@@ -148,7 +149,7 @@ class SAC(OffPolicyLearner):
         if delayed:
             self.critic_targets.polyak_update(self.critics, self._tau)
 
-    def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> Sample:
+    def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> SampledActions:
         """Samples an action per observation with noise e (..., N, action_size)."""
         outputs = self.actor.forward(observations, exact=exact)
         mean, raw = outputs.split(self.action_size, dim=-1)
@@ -158,7 +159,9 @@ class SAC(OffPolicyLearner):
         # log pi(a | s) = log N(u; mu, sigma) - log da/du
         log_slope = torch.log(1 + _EPSILON - actions.square())
         log_likelihoods = -0.5 * noise.square() - log_sigma - _HALF_LOG_2_PI - log_slope
-        return Sample(actions, sum_over_actions(log_likelihoods), scaled_noise, raw == log_sigma)
+        return SampledActions(
+            actions, sum_over_actions(log_likelihoods), scaled_noise, raw == log_sigma
+        )
 
     def _minimum_gradient(self, first: Tensor, second: Tensor, by_minimum: Tensor) -> Tensor:
         """Returns the gradient of a loss by the actions of the critics' last evaluation.
@@ -171,7 +174,10 @@ class SAC(OffPolicyLearner):
         is_first = first <= second
         if self.view.is_stack:
             by_first = is_first.to(by_minimum.dtype).mul_(by_minimum)
-            return self.critics.action_gradient(by_first, by_minimum - by_first)
+            deltas = by_first, by_minimum - by_first
+            pairs = zip(self.critics.networks, deltas, strict=True)
+            gradient, other = (critic.action_gradient(delta) for critic, delta in pairs)
+            return gradient.add_(other)
         # Each critic goes backward on its own rows only. This halves the work, but the sizes vary,
         # which a CUDA graph does not allow.
         by_action = by_minimum.new_empty(len(by_minimum), self.action_size)
@@ -182,7 +188,7 @@ class SAC(OffPolicyLearner):
         return by_action
 
     def _policy_gradient(
-        self, sample: Sample, temperature: Tensor, by_action: Tensor, mean_weight: Tensor
+        self, sample: SampledActions, temperature: Tensor, by_action: Tensor, mean_weight: Tensor
     ) -> Tensor:
         """Returns the gradient (..., N, 2 action_size) of L_pi by mu(s) and log sigma(s).
 

@@ -20,17 +20,17 @@ class TD3(OffPolicyLearner):
     def __init__(
         self, settings: TD3Settings, observation_size: int, action_size: int, view: SeedView
     ) -> None:
-        """See `Learner`."""
+        """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         self.noise_per_transition = action_size
         self._initialization = settings.initialization
         self._tau, self._delay = settings.tau, settings.policy_delay
         self._sigma, self._clip = settings.target_policy_noise, settings.target_noise_clip
         # Only the actor's activations must outlive a forward pass of another network.
-        self.actor = self._network("actor", self.policy_sizes, workspace="actor")
+        self.actor = self._network("actor", self.policy_layout, workspace="actor")
         workspaces = ["critic"] * 2
         self.critics = self._twins(workspaces)
-        self.actor_target = self._network("actor_target", self.policy_sizes, "critic", False)
+        self.actor_target = self._network("actor_target", self.policy_layout, "critic", False)
         self.critic_targets = self._twins(workspaces, "_target", learned=False)
         self._actor_adam = self._adam("actor", self.actor)
 
@@ -71,6 +71,7 @@ class TD3(OffPolicyLearner):
         """
         smoothing = (batch.noise * self._sigma).clamp_(-self._clip, self._clip)
         next_actions = self.actor_target.forward(batch.next_observations).tanh_()
+        # The next actions are columns of `next_state_actions`, and the actions of `state_actions`.
         torch.clamp(next_actions.add_(smoothing), -1, 1, out=batch.next_actions)
         next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
@@ -82,8 +83,9 @@ class TD3(OffPolicyLearner):
         if delayed:
             # Minimize L_pi over the actor.
             torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
-            values = self.critics.first.forward(batch.state_actions)
-            by_action = self.critics.first.action_gradient(-batch.mean_weight)
+            critic = self.critics.networks[0]
+            values = critic.forward(batch.state_actions)
+            by_action = critic.action_gradient(-batch.mean_weight)
             self.actor.backward(tanh_gradient(by_action, batch.actions))
             self._actor_adam.step()
             self._record_loss("actor_loss", -values)

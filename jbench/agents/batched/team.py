@@ -1,8 +1,6 @@
 """The agents of several seeds."""
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, Concatenate, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -10,13 +8,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import Learner
-from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.tensors import SeedView, Tensors
-from jbench.policies.network import SavedNetwork
-from jbench.settings.algorithms import AlgorithmSettings
+from jbench.agents.generators import Generators
 
 _Learner = TypeVar("_Learner", bound=Learner)
 Method = Callable[Concatenate[_Learner, ...], Tensor]
@@ -56,9 +51,6 @@ class Group(NamedTuple, Generic[_Learner]):
 class Team(Generic[_Learner]):
     """One learner per seed, and optionally one for the whole stack, on the same tensors.
 
-    The tensors of a seed with fewer inputs than others are padded: the weights of missing inputs
-    are 0 and stay 0, because those inputs are 0. States and policies are not padded.
-
     Attributes:
         generators: one per seed.
         tensors: the state of the agents.
@@ -68,10 +60,7 @@ class Team(Generic[_Learner]):
 
     def __init__(
         self,
-        learner: Callable[..., _Learner],
-        settings: AlgorithmSettings,
-        sizes: Sequence[int],
-        action_size: int,
+        make: Callable[..., _Learner],
         generators: Sequence[Generators],
         tensors: Tensors,
         *,
@@ -80,63 +69,25 @@ class Team(Generic[_Learner]):
         """Makes the learners; all parameters are zeros.
 
         Args:
-            sizes: number of inputs of the policy of each seed.
+            make: makes the learner of a `view`.
             generators: one per seed.
             stacked: whether to compute all seeds in one stack or one after another.
         """
         self.generators, self.tensors = generators, tensors
-        self._sizes, largest = sizes, max(sizes)
-        self._make = partial(learner, settings, action_size=action_size)
-        # It comes first, because it decides how the tensors lie in memory.
-        self._stack = self._make(largest, view=SeedView(tensors)) if stacked else None
-        self.each = [
-            self._make(largest, view=SeedView(tensors, seed)) for seed in range(len(sizes))
-        ]
-        self._padding = [
-            learner.input_weights(slice(size, largest)) if size < largest else {}
-            for size, learner in zip(sizes, self.each, strict=True)
-        ]
+        seeds = range(len(generators))
+        self.each = [make(view=SeedView(tensors, seed)) for seed in seeds]
+        self._stack = make(view=SeedView(tensors)) if stacked else None
         self.groups = (
             [
-                Group(learner, range(seed, seed + 1), [generators[seed]])
+                Group(learner, seeds[seed : seed + 1], [generators[seed]])
                 for seed, learner in enumerate(self.each)
             ]
             if self._stack is None
-            else [Group(self._stack, range(tensors.seeds), generators)]
+            else [Group(self._stack, seeds, generators)]
         )
         self._captured = Captured(tensors.device)
         self._inputs: dict[Hashable, list[tuple[Tensor, Tensor]]] = {}
         self._outputs: dict[Hashable, Tensor] = {}
-
-    def initialize(self) -> None:
-        """Draws the initial parameters of every seed."""
-        for seed, own in enumerate(self.generators):
-            with self._unpadded(seed) as learner:
-                learner.initialize(own.weights())
-
-    def policy(self, seed: int) -> SavedNetwork:
-        """Returns a copy of the deterministic policy of a seed."""
-        with self._unpadded(seed) as learner:
-            return learner.policy()
-
-    def load_policy(self, seed: int, policy: SavedNetwork) -> None:
-        """Sets the deterministic policy of a seed; see `Learner.load_policy`."""
-        with self._unpadded(seed) as learner:
-            learner.load_policy(policy)
-
-    def state(self, seed: int) -> dict[str, Tensor]:
-        """Returns the state of the agent of a seed by name."""
-        padding = self._padding[seed]
-        return {
-            name: without_padding(saved[seed], padding.get(name, []))
-            for name, saved in self.tensors.saved.items()
-        }
-
-    def restore(self, seed: int, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state` returned."""
-        padding = self._padding[seed]
-        for name, saved in self.tensors.saved.items():
-            saved[seed] = with_padding(state[name], padding.get(name, []))
 
     def run(self, method: Method[_Learner], *inputs: Tensor) -> Tensor:
         """Evaluates a method of every agent on its inputs.
@@ -150,8 +101,8 @@ class Team(Generic[_Learner]):
             (seeds, N, any), on the CPU.
         """
         if self._stack is None:
-            of_seeds = zip(self.each, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
-            return torch.stack([method(agent, *own) for agent, *own in of_seeds])
+            per_seed = zip(self.each, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
+            return torch.stack([method(agent, *arguments) for agent, *arguments in per_seed])
         key = (method, *(x.shape for x in inputs))
         if key not in self._inputs:
             self._inputs[key] = [self.tensors.transfer_buffers(x.shape) for x in inputs]
@@ -161,19 +112,6 @@ class Team(Generic[_Learner]):
             on_device.copy_(on_cpu, non_blocking=True)
         self._captured(self._run_stack, key)
         return self._outputs[key].cpu()
-
-    @contextmanager
-    def _unpadded(self, seed: int) -> Iterator[_Learner]:
-        """Yields the learner of a seed in its own sizes; changes of its state are kept."""
-        if not self._padding[seed]:
-            yield self.each[seed]
-            return
-        own = Tensors(1, self.tensors.dtype)
-        learner = self._make(self._sizes[seed], view=SeedView(own, 0))
-        for name, values in self.state(seed).items():
-            own.saved[name][0] = values
-        yield learner
-        self.restore(seed, {name: saved[0] for name, saved in own.saved.items()})
 
     def _run_stack(self, key: Hashable) -> None:
         assert isinstance(key, tuple)

@@ -55,7 +55,6 @@ class Tensors:
         self.device = torch.device(device)
         self.saved: dict[str, Tensor] = {}
         self._scratch: dict[tuple[object, ...], Tensor] = {}
-        self._twins: dict[tuple[str, str], Tensor] = {}
 
     def transfer_buffers(self, shape: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Returns a buffer on the CPU and one on the device: on a CPU, the same buffer twice.
@@ -72,21 +71,6 @@ class Tensors:
         if name not in self.saved:
             self.saved[name] = self._zeros((self.seeds, *shape), dtype)
         return self.saved[name]
-
-    def twin_tensor(
-        self, names: tuple[str, str], shape: tuple[int, ...], dtype: torch.dtype | None
-    ) -> Tensor:
-        """Returns the (2 seeds, *shape) tensor of two names, whose halves are saved under them.
-
-        Raises:
-            ValueError: if the names have separate tensors already.
-        """
-        if names not in self._twins:
-            if not self.saved.keys().isdisjoint(names):
-                raise ValueError(f"{names} have separate tensors: make the stacked view first.")
-            self._twins[names] = self._zeros((2 * self.seeds, *shape), dtype)
-            self.saved |= zip(names, self._twins[names].chunk(2), strict=True)
-        return self._twins[names]
 
     def scratch_tensor(
         self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None
@@ -117,10 +101,6 @@ class SeedView:
         self._tensors, self._seed = tensors, seed
         self.batch_shape: tuple[int, ...] = (tensors.seeds,) if seed is None else ()
 
-    def twin_view(self) -> "TwinView":
-        """Returns the tensors of both critics, of a stack."""
-        return TwinView(self._tensors)
-
     @property
     def is_stack(self) -> bool:
         """Whether these are the tensors of all seeds, with a leading axis."""
@@ -147,21 +127,3 @@ class SeedView:
         Views of single seeds share it, because they are updated one after another.
         """
         return self._tensors.scratch_tensor(name, (*self.batch_shape, *shape), dtype)
-
-
-class TwinView(SeedView):
-    """The tensors of both critics of a stack: those of `critic` are of `critic1` and `critic2`.
-
-    Attributes:
-        batch_shape: (2 seeds,).
-    """
-
-    def __init__(self, tensors: Tensors) -> None:
-        """Selects all seeds."""
-        super().__init__(tensors)
-        self.batch_shape = (2 * tensors.seeds,)
-
-    def saved(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
-        """See `SeedView.saved`; the second critics follow the first ones."""
-        names = name.replace("critic", "critic1"), name.replace("critic", "critic2")
-        return self._tensors.twin_tensor(names, shape, dtype)

@@ -1,0 +1,123 @@
+"""Affine layers with hand-written gradients, for one seed or a stack of seeds."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from jbench.agents.batched.tensors import SeedView, flat_parts, flat_size
+
+
+class Affine(NamedTuple):
+    """One layer's parameters, as views of the flat parameters of its network.
+
+    Attributes:
+        weight: (..., inputs, units), the transpose of torch.nn.Linear's.
+        bias: (..., units).
+    """
+
+    weight: Tensor
+    bias: Tensor
+
+
+def affine_count(shapes: Iterable[tuple[int, int]]) -> int:
+    """Returns the length of the flat parameters of (inputs, units) layers, alignment included."""
+    return flat_size(_weights_and_biases(shapes))
+
+
+def affine_views(flat: Tensor, shapes: Iterable[tuple[int, int]]) -> list[Affine]:
+    """Returns views of (inputs, units) layers in flat (..., affine_count(shapes)) parameters."""
+    parts = flat_parts(flat, _weights_and_biases(shapes))
+    return [Affine(*pair) for pair in zip(parts[::2], parts[1::2], strict=True)]
+
+
+class Layer:
+    """An affine layer and its gradients by parameters and inputs."""
+
+    def __init__(self, affine: Affine, gradient: Affine) -> None:
+        stacked = affine.weight.ndim == 3
+        self._affine = torch.baddbmm if stacked else torch.addmm
+        self._product = torch.bmm if stacked else torch.mm
+        self._weight, self._bias = affine.weight, affine.bias.unsqueeze(-2)
+        self._transposed = self._weight.mT
+        self._gradient = gradient
+        self.units = affine.weight.shape[-1]
+
+    def forward(self, inputs: Tensor, out: Tensor | None = None) -> Tensor:
+        """Returns inputs @ weight + bias."""
+        return self._affine(self._bias, inputs, self._weight, out=out)
+
+    def differentiate(self, delta: Tensor, transposed: Tensor) -> None:
+        """Writes the gradient by the parameters, given the inputs (..., inputs, batch)."""
+        self._product(transposed, delta, out=self._gradient.weight)
+        torch.sum(delta, dim=-2, out=self._gradient.bias)
+
+    def propagate(self, delta: Tensor, out: Tensor) -> None:
+        """Writes the gradient by the inputs."""
+        self._product(delta, self._transposed, out=out)
+
+    def propagate_to(self, delta: Tensor, columns: slice) -> Tensor:
+        """Returns the gradient (..., batch, columns) by some of the inputs."""
+        return self._product(delta, self._transposed[..., columns])
+
+    def add_propagated(self, delta: Tensor, columns: slice, out: Tensor) -> None:
+        """Adds the gradient by some of the inputs to `out`, (..., batch, columns)."""
+        self._affine(out, delta, self._transposed[..., columns], out=out)
+
+
+class LowPrecisionLayer(Layer):
+    """A layer that multiplies in bfloat16; its inputs and outputs are not rounded.
+
+    The backward pass reuses the numbers rounded in the forward pass.
+    """
+
+    def __init__(self, affine: Affine, gradient: Affine, view: SeedView, workspace: str) -> None:
+        super().__init__(affine, gradient)
+        self._view, self._names = view, {name: f"{workspace} {name}" for name in _ROUNDED}
+
+    def forward(self, inputs: Tensor, out: Tensor | None = None) -> Tensor:
+        """Returns inputs @ weight + bias in `out`."""
+        assert out is not None
+        low_inputs = self._low("inputs", inputs).copy_(inputs)
+        low_weight = self._low("weight", self._weight).copy_(self._weight)
+        product = self._product(low_inputs, low_weight, out=self._low("outputs", out))
+        return out.copy_(product).add_(self._bias)
+
+    def differentiate(self, delta: Tensor, transposed: Tensor) -> None:
+        """Writes the gradient by the parameters, given the inputs (..., inputs, batch)."""
+        gradient = self._gradient.weight
+        low_inputs = self._low("inputs", transposed.mT)
+        low_delta = self._low("delta", delta).copy_(delta)
+        product = self._product(low_inputs.mT, low_delta, out=self._low("gradient", gradient))
+        gradient.copy_(product)
+        torch.sum(delta, dim=-2, out=self._gradient.bias)
+
+    def propagate(self, delta: Tensor, out: Tensor) -> None:
+        """Writes the gradient by the inputs."""
+        rows = delta.shape[-2]
+        # SAC passes any number of rows; without padding each number would need its own buffers.
+        padded = -(-rows // _ROWS) * _ROWS
+        low_delta, by_inputs = (
+            self._scratch(name, padded, like.shape[-1])
+            for name, like in (("delta", delta), ("by_inputs", out))
+        )
+        low_delta[..., :rows, :].copy_(delta)
+        low_weight = self._low("weight", self._weight)
+        out.copy_(self._product(low_delta, low_weight.mT, out=by_inputs)[..., :rows, :])
+
+    def _low(self, name: str, like: Tensor) -> Tensor:
+        """Returns a bfloat16 buffer, shared by the layers of a workspace."""
+        return self._scratch(name, *like.shape[-2:])
+
+    def _scratch(self, name: str, *shape: int) -> Tensor:
+        return self._view.scratch(self._names[name], *shape, dtype=torch.bfloat16)
+
+
+_ROWS = 32  # bfloat16 products of variable size are padded to a multiple of this
+_ROUNDED = ("inputs", "weight", "outputs", "delta", "gradient", "by_inputs")
+
+
+def _weights_and_biases(shapes: Iterable[tuple[int, int]]) -> list[tuple[int, ...]]:
+    """Returns the shapes of weight and bias of each of some (inputs, units) layers."""
+    return [shape for inputs, units in shapes for shape in ((inputs, units), (units,))]

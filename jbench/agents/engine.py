@@ -1,0 +1,192 @@
+"""The training loop of several seeds, and the state of their robots."""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from jbench.agents.divergence import Divergence
+from jbench.agents.environments import Environments, StepResult
+from jbench.agents.generators import Generators
+from jbench.closing import Closing
+from jbench.policies.network import SavedNetwork
+
+_WORLD = "environments/"
+"""Prefix of the tensors of the robots in a state."""
+
+
+class SeedState(NamedTuple):
+    """The state of one seed, except for its replay buffer.
+
+    Attributes:
+        tensors: by name, on the CPU, without shared memory, as safetensors requires.
+        scalars: everything else, serialisable as JSON.
+    """
+
+    tensors: dict[str, Tensor]
+    scalars: dict[str, Any]
+
+
+class Engine(Closing):
+    """Trains several seeds side by side; each learns what it would learn alone.
+
+    Use it as a context manager: it holds threads.
+
+    Attributes:
+        control_steps: per seed, over all its environments.
+        updates: per seed; None if unknown.
+        diverged: the diverged seeds by index. Their robots get the action 0 and they may stop
+            learning; the other seeds are not affected.
+        is_resumable: whether there are `state` and `restore`.
+        keeps_policy_exactly: whether the actions of a copy from `policy`, loaded again, are those
+            of the agent bit for bit.
+    """
+
+    is_resumable = keeps_policy_exactly = True
+    updates: int | None = None
+
+    def __init__(
+        self, environments: Environments, generators: Sequence[Generators], rollout_steps: int = 1
+    ) -> None:
+        """Starts with untrained agents.
+
+        Args:
+            generators: one per seed.
+            rollout_steps: steps of each environment between learning phases.
+        """
+        self.environments, self._generators = environments, generators
+        self.control_steps = 0
+        self.diverged: dict[int, Divergence] = {}
+        self._rollout_steps, self._collected = rollout_steps, 0
+
+    def close(self) -> None:
+        """Ends the threads."""
+        self.environments.close()
+
+    def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
+        """Trains until each seed has made `steps` control steps and completed a rollout.
+
+        Learning happens when the step after a completed rollout is requested, also after
+        `restore`, so the caller can evaluate or save the agents between any two steps.
+
+        Args:
+            steps: per seed, counted from the start of training.
+
+        Yields:
+            After each step of all robots, the returns (seeds, environments) of the episodes that
+            ended with it, or None.
+        """
+        while True:
+            if self._collected == self._rollout_steps:
+                self._learn()
+                self._collected = 0
+            if self._collected == 0 and self.control_steps >= steps:
+                break
+            observations = self.environments.observations
+            actions = self._checked_actions(self._explore_actions(observations))
+            step = self.environments.step(actions)
+            self.control_steps += actions.shape[1]
+            self._collected += 1
+            self._store(observations, actions, step)
+            yield step.episode_returns
+
+    def has_made(self, steps: int) -> bool:
+        """Returns whether `learn` makes no more control steps, but for the last updates."""
+        return self.control_steps >= steps and self._collected in (0, self._rollout_steps)
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Returns deterministic actions (seeds, N, dim(A)) in [-1, 1]; 0 for diverged agents.
+
+        Args:
+            observations: (seeds, N, dim(O)) of the task, not encoded.
+        """
+        seen = torch.from_numpy(observations)
+        actions = self._act(self.environments.encode(seen))
+        actions[list(self.diverged)] = 0
+        robot_actions: NDArray[np.floating] = actions * self.environments.action_signs(seen)
+        return robot_actions
+
+    @abstractmethod
+    def policy(self, seed: int) -> SavedNetwork | None:
+        """Returns a copy of the deterministic policy of the seed with this index, if there is one.
+
+        Raises:
+            UnsupportedPolicyError: if it is not a sequence of supported layers.
+        """
+
+    @abstractmethod
+    def losses(self, seed: int) -> dict[str, float]:
+        """Returns the last losses of a seed by database name; empty before the first update."""
+
+    @abstractmethod
+    def check_weights(self) -> None:
+        """Records in `diverged` the seeds whose weights or optimizer moments are not finite."""
+
+    @abstractmethod
+    def state(self, seed: int) -> SeedState:
+        """Returns the state of one seed without its replay rows, at any control step."""
+
+    @abstractmethod
+    def restore(self, states: Sequence[SeedState]) -> None:
+        """Restores all seeds; on a CPU, training continues with the same bits.
+
+        Args:
+            states: of every seed. The replay rows of an off-policy engine must be restored before.
+        """
+
+    def _robots_state(self, seed: int) -> SeedState:
+        """Returns the state of the robots and random generators of one seed."""
+        world = self.environments.state(seed)
+        scalars = {
+            "episodes": self.environments.episodes,
+            "episode_steps": self.environments.steps,
+            "streams": self._generators[seed].state(),
+        }
+        return SeedState({_WORLD + n: torch.from_numpy(v) for n, v in world.items()}, scalars)
+
+    def _restore_robots(self, seed: int, state: SeedState) -> None:
+        """Restores what `_robots_state` returned; `state` may contain more."""
+        world = {name: tensor.numpy() for name, tensor in under(_WORLD, state.tensors).items()}
+        scalars = state.scalars
+        self.environments.restore(seed, world, scalars["episodes"], scalars["episode_steps"])
+        self._generators[seed].restore(scalars["streams"])
+
+    def _record_divergence(self, seed: int, what: str) -> None:
+        """Records the first sign that a seed has diverged."""
+        self.diverged.setdefault(seed, Divergence(self.updates, self.control_steps, what))
+
+    def _checked_actions(self, actions: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Records the seeds with actions that are not finite, and sets those actions to 0.
+
+        MuJoCo would print a warning and set them to 0 itself.
+        """
+        finite = np.isfinite(actions).all(axis=(1, 2))
+        if not finite.all():
+            for seed in np.flatnonzero(~finite).tolist():
+                self._record_divergence(seed, "actions")
+            actions[~finite] = 0
+        return actions
+
+    @abstractmethod
+    def _act(self, inputs: Tensor) -> NDArray[np.floating]:
+        """Returns deterministic actions (seeds, N, action_size) for inputs (seeds, N, size)."""
+
+    @abstractmethod
+    def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
+        """Returns exploring actions (seeds, environments, action_size)."""
+
+    @abstractmethod
+    def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
+        """Stores the transitions of a control step."""
+
+    def _learn(self) -> None:
+        """Makes the updates that are due after a rollout."""
+
+
+def under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Returns the tensors whose names start with a prefix, with the prefix removed."""
+    return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}

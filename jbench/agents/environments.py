@@ -1,0 +1,170 @@
+"""The simulated robots of all seeds, stepped together."""
+
+from collections.abc import Callable, Sequence
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.random import Generator
+from numpy.typing import NDArray
+from torch import Tensor
+
+from jbench.closing import Closing
+from jbench.encoders import Encoder, action_signs
+from jbench.names import EPISODE_STEPS
+from jbench.simulation import Worlds, find_task
+
+Augment = Callable[[int], int | None]
+"""Maps an episode, counted from 0, to the seed of its augmented robot; None is the plain robot."""
+
+
+class StepResult(NamedTuple):
+    """Result of a control step of all robots.
+
+    Attributes:
+        rewards: (seeds, environments).
+        observations: (seeds, environments, size) at the end of the step.
+        episode_returns: (seeds, environments) of the episodes that ended with this step, or None.
+            All episodes end together, and the robots are then reset to their next episodes.
+    """
+
+    rewards: NDArray[np.float64]
+    observations: Tensor
+    episode_returns: NDArray[np.float64] | None
+
+
+class Environments(Closing):
+    """Seeds x environments robots of a task, reset together.
+
+    Use it as a context manager: it holds threads.
+
+    Attributes:
+        task: its name.
+        encoders: of each seed's observations; None for the full observation.
+        size: dimension of the agents' inputs.
+        action_size: numbers in an action.
+        observations: (seeds, environments, size) current inputs of the agents, float32.
+        episodes: completed episodes of each robot.
+        steps: control steps made in the current episode.
+    """
+
+    def __init__(
+        self,
+        task: str,
+        generators: Sequence[Sequence[Generator]],
+        encoders: Sequence[Encoder | None] | None = None,
+        *,
+        threads: int = 1,
+        augment: Augment = lambda episode: None,
+        episode_steps: int = EPISODE_STEPS,
+    ) -> None:
+        """Starts the first episodes.
+
+        Args:
+            generators: per seed and environment, of the episodes' random numbers.
+            encoders: of each seed, with the same number of latents; None for no encoders.
+            augment: the robot of each episode.
+            episode_steps: control steps in an episode; tests use short episodes.
+
+        Raises:
+            ValueError: if the encoders have different numbers of latents.
+        """
+        self.task, self.threads, self.episode_steps = task, threads, episode_steps
+        self.encoders = encoders or [None] * len(generators)
+        self._task, self._generators = find_task(task), list(chain.from_iterable(generators))
+        self.action_size, full = self._task.action_size, self._task.observation_size
+        sizes = {full if encoder is None else encoder.latent_size for encoder in self.encoders}
+        if len(sizes) > 1:
+            raise ValueError(f"All seeds must have the same number of inputs, not {sizes}.")
+        (self.size,) = sizes
+        self._shape = len(generators), len(generators[0])
+        blank = torch.zeros(1, full)
+        self._mirrors = any(action_signs(encoder, blank) is not None for encoder in self.encoders)
+        self._augment, self._robot = augment, augment(0)
+        self._worlds = self._new_worlds()
+        self.episodes = self.steps = 0
+        self._begin_episodes()
+
+    def close(self) -> None:
+        """Stops the threads."""
+        self._worlds.close()
+
+    def step(self, actions: NDArray[np.floating]) -> StepResult:
+        """Applies the agents' actions (seeds, environments, action_size), clipped to [-1, 1]."""
+        robot_actions = (actions * self._signs).reshape(-1, self.action_size)
+        observations, rewards = self._worlds.step(robot_actions)
+        rewards = rewards.reshape(self._shape)
+        self._returns += rewards
+        self.steps += 1
+        self.observations = inputs = self._inputs(observations)
+        returns = None
+        if self.steps == self.episode_steps:
+            returns = self._returns
+            self.episodes += 1
+            self._begin_episodes()
+        return StepResult(rewards, inputs, returns)
+
+    def encode(self, observations: Tensor) -> Tensor:
+        """Maps observations (seeds, N, dim(O)) of the task to inputs (seeds, N, size)."""
+        if all(encoder is None for encoder in self.encoders):
+            return observations
+        # Seed by seed, because a matrix product may round differently in a larger batch.
+        pairs = zip(self.encoders, observations, strict=True)
+        return torch.stack(
+            [seen if encoder is None else encoder.encode(seen) for encoder, seen in pairs]
+        )
+
+    def action_signs(self, observations: Tensor) -> NDArray[np.float32]:
+        """Returns the signs (seeds, N, 1) that map agents' actions to robots' for observations."""
+        signs = np.ones((*observations.shape[:-1], 1), np.float32)
+        if self._mirrors:
+            for seed, encoder in enumerate(self.encoders):
+                mirrored = action_signs(encoder, observations[seed])
+                if mirrored is not None:
+                    signs[seed] = mirrored
+        return signs
+
+    def state(self, seed: int) -> dict[str, NDArray[Any]]:
+        """Returns the simulation state of one seed, for `restore`; see `Worlds.state`."""
+        return {**self._worlds.state(self._robots(seed)), "returns": self._returns[seed].copy()}
+
+    def restore(self, seed: int, state: dict[str, NDArray[Any]], episodes: int, steps: int) -> None:
+        """Restores the simulation of one seed exactly.
+
+        Args:
+            episodes: completed episodes, the same for all seeds.
+            steps: control steps made in the current episode, the same for all seeds.
+        """
+        self._switch_robot(episodes)
+        self._returns[seed] = state["returns"]
+        self.episodes, self.steps = episodes, steps
+        self.observations = self._inputs(self._worlds.restore(self._robots(seed), state))
+
+    def _begin_episodes(self) -> None:
+        """Begins an episode of each robot."""
+        self._switch_robot(self.episodes)
+        self._returns = np.zeros(self._shape)
+        self.steps = 0
+        self.observations = self._inputs(self._worlds.reset(self._generators))
+
+    def _switch_robot(self, episode: int) -> None:
+        """Switches to the robot of an episode if it differs from the current one."""
+        robot = self._augment(episode)
+        if robot != self._robot:
+            self._worlds.close()
+            self._robot = robot
+            self._worlds = self._new_worlds()
+
+    def _new_worlds(self) -> Worlds:
+        return self._task.worlds(len(self._generators), self.threads, self._robot)
+
+    def _inputs(self, observations: NDArray[np.float32]) -> Tensor:
+        """Returns the agents' inputs (seeds, environments, size); notes which are mirrored."""
+        seen = torch.from_numpy(observations.reshape(*self._shape, -1))
+        self._signs = self.action_signs(seen)
+        return self.encode(seen)
+
+    def _robots(self, seed: int) -> slice:
+        """Returns the robots of a seed among all."""
+        return slice(seed * self._shape[1], (seed + 1) * self._shape[1])

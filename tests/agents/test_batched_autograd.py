@@ -136,7 +136,7 @@ def test_restored_engine_continues_bit_for_bit(rule, settings, stacked):
         for _ in whole.learn(STEPS):
             if whole.control_steps == 37:
                 states = [round_trip(whole.state(index)) for index in range(2)]
-                rows, row = [whole.replay_rows(i).clone() for i in range(2)], whole.replay.row
+                rows, row = [whole.replay.rows_since(i).clone() for i in range(2)], whole.replay.row
         expected = [whole.state(index) for index in range(2)]
     with engine_of(rule, settings, [0, 4], **options) as resumed:
         for index in range(2):

@@ -7,7 +7,6 @@ than the products of small matrices.
 """
 
 import copy
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -47,17 +46,19 @@ class AutogradLearner(OffPolicyLearner):
         self._settings = settings
         trained = set(rule.losses.values())
         self._groups = {
-            name: _Group(view, name, {each: rule.get_parameter(each).shape for each in parameters})
+            name: _FlatParameters(
+                view, name, {each: rule.get_parameter(each).shape for each in parameters}
+            )
             for name, parameters in parameter_names(rule).items()
         }
         self._parameters = {
             name: values for group in self._groups.values() for name, values in group.values.items()
         }
-        self._rule = copy.deepcopy(rule).to(view.device, self._loss_sums.dtype)
-        self._rule.requires_grad_(False)
+        self.rule = copy.deepcopy(rule).to(view.device, self._loss_sums.dtype)
+        self.rule.requires_grad_(False)
         if not view.is_stack:
             for name, values in self._parameters.items():
-                self._rule.get_parameter(name).data = values
+                self.rule.get_parameter(name).data = values
         self._adams = {
             name: Adam(view, group.name, group.flat, group.flat_gradient, settings.learning_rate)
             for name, group in self._groups.items()
@@ -68,8 +69,8 @@ class AutogradLearner(OffPolicyLearner):
         """Draws the initial parameters of one seed."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(generator.initial_seed())
-            sizes = self._rule.observation_size, self.action_size
-            drawn = make_rule(type(self._rule), self._settings, *sizes)
+            sizes = self.rule.observation_size, self.action_size
+            drawn = make_rule(type(self.rule), self._settings, *sizes)
         for name, values in self._parameters.items():
             values.copy_(drawn.get_parameter(name).detach())
 
@@ -83,40 +84,40 @@ class AutogradLearner(OffPolicyLearner):
 
     def policy(self) -> SavedNetwork:
         """See `Learner.policy`."""
-        sizes = self._rule.observation_size, self.action_size
-        return copy_module(mean_actor(self._rule), *sizes)
+        sizes = self.rule.observation_size, self.action_size
+        return copy_module(mean_actor(self.rule), *sizes)
 
     def load_policy(self, policy: SavedNetwork) -> None:
         """See `Learner.load_policy`."""
         arrays = [array for layer in policy.layers for array in layer.arrays.values()]
-        actor: Any = self._rule.actor
+        actor: Any = self.rule.actor
         # None for what a layer lacks, such as its bias: the policy has a constant array there.
         *inner, weight, bias = (
-            one for each in actor.modules() for one in each._parameters.values()
+            parameter for module in actor.modules() for parameter in module._parameters.values()
         )
-        mean = weight[: self.action_size], bias[: self.action_size]
-        pairs = list(itertools.zip_longest([*inner, *mean], arrays))
-        if len(arrays) != len(inner) + 2 or any(
-            one is not None and one.shape != array.shape for one, array in pairs
+        parameters = [*inner, weight[: self.action_size], bias[: self.action_size]]
+        if len(arrays) != len(parameters) or any(
+            parameter is not None and parameter.shape != array.shape
+            for parameter, array in zip(parameters, arrays, strict=True)
         ):
             raise ValueError(OTHER_LAYERS)
-        for one, array in pairs:
-            if one is not None:
-                one.copy_(torch.from_numpy(np.array(array)))
+        for parameter, array in zip(parameters, arrays, strict=True):
+            if parameter is not None:
+                parameter.copy_(torch.from_numpy(np.array(array)))
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """See `OffPolicyLearner.is_delayed_update`."""
-        return self._rule.is_delayed_update(update, update_of_call)
+        return self.rule.is_delayed_update(update, update_of_call)
 
     def reset_losses(self, delayed: Sequence[bool]) -> None:
         """See `Learner.reset_losses`; the loss of a delayed update is kept until the next one."""
         for name in self.losses:
-            if any(delayed) or self._rule.losses[name] not in self._rule.delayed:
+            if any(delayed) or self.rule.losses[name] not in self.rule.delayed:
                 self._sums_by_name[name].zero_()
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """See `OffPolicyLearner.update`."""
-        rule = self._rule
+        rule = self.rule
         for loss, name in rule.losses.items():
             if name in rule.delayed and not delayed:
                 continue
@@ -135,70 +136,40 @@ class AutogradLearner(OffPolicyLearner):
         self, loss: str, trained: Mapping[str, Tensor], batch: Batch
     ) -> tuple[Tensor, list[Tensor]]:
         """Returns a loss (...,) and its gradient by the parameters that it trains."""
-        if self.view.is_stack:
-            others = {name: each for name, each in self._parameters.items() if name not in trained}
-            return differentiate_stack(self._rule, loss, trained, others, batch)
-        leaves = [self._rule.get_parameter(name).requires_grad_() for name in trained]
-        value = self._rule(loss, batch)
-        gradients = torch.autograd.grad(value, leaves, materialize_grads=True)
-        self._rule.requires_grad_(False)
-        return value.detach(), list(gradients)
+        rule = self.rule
+        if not self.view.is_stack:
+            leaves = [rule.get_parameter(name).requires_grad_() for name in trained]
+            value = rule(loss, batch)
+            gradients = torch.autograd.grad(value, leaves, materialize_grads=True)
+            rule.requires_grad_(False)
+            return value.detach(), list(gradients)
+
+        def seed_loss(trained: dict[str, Tensor], others: dict[str, Tensor], *numbers: Any) -> Any:
+            rows, next_rows, discounts, noise = numbers
+            seed_batch = Batch(rows, next_rows, discounts, noise, rule.action_size)
+            return functional_call(rule, {**others, **trained}, (loss, seed_batch))
+
+        others = {name: values for name, values in self._parameters.items() if name not in trained}
+        numbers = batch.rows, batch.next_rows, batch.discounts, batch.noise
+        by_name, value = vmap(grad_and_value(seed_loss))(dict(trained), others, *numbers)
+        return value, list(by_name.values())
 
     @torch.no_grad()
     def _call(self, method: str, *inputs: Tensor) -> Tensor:
         """Returns what a method of the rule makes of inputs (..., N, any)."""
-        if not self.view.is_stack:
-            alone: Tensor = self._rule(method, *inputs)
-            return alone
-        return call_stack(self._rule, method, self._parameters, *inputs)
+        rule = self.rule
+
+        def call_seed(parameters: dict[str, Tensor], *seed_inputs: Tensor) -> Any:
+            return functional_call(rule, parameters, (method, *seed_inputs))
+
+        stacked = self.view.is_stack
+        actions: Tensor = (
+            vmap(call_seed)(self._parameters, *inputs) if stacked else rule(method, *inputs)
+        )
+        return actions
 
 
-def differentiate_stack(
-    rule: Rule,
-    loss: str,
-    trained: Mapping[str, Tensor],
-    others: Mapping[str, Tensor],
-    batch: Batch,
-) -> tuple[Tensor, list[Tensor]]:
-    """Returns a loss (seeds,) and its gradient by the parameters that it trains.
-
-    Args:
-        trained: (seeds, ...) by name.
-        others: the other parameters, (seeds, ...) by name.
-        batch: of all seeds.
-    """
-
-    def of_seed(
-        own: dict[str, Tensor],
-        others: dict[str, Tensor],
-        rows: Tensor,
-        next_rows: Tensor,
-        discounts: Tensor,
-        noise: Tensor,
-    ) -> Tensor:
-        its_batch = Batch(rows, next_rows, discounts, noise, rule.action_size)
-        value: Tensor = functional_call(rule, {**others, **own}, (loss, its_batch))
-        return value
-
-    numbers = batch.rows, batch.next_rows, batch.discounts, batch.noise
-    gradients, value = vmap(grad_and_value(of_seed))(dict(trained), dict(others), *numbers)
-    return value, list(gradients.values())
-
-
-def call_stack(
-    rule: Rule, method: str, parameters: Mapping[str, Tensor], *inputs: Tensor
-) -> Tensor:
-    """Returns what a method makes of inputs (seeds, N, any) with parameters (seeds, ...)."""
-
-    def of_seed(parameters: dict[str, Tensor], *own: Tensor) -> Tensor:
-        result: Tensor = functional_call(rule, parameters, (method, *own))
-        return result
-
-    outputs: Tensor = vmap(of_seed)(dict(parameters), *inputs)
-    return outputs
-
-
-class _Group:
+class _FlatParameters:
     """The parameters of an attribute of a rule, as views of one flat tensor.
 
     Attributes:

@@ -15,7 +15,6 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS, TASKS, Base, Engine, known
 from jbench.settings.algorithms import (
     SETTINGS,
-    AlgorithmSettings,
     OffPolicySettings,
     algorithm_settings,
     default_base,
@@ -43,37 +42,32 @@ def installed() -> dict[str, EntryPoint]:
     return dict(sorted({**agents, **rules}.items()))
 
 
-def find_agent(name: str) -> type[Agent]:
-    """Returns the class of an agent, installed or MODULE:CLASS.
+def find_class(name: str) -> type[Agent] | type[Rule]:
+    """Returns the class of an agent or update rule, installed or MODULE:CLASS.
 
     Raises:
-        RequestError: if there is no such agent.
-        WorkError: if its package can't be imported, or its class is not an agent.
+        RequestError: if there is none of this name.
+        WorkError: if its package can't be imported, or its class is no agent or rule.
     """
-    kind: type[Agent] = _load("agent", name, Agent, AgentSettings, " with explore, act and learn")
-    return kind
-
-
-def find_rule(name: str) -> type[Rule]:
-    """Returns the class of an update rule, installed or MODULE:CLASS.
-
-    Raises:
-        RequestError: if there is no such rule.
-        WorkError: if its package can't be imported, or its class is not a rule.
-    """
-    kind: type[Rule] = _load("rule", name, Rule, OffPolicySettings)
-    return kind
-
-
-def check_name(name: str) -> None:
-    """Checks that there is an algorithm of this name.
-
-    Raises:
-        RequestError: if there is none; the message lists the algorithms.
-        WorkError: if an agent and an update rule have this name.
-    """
-    if name not in ALGORITHMS and not plugins.is_imported(name):
-        _entry_point(name)
+    is_rule = _engine_of_other(name) == "batched"
+    what, base, settings = (
+        ("rule", Rule, OffPolicySettings) if is_rule else ("agent", Agent, AgentSettings)
+    )
+    is_imported = plugins.is_imported(name)
+    kind = plugins.imported(what, name) if is_imported else plugins.load(what, _entry_point(name))
+    is_subclass = isinstance(kind, type) and issubclass(kind, base) and kind is not base
+    if not is_subclass or inspect.isabstract(kind):
+        methods = "" if is_rule else " with explore, act and learn"
+        raise WorkError(
+            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix it, or "
+            "uninstall the package that offers it."
+        )
+    if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, settings)):
+        raise WorkError(
+            f"Settings of the {what} {name} is no subclass of jbench.{settings.__name__}."
+        )
+    found: type[Agent] | type[Rule] = kind
+    return found
 
 
 def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
@@ -90,7 +84,7 @@ def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
 
         defaults = sb3_classes.settings_of(algo, {})
         return {name: (default, "") for name, default in defaults.items()}
-    kind: type[Settings] = SETTINGS[algo] if algo in SETTINGS else _settings_class(algo)
+    kind: type[Settings] = SETTINGS[algo] if algo in SETTINGS else find_class(algo).Settings
     return {
         name: (
             "required"
@@ -163,24 +157,23 @@ def algorithm_fields(
         from jbench.agents import sb3_classes
 
         return fields | {"hyperparameters": sb3_classes.settings_of(algo, changes)}
-    settings = settings_with(_settings_class(algo), algo, changes)
+    settings = settings_with(find_class(algo).Settings, algo, changes)
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
         "package": None if plugins.is_imported(algo) else plugins.distribution(_entry_point(algo)),
     }
 
 
-def algorithm_of(settings: RunSettings) -> AlgorithmSettings:
-    """Returns the hyperparameters of a run of the batched engine as an object.
+def hyperparameters(run: RunSettings) -> Settings:
+    """Returns the hyperparameters of a run of the batched engine or of an agent as an object.
 
     Raises:
-        RequestError: if its update rule is not installed.
-        WorkError: if the package of the rule can't be imported.
+        RequestError: if its agent or update rule is not installed.
+        WorkError: if the package of the agent or rule can't be imported.
     """
-    if settings.is_ours:
-        return settings.algorithm
-    kind = find_rule(settings.algo).Settings
-    return settings_with(kind, settings.algo, settings.hyperparameters)
+    if run.is_ours:
+        return run.algorithm
+    return settings_with(find_class(run.algo).Settings, run.algo, run.hyperparameters)
 
 
 def code_of(algo: str) -> dict[str, str | None]:
@@ -189,9 +182,10 @@ def code_of(algo: str) -> dict[str, str | None]:
     Raises:
         RequestError: if there is no such algorithm.
     """
-    check_name(algo)
     if algo in ALGORITHMS:
         return {}
+    if not plugins.is_imported(algo):
+        _entry_point(algo)
     return plugins.provenance("algorithm", algo, installed())
 
 
@@ -227,33 +221,3 @@ def _engine_of_other(name: str) -> Engine:
     if isinstance(kind, type) and issubclass(kind, Agent):
         return "plugin"
     return "batched" if isinstance(kind, type) and issubclass(kind, Rule) else "sb3"
-
-
-def _settings_class(name: str) -> type[AgentSettings | OffPolicySettings]:
-    """Returns the class of the settings of an agent or update rule."""
-    is_rule = _engine_of_other(name) == "batched"
-    return find_rule(name).Settings if is_rule else find_agent(name).Settings
-
-
-def _load(what: str, name: str, base: type, settings: type[Settings], methods: str = "") -> Any:
-    """Returns the class that MODULE:CLASS or the entry point of an agent or a rule names.
-
-    Args:
-        what: "agent" or "rule".
-        base: class that it must be a subclass of.
-        settings: class that its settings must be a subclass of.
-        methods: that it must have, for the error message.
-    """
-    is_imported = plugins.is_imported(name)
-    kind = plugins.imported(what, name) if is_imported else plugins.load(what, _entry_point(name))
-    is_subclass = isinstance(kind, type) and issubclass(kind, base) and kind is not base
-    if not is_subclass or inspect.isabstract(kind):
-        raise WorkError(
-            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix it, or "
-            "uninstall the package that offers it."
-        )
-    if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, settings)):
-        raise WorkError(
-            f"Settings of the {what} {name} is no subclass of jbench.{settings.__name__}."
-        )
-    return kind

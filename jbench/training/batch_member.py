@@ -10,8 +10,7 @@ from jbench.store import Record, Results
 from jbench.store.flaws import UnreadableError
 from jbench.store.provenance import describe_changes, provenance
 from jbench.training.checkpoints import Checkpoint, copied, load
-from jbench.training.continuation import kept_runs
-from jbench.training.engines import restart_reason
+from jbench.training.continuation import kept_runs, without_state
 from jbench.training.events import Event, Report
 from jbench.training.log import RunLog
 
@@ -61,7 +60,9 @@ def begin(
         if copy is not None:
             return _resumed(run, encoder, copy, made_on, report, refused, other.id)
     if record is not None or refused:
-        sentence = " ".join([*refused, *restart_reason(run)])
+        if reason := without_state(run):
+            refused.append(f"{reason[0].upper()}{reason[1:]}, so its runs can't be resumed.")
+        sentence = " ".join(refused)
         continues = shorter[0].id if shorter and record is None else ""
         report(Event("resumed", run.id, sentence, continues=continues))
     record = results.create("run", run.id, run.values, made_on)

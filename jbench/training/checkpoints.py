@@ -2,13 +2,11 @@
 
 A checkpoint is committed together with the result rows before it; the newest two are kept, and
 with `--keep-state` the last one after the end of the run, from which a longer run continues. The
-replay buffer is stored in pieces: each checkpoint adds one with the new rows, and sixteen pieces of
-about the same size are merged into one. A row is thus written about three times in a million steps,
-and a run has a few dozen files.
+replay buffer is stored in pieces: each checkpoint adds one with the new rows, and when there are 32
+pieces they are rewritten as one.
 """
 
 import json
-import math
 import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -33,8 +31,7 @@ FORMAT = 1
 """Version of the checkpoint format."""
 
 _KEPT = 2
-_JOINED = 16  # pieces of one size that are merged
-_SMALLEST = 1000  # rows; pieces of up to 16 times as many belong to the first size
+_MAX_PIECES = 32  # of the replay buffer
 _STATE = re.compile(r"checkpoint-(\d+)-(\d+)\.safetensors")
 _PIECE = re.compile(r"replay-(\d+)-(\d+)\.safetensors")
 _ENVELOPE, _ROWS = "envelope", "rows"
@@ -76,11 +73,6 @@ class _Piece(NamedTuple):
     @property
     def role(self) -> str:
         return f"replay-{self.first:012d}-{self.end:012d}.safetensors"
-
-    @property
-    def size(self) -> int:
-        """Size class, a power of 16."""
-        return max(0, int(math.log(max(self.end - self.first, 1) / _SMALLEST, _JOINED)))
 
 
 def save(
@@ -241,15 +233,10 @@ def _next_piece(pieces: Sequence[_Piece], oldest: int, row: int) -> tuple[_Piece
     """Returns the piece to write, and the existing pieces that are merged into it.
 
     Args:
-        oldest: number of the oldest row in the buffer.
+        oldest: number of the oldest row in the buffer; a piece that begins before it stays.
         row: number of the row after the last one.
     """
-    left = list(pieces)
-    piece = _Piece(max(left[-1].end if left else 0, oldest), row)
-    while True:
-        tail = left[1 - _JOINED :]
-        alike = all(other.size == piece.size for other in tail)
-        if len(tail) < _JOINED - 1 or not alike or tail[0].first < oldest:
-            return piece, list(pieces[len(left) :])
-        piece = _Piece(tail[0].first, row)
-        del left[1 - _JOINED :]
+    merged = [piece for piece in pieces if piece.first >= oldest]
+    if merged and len(pieces) >= _MAX_PIECES:
+        return _Piece(merged[0].first, row), merged
+    return _Piece(max(pieces[-1].end if pieces else 0, oldest), row), []

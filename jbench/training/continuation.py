@@ -10,8 +10,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from jbench.agents.algorithms import find_agent
-from jbench.agents.plugin import is_resumable
+from jbench.agents.algorithms import find_class
+from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.recorded import read_run
@@ -96,6 +96,13 @@ def obstacle(run: RunSettings) -> str | None:
         return "the steps of each robot in a sequence depend on the total"
     if run.engine == "sb3":
         return "stable-baselines3 has no checkpoints here"
-    if run.engine == "plugin" and not is_resumable(find_agent(run.algo)):
-        return f"the agent {run.algo} has no state and restore"
-    return None
+    return without_state(run)
+
+
+def without_state(run: RunSettings) -> str | None:
+    """Returns a clause if the agent of a run can't be resumed; otherwise None."""
+    if run.engine != "plugin":
+        return None
+    kind = find_class(run.algo)
+    resumable = issubclass(kind, Agent) and is_resumable(kind)
+    return None if resumable else f"the agent {run.algo} has no state and restore"

@@ -1,17 +1,15 @@
 """What trains the agents of a batch of runs: the batched engine, or a plug-in agent's loop."""
 
 from collections.abc import Sequence
+from typing import Any
 
-from jbench.agents.algorithms import algorithm_of, find_agent, find_rule
+from jbench.agents.algorithms import find_class, hyperparameters
 from jbench.agents.batched.make import Computation, make_engine
 from jbench.agents.engine import Engine
-from jbench.agents.environments import Augment
-from jbench.agents.plugin import is_resumable
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
-from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import check_specs
 from jbench.training.evaluation import seeds_of
@@ -39,46 +37,18 @@ def make_trainer(
     def augment(episode: int) -> int | None:
         return settings.robot_seed(episode // settings.episodes_on_each)
 
+    options: dict[str, Any] = {
+        "environments": settings.environments,
+        "time_limit": settings.time_limit,
+        "augment": augment,
+        "episode_steps": EPISODE_STEPS,
+    }
+    algorithm: Any = settings.algo if settings.is_ours else find_class(settings.algo)
+    values: Any = hyperparameters(settings)
     if settings.engine == "plugin":
         (seed,), (encoder,) = seeds, encoders
-        return _plugin_engine(settings, seed, encoder, augment, device)
-    return make_engine(
-        settings.algo if settings.is_ours else find_rule(settings.algo),
-        algorithm_of(settings),
-        settings.task,
-        seeds,
-        computation=Computation(device, settings.precision),
-        environments=settings.environments,
-        time_limit=settings.time_limit,
-        encoder=encoders,
-        ofe=settings.ofe,
-        augment=augment,
-        episode_steps=EPISODE_STEPS,
-    )
-
-
-def _plugin_engine(
-    settings: RunSettings, seed: int, encoder: Encoder | None, augment: Augment, device: str
-) -> PluginEngine:
-    """Returns the loop around an untrained agent of another package."""
-    agent = find_agent(settings.algo)
-    return PluginEngine(
-        settings.algo,
-        agent,
-        settings_with(agent.Settings, settings.algo, settings.hyperparameters),
-        settings.task,
-        seed,
-        environments=settings.environments,
-        time_limit=settings.time_limit,
-        encoder=encoder,
-        augment=augment,
-        device=find_device(device),
-        episode_steps=EPISODE_STEPS,
-    )
-
-
-def restart_reason(settings: RunSettings) -> list[str]:
-    """Returns a sentence if a run always starts over, because its agent can't be resumed."""
-    if settings.engine != "plugin" or is_resumable(find_agent(settings.algo)):
-        return []
-    return [f"The agent {settings.algo} has no state and restore, so its runs can't be resumed."]
+        options |= {"encoder": encoder, "device": find_device(device)}
+        return PluginEngine(settings.algo, algorithm, values, settings.task, seed, **options)
+    options |= {"encoder": encoders, "ofe": settings.ofe}
+    computation = Computation(device, settings.precision)
+    return make_engine(algorithm, values, settings.task, seeds, computation=computation, **options)

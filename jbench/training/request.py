@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jbench.agents.algorithms import algorithm_fields, algorithm_of
+from jbench.agents.algorithms import algorithm_fields, hyperparameters
 from jbench.devices import find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.mirror import input_mirror
@@ -120,7 +120,7 @@ def runs_of(
             f"{EPISODE_STEPS}{each}; type {min_steps} or more."
         )
     if runs[0].engine == "batched":
-        algorithm = algorithm_of(runs[0])
+        algorithm = hyperparameters(runs[0])
         if isinstance(algorithm, OffPolicySettings):
             algorithm.schedule(count)
     if runs[0].engine == "sb3" and not runs[0].is_ours:

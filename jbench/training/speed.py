@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jbench.agents.algorithms import algorithm_of
+from jbench.agents.algorithms import hyperparameters
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
@@ -33,7 +33,7 @@ def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     settings = runs[0]
     if not settings.is_ours and settings.engine != "batched":
         raise WorkError(f"The speed of {settings.algo} is not measured.")
-    idle, algorithm = len(runs) * stepping(settings), algorithm_of(settings)
+    idle, algorithm = len(runs) * stepping(settings), hyperparameters(settings)
     if isinstance(algorithm, OffPolicySettings) and settings.last_step < algorithm.first_update:
         learning = idle  # it ends before it learns
     else:
@@ -50,7 +50,7 @@ def evaluation_steps(settings: RunSettings) -> float:
 
 def _batched(runs: Sequence[RunSettings], device: str) -> float:
     """Returns the seconds per control step of each seed, from a rollout and its updates."""
-    algorithm, changes = algorithm_of(runs[0]), {}
+    algorithm, changes = hyperparameters(runs[0]), {}
     if isinstance(algorithm, PPOSettings):
         rollout = algorithm.n_steps * algorithm.n_envs
         first = 0 if device == "cpu" else rollout  # a GPU's first calls take longer
@@ -60,8 +60,8 @@ def _batched(runs: Sequence[RunSettings], device: str) -> float:
         rollout = max(often["train_freq"], _UPDATES)
         first = algorithm.batch_size + rollout
         changes = {"buffer_size": _STEPS, "learning_starts": algorithm.batch_size, **often}
-    hyperparameters = {**runs[0].hyperparameters, **changes}
-    measured = [run.model_copy(update={"hyperparameters": hyperparameters}) for run in runs]
+    changed = {**runs[0].hyperparameters, **changes}
+    measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
     with make_trainer(measured, [None] * len(runs), device) as engine:
         # Warm up until the first updates have been made.
         for _ in engine.learn(first):

@@ -252,7 +252,7 @@ def test_failed_run_resumes(stopped):
 
 def test_number_of_files_of_run_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr(log, "_MAX_PARTS", 3)
-    monkeypatch.setattr(checkpoints, "_JOINED", 2)
+    monkeypatch.setattr(checkpoints, "_MAX_PIECES", 2)
     run = settings("td3", 1)
     do(tmp_path / "uninterrupted", [run], checkpoint_every=1000)
     stop_at(tmp_path / "stopped", [run], 300)
@@ -260,32 +260,28 @@ def test_number_of_files_of_run_is_limited(tmp_path, monkeypatch):
     assert len(record.parts("episodes")) <= 3
     numbers = record.read("episodes")["episode"].to_pylist()
     assert numbers == list(range(6))
-    # Two pieces of equal size are joined.
-    assert sum(role.startswith("replay-") for role in record.roles()) == 1
+    assert sum(role.startswith("replay-") for role in record.roles()) <= 2
     assert do(tmp_path / "stopped", [run]) == [(1, 300, "")]
     assert outcome(tmp_path / "stopped", run) == outcome(tmp_path / "uninterrupted", run)
 
 
-def test_sixteen_pieces_of_equal_size_are_joined():
-    pieces, written = [], 0
-    for number in range(1, 4097):
-        piece, joined = _next_piece(pieces, 0, 1000 * number)
-        assert pieces[len(pieces) - len(joined) :] == joined
-        pieces = [*pieces[: len(pieces) - len(joined)], piece]
-        written += piece.end - piece.first
+def test_pieces_are_rewritten_as_one_when_there_are_32():
+    pieces = []
+    for number in range(1, 200):
+        piece, merged = _next_piece(pieces, 0, 1000 * number)
+        pieces = [*pieces[: len(pieces) - len(merged)], piece]
         assert [p.first for p in pieces] == [0, *(p.end for p in pieces[:-1])]
-        assert len(pieces) <= 3 * 15 + 1
-    assert pieces == [_Piece(0, 4_096_000)]
-    # Each row is written once at first and once for each larger size.
-    assert written / 4_096_000 < 4
+        assert len(pieces) <= 32
+        assert merged == [] or len(pieces) == 1
 
 
-def test_overwritten_piece_is_not_joined():
-    pieces = [_Piece(1000 * i, 1000 * (i + 1)) for i in range(15)]
-    assert _next_piece(pieces, 0, 16_000) == (_Piece(0, 16_000), pieces)
-    assert _next_piece(pieces, 1, 16_000) == (_Piece(15_000, 16_000), [])
+def test_pieces_with_expired_rows_are_not_rewritten():
+    pieces = [_Piece(1000 * i, 1000 * (i + 1)) for i in range(32)]
+    assert _next_piece(pieces, 0, 33_000) == (_Piece(0, 33_000), pieces)
+    # The previous checkpoint may still need the rows of the first piece.
+    assert _next_piece(pieces, 1, 33_000) == (_Piece(1000, 33_000), pieces[1:])
     # All pieces are outdated, because their rows have been overwritten.
-    assert _next_piece(pieces, 20_000, 30_000) == (_Piece(20_000, 30_000), [])
+    assert _next_piece(pieces, 40_000, 50_000) == (_Piece(40_000, 50_000), [])
 
 
 def test_changed_device_is_reported_on_resume(stopped):

@@ -376,7 +376,7 @@ def test_ppo_bootstraps_at_time_limit_unless_terminal():
                     break
             rows = engine.state(0).tensors["loop/rollout"]
             rewards[limit] = rows[:, :, -1]
-            learner = engine._team.each[0]
+            learner = engine._team.learners[0]
     # The last observations of the episodes; the engine's robots have been reset since.
     plain = [JitterbugEnv("face_direction") for _ in range(2)]
     for env, generator in zip(plain, Generators(0, 2).environments, strict=True):

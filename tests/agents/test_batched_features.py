@@ -64,7 +64,7 @@ def test_gradients_and_updates_of_features_equal_autograd(ofe, stacked, actions)
         gradients = plain.learn(batch)
         errors = learner.features.learn(stack_key(batch) if stacked else batch)
         flat = learner.features.gradient[1] if stacked else learner.features.gradient
-        for ours, (weight, bias) in zip(seed.features.layers_of(flat), gradients, strict=True):
+        for ours, (weight, bias) in zip(seed.features.split_layers(flat), gradients, strict=True):
             torch.testing.assert_close(ours.weight.mT, weight, rtol=0, atol=1e-10)
             torch.testing.assert_close(ours.bias, bias, rtol=0, atol=1e-10)
         assert loss is None or float(errors.mean()) == pytest.approx(loss, abs=1e-10)

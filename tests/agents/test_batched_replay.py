@@ -60,7 +60,7 @@ class History:
 def sampled(buffer, seed, count=4000):
     """Transitions (s, a, r, s', last) sampled from a seed's buffer, as tuples of numbers."""
     draws = buffer.sample(np.random.default_rng(0), 2, count // 2)
-    rows = buffer.rows_of(range(seed, seed + 1)).numpy()
+    rows = buffer.seed_rows(range(seed, seed + 1)).numpy()
     samples = np.concatenate(
         [rows[draws.rows], rows[draws.next_rows][..., :SIZE], draws.last[..., None]], axis=-1
     )
@@ -136,6 +136,6 @@ def test_buffer_is_restored_from_appended_rows(steps):
 
 def test_million_transitions_of_ten_seeds_fit_into_one_gigabyte():
     buffer = ReplayBuffer(10, 1, 1_000_000, 19, 1, flush_every=1)
-    rows = buffer.rows_of(range(10))
+    rows = buffer.seed_rows(range(10))
     assert len(rows) >= 10_000_000
     assert rows.nbytes < 1e9

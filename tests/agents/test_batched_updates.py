@@ -7,7 +7,7 @@ import torch
 from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import LOSS_SUMS
-from jbench.agents.batched.rollout import Rollout, minibatch_of
+from jbench.agents.batched.rollout import Rollout, split_minibatch
 from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import (
     SIZE,
@@ -176,7 +176,7 @@ def test_ppo_updates_equal_stable_baselines3(
     for _ in range(epochs):
         order = torch.from_numpy(np.random.permutation(120))
         for indices in order.split(batch_size):
-            learner.update(minibatch_of(rows[indices], actions))
+            learner.update(split_minibatch(rows[indices], actions))
     assert (
         largest_difference(ours("ppo", learner, tensors), theirs("ppo", agent)) < (PRECISION[dtype])
     )
@@ -240,9 +240,9 @@ def test_stacked_updates_equal_those_of_single_seeds(algo, changes, actions):
     for update in range(1, 6):
         if algo == "ppo":
             rows = numbers(SIZE + actions + 5)
-            stack.update(minibatch_of(rows, actions))
+            stack.update(split_minibatch(rows, actions))
             for seed, learner in enumerate(each):
-                learner.update(minibatch_of(rows[seed], actions))
+                learner.update(split_minibatch(rows[seed], actions))
             continue
         delayed, draws = stack.is_delayed_update(update, update - 1), stack.noise_per_transition
         width = SIZE + actions + 1

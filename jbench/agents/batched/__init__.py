@@ -1,7 +1,7 @@
 """The default training engine: many seeds of an algorithm in one process.
 
     tensors.py       tensors of all seeds, stacked, and scratch memory
-    network.py       networks with hand-written gradients; twins.py: two critics as one;
+    layers.py        layers with hand-written gradients; network.py: networks of them, and twins;
                      adam.py: their optimizer
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; dense.py: their layers; on_features.py: the
@@ -9,13 +9,11 @@
     batch.py         an off-policy minibatch
     rule.py          base class of other packages' rules; rule_check.py: refuses faulty ones;
                      autograd.py: trains them
-    generators.py    random generators of each seed; noise.py: action noise
-    environments.py  the simulated robots of all cells; padding.py: equal sizes for a stack
     replay.py        replay buffers; updates.py: minibatches sampled from them
     rollout.py       rollout buffer of PPO
     team.py          the agents of all seeds; graphs.py: CUDA graphs
-    engine.py        the training loop and its state; off_policy.py, on_policy.py: its two kinds
-    make.py          jbench's update rules by name; builds an engine from settings
+    engine.py        their engine; off_policy.py, on_policy.py: its two kinds
+    make.py          jbench's update rules by name; makes an engine
 
 Every update rule is written once, for tensors with or without a leading axis of seeds. On a CPU
 the seeds are computed one after another: a seed's numbers do not depend on the other seeds, bit for

@@ -46,9 +46,7 @@ class AutogradLearner(OffPolicyLearner):
         self._settings = settings
         trained = set(rule.losses.values())
         self._groups = {
-            name: _FlatParameters(
-                view, name, {each: rule.get_parameter(each).shape for each in parameters}
-            )
+            name: _FlatParameters(view, name, {n: rule.get_parameter(n).shape for n in parameters})
             for name, parameters in parameter_names(rule).items()
         }
         self._parameters = {

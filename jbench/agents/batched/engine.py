@@ -27,7 +27,7 @@ class BatchedEngine(Engine):
         """Starts with untrained agents; see `Engine`."""
         super().__init__(environments, team.generators, rollout_steps)
         self._team, self._saved, self.updates = team, team.tensors.saved, 0
-        for learner, generators in zip(team.each, team.generators, strict=True):
+        for learner, generators in zip(team.learners, team.generators, strict=True):
             learner.initialize(generators.weights())
         # Tensors that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
         self._finite = [
@@ -38,7 +38,7 @@ class BatchedEngine(Engine):
 
     def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the deterministic policy of the seed with this index."""
-        policy: SavedNetwork = self._team.each[seed].policy()
+        policy: SavedNetwork = self._team.learners[seed].policy()
         return policy
 
     def load_policy(self, seed: int, policy: SavedNetwork, control_steps: int) -> None:
@@ -51,13 +51,13 @@ class BatchedEngine(Engine):
         Raises:
             ValueError: if it has other layers than the seed's agent.
         """
-        self._team.each[seed].load_policy(policy)
+        self._team.learners[seed].load_policy(policy)
         self.control_steps = control_steps
 
     def losses(self, seed: int) -> dict[str, float]:
         """See `Engine.losses`."""
         sums, counts = self._saved[LOSS_SUMS][seed].cpu().unbind(dim=-1)
-        means = zip(self._team.each[seed].losses, counts, (sums / counts).tolist(), strict=True)
+        means = zip(self._team.learners[seed].losses, counts, (sums / counts).tolist(), strict=True)
         return {name: mean for name, count, mean in means if count}
 
     def check_weights(self) -> None:

@@ -56,8 +56,8 @@ class Features:
         self._shapes, count = shapes, affine_count(shapes)
         self.values = view.saved("features", count)
         self.gradient = view.scratch("features.gradient", count)
-        self.layers = self.layers_of(self.values)
-        pairs = zip(self.layers, self.layers_of(self.gradient), strict=True)
+        self.layers = self.split_layers(self.values)
+        pairs = zip(self.layers, self.split_layers(self.gradient), strict=True)
         *layers, self._head = [Layer(*pair) for pair in pairs]
         first, second = layers[: len(shapes) // 2], layers[len(shapes) // 2 :]
         self._phi_o = DenseLayers(view, "phi_o", observation_size, first)
@@ -66,7 +66,7 @@ class Features:
         self._mean = view.saved("features.mean", observation_size)
         self._variance = view.saved("features.variance", observation_size)
 
-    def layers_of(self, flat: Tensor) -> list[Affine]:
+    def split_layers(self, flat: Tensor) -> list[Affine]:
         """Returns the layers of phi_o and phi_oa and the output layer, as views of `flat`."""
         return affine_views(flat, self._shapes)
 

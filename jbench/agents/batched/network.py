@@ -119,7 +119,7 @@ class Network:
         """
         layers = self._exact if exact else self._layers
         self._inputs = inputs[..., : -self._actions] if self._joins else inputs
-        self._units = self._memory_of(inputs.shape[-2])
+        self._units = self._buffers(inputs.shape[-2])
         values = self._inputs
         for i, (layer, units) in enumerate(zip(layers, self._units.units, strict=False), 1):
             values = layer.forward(values, units).clamp_min_(0)
@@ -167,7 +167,7 @@ class Network:
             before[..., self._columns].zero_()
         return before
 
-    def _memory_of(self, batch: int) -> "_Memory":
+    def _buffers(self, batch: int) -> "_Memory":
         if batch not in self._memory:
             units, deltas = (
                 [

@@ -79,7 +79,7 @@ class OffPolicyEngine(BatchedEngine):
 
     def _policy_actions(self, observations: Tensor) -> Tensor:
         """Returns actions (seeds, environments, action_size) of the policies, without noise."""
-        if not self._team.each[0].is_stochastic:
+        if not self._team.learners[0].is_stochastic:
             return self._team.run(act, observations)
         shape = self._noise.previous.shape[1:]
         noise = np.stack([seed.actions.standard_normal(shape) for seed in self._generators])

@@ -11,7 +11,7 @@ from torch import Tensor
 from jbench.agents.batched.engine import BatchedEngine
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.ppo import PPO
-from jbench.agents.batched.rollout import Rollout, minibatch_of
+from jbench.agents.batched.rollout import Rollout, split_minibatch
 from jbench.agents.batched.team import Group, Team
 from jbench.agents.environments import Environments, StepResult
 from jbench.names import TimeLimit
@@ -45,7 +45,7 @@ class OnPolicyEngine(BatchedEngine):
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape[1], self.environments.action_size
-        draws = [each.actions.standard_normal(shape) for each in self._generators]
+        draws = [seed.actions.standard_normal(shape) for seed in self._generators]
         noise = torch.from_numpy(np.stack(draws))
         self._outputs = self._team.run(PPO.explore, observations, noise)
         actions: NDArray[np.floating] = self._outputs[..., : shape[1]].numpy()
@@ -114,8 +114,8 @@ class Epochs:
         """
         epochs, count = range(self._settings.n_epochs), self._transitions
         orders = [
-            np.stack([each.updates.permutation(count) for _ in epochs])
-            for each in self._group.generators
+            np.stack([seed.updates.permutation(count) for _ in epochs])
+            for seed in self._group.generators
         ]
         return self._group.stack(orders, count)
 
@@ -129,4 +129,4 @@ class Epochs:
         batch = self._scratch("minibatch", size, width)
         indices = self._indices(size).view(-1)
         torch.index_select(self._rows, 0, indices, out=batch.view(-1, width))
-        self._learner.update(minibatch_of(batch, self._learner.action_size))
+        self._learner.update(split_minibatch(batch, self._learner.action_size))

@@ -124,7 +124,7 @@ class ReplayBuffer:
             rows, next_rows = rows + offsets, next_rows + offsets
         return SampledIndices(rows, next_rows, last)
 
-    def rows_of(self, seeds: range) -> Tensor:
+    def seed_rows(self, seeds: range) -> Tensor:
         """Returns a view (rows, width) of the buffers of consecutive seeds.
 
         `SampledIndices` are indices into the rows of a single seed.

@@ -72,7 +72,7 @@ class Rollout:
         torch.add(self.rows[..., -3], values, out=self.rows[..., -2])
 
 
-def minibatch_of(rows: Tensor, action_size: int) -> Minibatch:
+def split_minibatch(rows: Tensor, action_size: int) -> Minibatch:
     """Returns a minibatch from rows (..., N, width) of a `Rollout`."""
     size = rows.shape[-1] - action_size - _EXTRA
     return Minibatch(*rows[..., :-1].split([size, action_size, 1, 1, 1, 1], dim=-1))

@@ -54,7 +54,7 @@ class Team(Generic[_Learner]):
     Attributes:
         generators: one per seed.
         tensors: the state of the agents.
-        each: a learner per seed.
+        learners: one per seed.
         groups: one per seed, or one of all seeds.
     """
 
@@ -75,12 +75,12 @@ class Team(Generic[_Learner]):
         """
         self.generators, self.tensors = generators, tensors
         seeds = range(len(generators))
-        self.each = [make(view=SeedView(tensors, seed)) for seed in seeds]
+        self.learners = [make(view=SeedView(tensors, seed)) for seed in seeds]
         self._stack = make(view=SeedView(tensors)) if stacked else None
         self.groups = (
             [
                 Group(learner, seeds[seed : seed + 1], [generators[seed]])
-                for seed, learner in enumerate(self.each)
+                for seed, learner in enumerate(self.learners)
             ]
             if self._stack is None
             else [Group(self._stack, seeds, generators)]
@@ -101,7 +101,7 @@ class Team(Generic[_Learner]):
             (seeds, N, any), on the CPU.
         """
         if self._stack is None:
-            per_seed = zip(self.each, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
+            per_seed = zip(self.learners, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
             return torch.stack([method(agent, *arguments) for agent, *arguments in per_seed])
         key = (method, *(x.shape for x in inputs))
         if key not in self._inputs:

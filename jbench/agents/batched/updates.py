@@ -49,14 +49,14 @@ class Updates:
         self._learner, self._generators, self._replay = group.learner, group.generators, replay
         self._size, self._gamma = settings.batch_size, settings.gamma
         self._terminal = time_limit == "terminal"
-        self._rows = replay.rows_of(group.seeds)
+        self._rows = replay.seed_rows(group.seeds)
         scratch, width = group.learner.view.scratch, self._rows.shape[-1]
         rows, next_rows = (scratch(name, self._size, width) for name in ("rows", "next_rows"))
         self._mirrored = (rows[..., : self._size // 2, :], next_rows[..., : self._size // 2, :])
         self._mirror = mirror
         if mirror is not None:
-            own = mirror[:, group.seeds.start : group.seeds.stop]
-            self._mirror = own.reshape(2, *group.learner.view.batch_shape, 1, width)
+            mirror = mirror[:, group.seeds.start : group.seeds.stop]
+            self._mirror = mirror.reshape(2, *group.learner.view.batch_shape, 1, width)
         self._together = min(_RECORDED, updates) if group.learner.view.is_stack else 1
         self._noise = self._buffer(group.learner.noise_per_transition)
         self._discounts = self._buffer(1).fill_(self._gamma)
@@ -125,9 +125,9 @@ class Updates:
             delayed: for each update, whether it includes the delayed ones.
         """
         assert isinstance(delayed, tuple)
-        for i, each in enumerate(delayed):
+        for i, is_delayed in enumerate(delayed):
             self._gather(i)
-            self._learner.update(self._batches[i], each)
+            self._learner.update(self._batches[i], is_delayed)
 
     def _pretrain_once(self, _: Hashable) -> None:
         """Trains features on the minibatch whose indices are in the first buffer."""
@@ -145,17 +145,17 @@ class Updates:
     def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
         """Returns buffers (any, ..., size, any), each with samples (count, ..., size, any)."""
         shape, noise = (count, self._size), self._noise
-        sampled = [self._replay.sample(each.updates, *shape) for each in self._generators]
-        stack, rows_of_seed = self._group.stack, len(self._rows) // len(sampled)
+        sampled = [self._replay.sample(seed.updates, *shape) for seed in self._generators]
+        stack, seed_rows = self._group.stack, len(self._rows) // len(sampled)
         samples = [
-            (self._indices, stack([each.rows for each in sampled], rows_of_seed)),
-            (self._next_indices, stack([each.next_rows for each in sampled], rows_of_seed)),
+            (self._indices, stack([indices.rows for indices in sampled], seed_rows)),
+            (self._next_indices, stack([indices.next_rows for indices in sampled], seed_rows)),
         ]
         if self._terminal:
-            discounts = [np.where(each.last, 0, self._gamma)[..., None] for each in sampled]
+            discounts = [np.where(indices.last, 0, self._gamma)[..., None] for indices in sampled]
             samples.append((self._discounts, stack(discounts)))
         if noise.shape[-1]:
             size = (*shape, noise.shape[-1])
-            normal = [each.updates.standard_normal(size, np.float32) for each in self._generators]
+            normal = [seed.updates.standard_normal(size, np.float32) for seed in self._generators]
             samples.append((noise, stack(normal)))
         return samples

@@ -1,7 +1,7 @@
 """Checks that code and documentation keep to their size: `python tests/size.py`, by `make lint`.
 
 Limits of code are in lines, blank ones and comments included. A function's are those of its
-statements, without signature and docstring. Lower the total when code has become shorter.
+statements, without signature and docstring. Lower a limit when its text has become shorter.
 """
 
 import ast
@@ -11,32 +11,37 @@ from pathlib import Path
 
 FILE = 250
 FUNCTION = 50
-TOTAL = 39_100
+TOTAL = 36_600
 WORDS = 24_000
 """Of README and docs/."""
+
+LARGER = {
+    "jbench/commands/sweep.py: sweep": 78,
+    "jbench/commands/train.py: train": 63,
+    "jbench/names.py": 281,
+    "jbench/settings/run.py": 252,
+    "jbench/training/log.py": 280,
+}
+"""Files and functions that are still larger, with the lines that they may have."""
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def excesses() -> Iterator[str]:
-    """Yields a sentence for each limit that is exceeded."""
+def sizes() -> Iterator[tuple[str, int, int]]:
+    """Yields each file, function and total with its size and its limit."""
     total = 0
     for path in sorted((ROOT / "jbench").rglob("*.py")):
-        text, name = path.read_text("utf-8"), path.relative_to(ROOT)
+        text, file = path.read_text("utf-8"), path.relative_to(ROOT).as_posix()
         lines = len(text.splitlines())
         total += lines
-        if lines > FILE:
-            yield f"{name} has {lines} lines; {FILE} are permitted."
+        yield file, lines, LARGER.get(file, FILE)
         for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef) and (length := statements(node)) > FUNCTION:
-                place = f"{name}:{node.lineno}: {node.name}"
-                yield f"{place} has {length} lines; {FUNCTION} are permitted."
-    if total > TOTAL:
-        yield f"jbench/ has {total:,} lines; {TOTAL:,} are permitted."
+            if isinstance(node, ast.FunctionDef):
+                name = f"{file}: {node.name}"
+                yield name, statements(node), LARGER.get(name, FUNCTION)
+    yield "jbench/", total, TOTAL
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    words = sum(len(page.read_text("utf-8").split()) for page in pages)
-    if words > WORDS:
-        yield f"README and docs/ have {words:,} words; {WORDS:,} are permitted."
+    yield "README and docs/", sum(len(page.read_text("utf-8").split()) for page in pages), WORDS
 
 
 def statements(function: ast.FunctionDef) -> int:
@@ -48,4 +53,9 @@ def statements(function: ast.FunctionDef) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit("\n".join(excesses()) or None)
+    excesses = [
+        f"{name}: {size:,}; {limit:,} are permitted."
+        for name, size, limit in sizes()
+        if size > limit
+    ]
+    sys.exit("\n".join(excesses) or None)

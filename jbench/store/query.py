@@ -57,10 +57,10 @@ def load(
     problems: list[str] = []
     if "published" in names:
         tables["published"] = published()
-    for kind, (table, _, of_files) in KINDS.items():
+    for kind, (table, _, file_tables) in KINDS.items():
         schemas = {
             name: _select_columns(fields, selected.get(name, fields.names), coded)
-            for name, fields in of_files.items()
+            for name, fields in file_tables.items()
             if name in names
         }
         if not schemas and table not in names:
@@ -69,7 +69,7 @@ def load(
         read, damaged = _read(records, schemas)
         problems += unreadable + damaged
         for name, fields in schemas.items():
-            parts = (of_record[name] for _, of_record in read)
+            parts = (tables_read[name] for _, tables_read in read)
             tables[name] = pa.concat_tables([fields.empty_table(), *parts])
         if table in names:
             rows = [row for row, _ in read]

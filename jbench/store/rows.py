@@ -20,14 +20,14 @@ class KindTables(NamedTuple):
     """The tables of a kind of records.
 
     Attributes:
-        of_records: name of the table that has a row for each record.
+        records_table: name of the table that has a row for each record.
         describe: returns the values of that row that neither settings nor summary contain.
-        of_files: columns of the tables that the files of a record hold.
+        file_tables: columns of the tables that the files of a record hold.
     """
 
-    of_records: str
+    records_table: str
     describe: Callable[[Record], Row]
-    of_files: dict[str, pa.Schema]
+    file_tables: dict[str, pa.Schema]
 
 
 def make_row(record: Record) -> Row:

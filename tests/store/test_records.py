@@ -7,6 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -29,6 +30,15 @@ def test_rows_are_read_in_order_of_appends(results, record):
     again = results.find("run", "a/b")
     assert read(record) == read(again) == [3, 1, 2, 2, 0, 9, 4]
     assert again.rows("t") == 7
+
+
+def test_texts_and_gaps_survive_as_values_and_as_dictionary(record):
+    rows = pa.table({"run": ["a", None, "a", ""], "n": [1, 2, 3, 4]})
+    record.append({"t": rows})
+    (part,) = record.parts("t")
+    coded = rows.schema.set(0, pa.field("run", pa.dictionary(pa.int32(), pa.string())))
+    assert record.read_part(part).equals(rows)
+    assert record.read_part(part, coded).cast(rows.schema).equals(rows)
 
 
 def test_tables_of_record_are_independent(results, record):

@@ -4,12 +4,11 @@ import os
 import signal
 import subprocess
 
-import pyarrow as pa
 import pytest
 
 from jbench.cli import main
 from jbench.errors import RequestError, WorkError
-from jbench.store import Results, parquet, query
+from jbench.store import Results, query
 from jbench.store.listing import list_runs
 from jbench.store.verify import verify
 from tests.store.store_rows import (
@@ -213,13 +212,3 @@ def test_record_that_could_not_be_read_is_not_created(results):
     with pytest.raises(RequestError, match="The run a/b can't be saved"):
         results.create("run", "a/b", {**RUN_SETTINGS, "algo": ESCAPE})
     assert results.find("run", "a/b") is None
-
-
-def test_text_columns_survive_parquet_round_trip():
-    table = pa.table({"run": ["a", None, "a", ""], "n": [1, 2, 3, 4]})
-    content = parquet.to_bytes(table)
-    assert parquet.from_bytes(content, 4).equals(table)
-    coded = pa.field("run", pa.dictionary(pa.int32(), pa.string()))
-    assert pa.types.is_dictionary(parquet.from_bytes(content, 4, [coded]).schema.field("run").type)
-    with pytest.raises(ValueError, match="4 rows, not 5"):
-        parquet.from_bytes(content, 5)

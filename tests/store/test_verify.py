@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from jbench.errors import WorkError
 from jbench.settings.base import settings_hash
-from jbench.store import Results
+from jbench.store import Results, query
 from jbench.store.manifest import Manifest
 from jbench.store.verify import examine, verify
 from tests.store.store_faults import Script, run_script
@@ -93,6 +93,7 @@ def test_table_without_required_column_is_reported(results):
     assert_one(results, "damaged", record, "is damaged (it has no column run)")
     with pytest.raises(WorkError, match="it has no column run: another version of jbench wrote it"):
         record.read("episodes")
+    assert "it has no column run" in query.query_results(results, "FROM episodes").problems[0]
 
 
 def test_id_that_contradicts_settings_is_reported(results):

@@ -343,7 +343,7 @@ def test_dry_run_of_class_says_when_its_time_is_known(tmp_path, capsys):
 
 def test_training_in_directory_without_permission_is_refused(tmp_path, monkeypatch, refused):
     # Root may write everywhere but in a file system that is mounted read-only.
-    monkeypatch.setattr("jbench.store.files.os.access", lambda path, mode: mode != os.W_OK)
+    monkeypatch.setattr("jbench.store.files.os.access", lambda path, mode: not mode & os.W_OK)
     short = ("--steps", "1000", "--seeds", "0-1", "--set", "hidden_layers=[4]")
     error = refused("train", *short, results=tmp_path)
     assert "s00-" in error

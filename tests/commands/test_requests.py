@@ -347,7 +347,7 @@ def test_training_in_directory_without_permission_is_refused(tmp_path, monkeypat
     short = ("--steps", "1000", "--seeds", "0-1", "--set", "hidden_layers=[4]")
     error = refused("train", *short, results=tmp_path)
     assert "s00-" in error
-    assert "can't be written to; name a directory that you may write to." in error
+    assert "is not writable; name a directory that you may write to." in error
     assert not list(tmp_path.rglob("manifest.json"))
 
 

@@ -24,7 +24,8 @@ from tests.documentation import ROOT
 TASKS = ("face_direction", "move_in_direction")
 BASELINES = ("full", "scaled")
 SEEDS = {"td3": 10, "ddpg": 6}
-"""A configuration with fewer is in a table of its own."""
+"""Every configuration of the pages has as many."""
+WHITENED = "dae12-observation-whitened"
 
 
 class Returns(NamedTuple):
@@ -124,13 +125,13 @@ def configuration(text):
 
 @pytest.mark.parametrize(
     ("page", "heading", "count"),
-    [("README.md", "final evaluation return", 4), ("docs/answer.md", "the agent observes", 8)],
+    [("README.md", "final evaluation return", 5), ("docs/answer.md", "the agent observes", 10)],
 )
 def test_main_table(returns, page, heading, count):
     policies = {row[0]: row for row in table("docs/policies.md", "hand-written")}
     rows = table(page, heading)
     for first, *cells in rows[:count]:
-        name = re.search(r"\((\w+)\)", first.replace("`", ""))[1]
+        name = re.search(r"\(([\w-]+)\)", first.replace("`", ""))[1]
         for task, value, effect in zip(TASKS, cells[::2], cells[1::2], strict=True):
             if ("evaluation", "td3", task, name) not in returns:
                 assert (value, effect) == ("", "")
@@ -216,29 +217,23 @@ def test_deviation_of_every_configuration(returns):
         assert deviations == [f"{value:.0f}" for value in expected]
 
 
-def listed(finals):
-    return ", ".join(f"{value:.0f}" for value in finals)
+def decision(representation, against):
+    """Returns the text of a "lower" verdict of the sequential test, such as `-20 [-30, -10]`."""
+    decisions = Frames(shipped_results()).decisions
+    (row,) = chosen_from(decisions, representation=representation, against=against).itertuples()
+    assert row.verdict == "lower"
+    return f"{row.difference:.0f} [{row.low:.0f}, {row.high:.0f}]"
 
 
-def test_final_returns_of_configurations_with_fewer_seeds(returns):
-    finals = {
-        (task, name): runs.final
-        for (kind, algo, task, name), runs in returns.items()
-        if kind == "evaluation" and len(runs.final) < SEEDS[algo]
-    }
-    rows = table("docs/answer.md", "agents so far")
-    assert {(task, name): text for task, name, text in rows} == {
-        key: listed(runs) for key, runs in finals.items()
-    }
-    (whitened,) = finals.values()
-    plain, full = (
-        returns["evaluation", "td3", TASKS[0], name].final for name in ("dae12-observation", "full")
+def test_whitened_latents_are_between_plain_ones_and_the_observation(returns):
+    plain, whitened = (
+        returns["evaluation", "td3", TASKS[0], f"dae12-observation{name}"].final
+        for name in ("", "-whitened")
     )
-    assert (len(plain), (whitened > plain.max()).sum()) == (10, 4)
-    assert iqm(whitened) < full.min()
-    assert whitened.max() < iqm(full)
-    for some in (plain, whitened):
-        assert f"({some.min():.0f} to {some.max():.0f})" in text_of("answer")
+    assert (len(plain), len(whitened), (whitened > plain.max()).sum()) == (10, 10, 9)
+    for finals in (plain, whitened):
+        assert f"({finals.min():.0f} to {finals.max():.0f})" in text_of("answer")
+    assert f"lower than with `scaled`: {decision(WHITENED, 'scaled')} by" in text_of("answer")
 
 
 def test_planar_coordinates_help_by_what_they_leave_out(returns):
@@ -248,10 +243,7 @@ def test_planar_coordinates_help_by_what_they_leave_out(returns):
     )
     assert (len(heading), (planar > heading.max()).sum()) == (10, 7)
     assert abs(iqm(heading) - iqm(full)) < 50
-    decisions = Frames(shipped_results()).decisions
-    (row,) = chosen_from(decisions, representation="heading", against="planar").itertuples()
-    assert row.verdict == "lower"
-    tested = f"{row.difference:.0f} [{row.low:.0f}, {row.high:.0f}]"
+    tested = decision("heading", "planar")
     assert f"less than with `planar`: {tested} by the sequential test" in text_of("answer")
 
 
@@ -323,6 +315,7 @@ def test_comparisons_that_the_sequential_test_has_decided(tmp_path):
     assert decided == {
         *((TASKS[0], *pair, "smaller") for pair in lower),
         (TASKS[0], "dae12-observation", "scaled", "smaller"),
+        (TASKS[0], WHITENED, "scaled", "smaller"),
         (TASKS[1], "dae12", "full", "smaller"),
         (TASKS[1], "heading", "planar", "smaller"),
         *((TASKS[1], "planar", base, "larger") for base in BASELINES),

@@ -195,7 +195,12 @@ def _offered() -> list[dict[str, EntryPoint]]:
 
 
 def _entry_point(name: str) -> EntryPoint:
-    """Returns the entry point of an agent or an update rule; see `check_name`."""
+    """Returns the entry point of an agent or an update rule.
+
+    Raises:
+        RequestError: if there is none.
+        WorkError: if an agent and a rule have the name.
+    """
     agents, rules = _offered()
     if name.lower() in _ELSEWHERE and name not in {**agents, **rules}:
         raise RequestError(f"Unknown algorithm {name!r}; {_ELSEWHERE[name.lower()]}.")

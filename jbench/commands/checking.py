@@ -42,12 +42,14 @@ def reproduce(
     limit_threads()
     from jbench.store.provenance import describe_changes
     from jbench.training.reevaluate import changes_since, reevaluate
-    from jbench.training.reproduce import default_episodes, retrain
+    from jbench.training.reproduce import default_episodes, retrain, settings_to_train
 
     output = Output(json)
     database, record = _find_run(results, run)
     if episodes is None:
         episodes = default_episodes(record)
+    if episodes:
+        settings_to_train(record)
     finished = record.status == "finished"
     evaluation, retraining = reevaluate(database, record) if finished else None, None
     if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
@@ -59,8 +61,9 @@ def reproduce(
             retraining = retrain(database, record, episodes, progress)
     changed = changes_since(record)
     output.say(f"run {record.id}")
-    output.say(f"  evaluation: {_sentence(evaluation, record)}")
-    output.say(f"  training: {_sentence(retraining, record)}")
+    unfinished = f"not repeated; the run is {record.status}."
+    output.say(f"  evaluation: {_sentence(evaluation) or unfinished}")
+    output.say(f"  training: {_sentence(retraining) or 'not repeated.'}")
     if changed:
         output.say(f"  Since the run began, {describe_changes(changed)}.")
     parts = [part for part in (evaluation, retraining) if part is not None]
@@ -98,10 +101,10 @@ def _find_run(path: Path, name: str) -> tuple["Results", "Record"]:
     return results, record
 
 
-def _sentence(part: "Repeated | None", record: "Record") -> str:
-    """Returns what became of a part of a run that was repeated."""
+def _sentence(part: "Repeated | None") -> str:
+    """Returns what became of a part of a run that was repeated; "" if it was not."""
     if part is None:
-        return f"not repeated; the run is {record.status}."
+        return ""
     if part.verdict != "equal":
         return f"{part.verdict}. {part.reason}"
     episodes = counted(len(part.recorded), "episode")

@@ -177,7 +177,12 @@ RETRY_FAILED = Option(False, "--retry-failed", help="Retry runs that failed befo
 LOG = Option(
     None, help=f"Also write the rows to an experiment tracker: {', '.join(names.LOGGERS)}."
 )
-JOBS = Option(0, min=0, help="Number of worker processes (0: one per core, or one for a GPU).")
+JOBS = Option(
+    0,
+    min=0,
+    help="Number of worker processes (0: one per core, or one for a GPU, which trains all seeds of "
+    "a configuration in one process).",
+)
 THREADS = Option(0, min=0, help="Number of threads (0: one per core).")
 FINAL_EPISODES = Option(
     None,

@@ -18,6 +18,9 @@ Float = NDArray[np.float32]
 MAX_INPUT = 10.0
 """Bound of the absolute value of an observation that learned features standardize."""
 
+_DAMAGE = safetensors.SafetensorError, LookupError, TypeError, AttributeError, OverflowError
+"""What reading a damaged file raises."""
+
 _CONCAT = "concat"
 """The kind of a layer that puts an earlier result before the last one. Its number `earlier` counts
 the layers before that result: 0 for the observation."""
@@ -141,8 +144,9 @@ class SavedNetwork:
                 if "network" in described
                 else _older_layers(described, tensors)
             )
-            acted = network.act(np.zeros((1, network.inputs), np.float32))
-        except (safetensors.SafetensorError, LookupError, TypeError, AttributeError) as error:
+            with np.errstate(all="ignore"):
+                acted = network.act(np.zeros((1, network.inputs), np.float32))
+        except _DAMAGE as error:
             raise ValueError(f"no policy: {error}") from None
         if acted.shape != (1, network.outputs):
             raise ValueError("no policy: a layer does not fit the layer before it")

@@ -198,7 +198,7 @@ def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None
     from jbench.training.speed import seconds_per_step
 
     checked_task(runs[0].task)
-    # On a GPU the seeds are trained as one stack; with other cells in it they take less time.
+    # On a GPU the seeds are trained as one stack.
     together = runs[:1] if device == "cpu" else runs
     try:
         with one_thread():

@@ -242,9 +242,6 @@ class _Scheduler:
 
 def _named(runs: Sequence[RunSettings]) -> str:
     """Names runs of a process, such as `seeds 0, 1, 4 of td3 face_direction full`."""
-    cells = {(run.task, run.representation) for run in runs}
-    if len(cells) > 1:
-        return f"{len(runs)} runs of {runs[0].algo} in {len(cells)} configurations"
     seeds = ", ".join(str(run.seed) for run in runs)
     cell = f"{runs[0].algo} {runs[0].task} {runs[0].representation}"
     return f"{'seed' if len(runs) == 1 else 'seeds'} {seeds} of {cell}"

@@ -32,6 +32,25 @@ def default_episodes(record: Record) -> int:
     return int(updated[0]) + 1 if len(updated) else 1
 
 
+def settings_to_train(record: Record) -> RunSettings:
+    """Returns the settings of a run whose training can be repeated.
+
+    Raises:
+        RequestError: if it has no episode, or its loop was not jbench's.
+    """
+    settings = read_run(record.settings)
+    if isinstance(settings, ExternalSettings):
+        raise RequestError(
+            f"{record.id} was trained by a loop that jbench does not have: only its evaluation "
+            "can be repeated; type --episodes 0."
+        )
+    if not isinstance(settings, RunSettings):
+        raise RequestError(f"Another program or version wrote the settings of {record.id}.")
+    if not record.rows("episodes"):
+        raise RequestError(f"{record.id} is {record.status} and has no episode to compare with.")
+    return settings
+
+
 def retrain(
     results: Results,
     record: Record,
@@ -47,21 +66,11 @@ def retrain(
         progress: called with the control steps trained so far.
 
     Raises:
-        RequestError: if there is no episode, the loop was not jbench's own, or the encoder is
-            missing.
+        RequestError: as `settings_to_train`, or if the encoder is missing.
         WorkError: if the run is damaged, or its training fails here.
     """
-    settings, recorded = read_run(record.settings), record.rows("episodes")
-    if isinstance(settings, ExternalSettings):
-        raise RequestError(
-            f"{record.id} was trained by a loop that jbench does not have: only its evaluation "
-            "can be repeated; type --episodes 0."
-        )
-    if not isinstance(settings, RunSettings):
-        raise RequestError(f"Another program or version wrote the settings of {record.id}.")
-    if not recorded:
-        raise RequestError(f"{record.id} is {record.status} and has no episode to compare with.")
-    rounds = math.ceil(min(episodes, recorded) / settings.environments)
+    settings = settings_to_train(record)
+    rounds = math.ceil(min(episodes, record.rows("episodes")) / settings.environments)
     until = rounds * EPISODE_STEPS * settings.environments
     with one_thread(), tempfile.TemporaryDirectory(prefix="jbench-") as directory:
         temporary = Results(Path(directory))
@@ -72,7 +81,7 @@ def retrain(
         theirs, ours = _rows(record, until), _rows(trained, until)
     reason = _difference(theirs, ours)
     verdict: Verdict = "different" if reason else "equal"
-    if not reason and all(row[name] is None for row in ours.values() for name in schema.LOSSES):
+    if not reason and all(row.get(name) is None for row in ours.values() for name in schema.LOSSES):
         reason = "The agent was not updated in them; repeat more episodes."
     returns = (
         tuple(row["episode_return"] for key, row in rows.items() if key[1] == "episode")
@@ -115,7 +124,7 @@ def _rows(record: Record, until: int) -> _Rows:
         (row["control_steps"], number, row[number], row["episode"]): row
         for table, number in (("episodes", "episode"), ("evaluations", "evaluation"))
         for row in record.read(table).drop_columns([*TIMES, "run"]).to_pylist()
-        if row["control_steps"] <= until
+        if None not in (row["control_steps"], row[number]) and row["control_steps"] <= until
     }
 
 
@@ -128,7 +137,12 @@ def _difference(recorded: _Rows, computed: _Rows) -> str:
         if theirs is None or ours is None:
             return f"A row of {where}, is missing {'in the record' if theirs is None else 'here'}."
         for column in ours:
-            if theirs[column] != ours[column]:
+            if not _equal(theirs[column], ours[column]):
                 values = f"recorded {theirs[column]!r}, here {ours[column]!r}"
                 return f"The first difference is {column} of {where}: {values}."
     return ""
+
+
+def _equal(recorded: object, computed: object) -> bool:
+    """Returns whether two values are the same; NaN is NaN."""
+    return recorded == computed or (recorded != recorded and computed != computed)

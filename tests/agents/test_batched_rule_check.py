@@ -60,6 +60,16 @@ class PerTransition(TD3):
         return self.act(batch.observations)[:, 0]
 
 
+class WithoutGradient(TD3):
+    def actor_loss(self, batch):
+        return batch.rewards.mean()
+
+
+class WithAssertion(TD3):
+    def critic_loss(self, batch):
+        raise AssertionError
+
+
 class OfSomeTransitions(TD3):
     def critic_loss(self, batch):
         rewarded = batch.rewards[batch.rewards >= 0]
@@ -108,12 +118,14 @@ class WithSharedModule(TD3):
         (WithRandomBuffer, "its buffer projection is random, but seeds share buffers"),
         (WithSharedModule, "trunk is the module actor.0; each must have its own"),
         (ExploringFlat, r"fails \(explore returns \(16,\) numbers, not actions \(16, 1\)"),
-        (PerTransition, r"two seeds at once fails \(.*scalar"),
-        (WithDropout, r"two seeds at once fails \(.*random"),
-        (WithBatchNorm, r"two seeds at once fails \(.*in-place operation"),
-        (WithCounter, r"two seeds at once fails \(.*in-place operation"),
-        (OfSomeTransitions, "two seeds at once fails"),
-        (ExploringSometimes, "two seeds at once fails"),
+        (PerTransition, r"seeds fails \(.*scalar"),
+        (WithDropout, r"seeds fails \(.*random"),
+        (WithBatchNorm, r"seeds fails \(.*in-place operation"),
+        (WithCounter, r"seeds fails \(.*in-place operation"),
+        (WithoutGradient, r"seeds fails \(.*does not require grad"),
+        (WithAssertion, r"seeds fails \(AssertionError\)"),
+        (OfSomeTransitions, "seeds fails"),
+        (ExploringSometimes, "seeds fails"),
     ],
 )
 def test_faulty_rule_is_refused_before_training(rule, sentence):

@@ -121,7 +121,7 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
         (["random", "--policy", "heuristic"], "Two policies, random and heuristic: type one."),
         (["--task", "fly"], "Unknown task 'fly'"),
         (["--episodes", "0"], "episodes of the evaluation can't be 0"),
-        (["--augment", "-1"], "--augment -1: type a whole number"),
+        (["--augment", "-1"], "augment of the evaluation can't be -1: it should be greater"),
         (["--target-yaw", "nan"], "type degrees"),
     ],
 )

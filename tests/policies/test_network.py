@@ -73,6 +73,7 @@ def test_older_files_with_learned_features_are_read(appended):
         (None, b'{"network": [{"layer": "linear"}, {"layer": "exec"}]}'),
         (None, b'{"network": [{"layer": "linear"}, {"layer": "linear"}]}'),
         (None, b'{"network": [{"layer": "linear"}, {"layer": "concat", "earlier": 9}]}'),
+        (None, b'{"network": [{"layer": "linear"}, {"layer": "columns", "first": Infinity}]}'),
         (None, b'{"network": [{"layer": "relu"}]}'),
         (None, b'{"layers": 9, "squash": "tanh"}'),
         (None, b'{"layers": 1, "squash": "exec"}'),

@@ -94,17 +94,16 @@ class Gpu:
         """Does nothing."""
 
 
-def test_gpu_trains_all_cells_of_algorithm_in_one_process(tmp_path):
+def test_gpu_trains_the_seeds_of_a_configuration_in_one_process(tmp_path):
     matrix, events, gpu = write_matrix(tmp_path, algos='"td3", "ppo"'), [], Gpu()
     text = Path(matrix).read_text()
     Path(matrix).write_text(text.replace('"face_direction"', '"face_direction", "move_to_pose"'))
     cells = matrix_cells(read_matrix(matrix), Results(tmp_path))
     assert sweep(cells, Results(tmp_path), lambda: gpu, events.append) == {}
-    td3, ppo = ([run for run in all_runs(cells) if run.algo == algo] for algo in ("td3", "ppo"))
-    assert len(td3) == len(ppo) == 4
-    assert gpu.given == [td3, ppo, td3]
+    assert [len(cell.runs) for cell in cells] == [2, 2, 2, 2]
+    assert gpu.given == [cell.runs for cell in (*cells, cells[0])]
     assert texts(events, "note") == [
-        "The process of 4 runs of td3 in 2 configurations died; they are tried again."
+        "The process of seeds 0, 1 of td3 face_direction full died; they are tried again."
     ]
 
 

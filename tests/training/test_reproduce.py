@@ -71,6 +71,16 @@ def test_run_is_reproduced_bit_for_bit(trained):
     assert changes_since(record) == {}
 
 
+def test_run_that_ends_before_its_first_update_is_reproduced(tmp_path):
+    lengths = {"steps": EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
+    waiting = {**OFF_POLICY, "learning_starts": 1000}
+    run = small_run("ddpg", waiting, engine="batched", seed=0, **lengths)
+    assert run_batch([run], Results(tmp_path), None) == {}
+    again = retrain(Results(tmp_path), Results(tmp_path).find("run", run.id), 1)
+    assert again.verdict == "equal"
+    assert again.reason == "The agent was not updated in them; repeat more episodes."
+
+
 def test_stable_baselines3_run_is_reproduced_bit_for_bit(tmp_path):
     task = "move_from_origin"  # its returns are not 0
     run = settings(engine="sb3", task=task, evaluate_every=75, evaluate_episodes=1)

@@ -17,7 +17,7 @@ from jbench.settings.algorithms import OffPolicySettings
 def checked_rule(
     kind: type[Rule], settings: OffPolicySettings, observation_size: int, action_size: int = 1
 ) -> Rule:
-    """Returns a rule, after an update of two seeds in a stack with a minibatch of zeros.
+    """Returns a rule, after updates of a seed and of two in a stack with minibatches of zeros.
 
     A rule must be computable in a stack on a CPU too: its runs may be resumed on a GPU.
 
@@ -32,10 +32,12 @@ def checked_rule(
         fault, cause = next(_faults(rule, again, action_size), None), None
         if fault is None:
             try:
-                _update_two_seeds(rule)
+                _update(rule, seeds=1)
+                _update(rule, seeds=2)
             except Exception as error:
-                reason = str(error).removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
-                fault, cause = f"an update of two seeds at once fails ({reason.rstrip('.')})", error
+                text = str(error) or type(error).__name__
+                reason = text.removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
+                fault, cause = f"an update of one or two seeds fails ({reason.rstrip('.')})", error
     if fault is not None:
         raise WorkError(
             f"The rule {kind.__name__} can't be trained: {fault}; docs/your-own-rule.md says what "
@@ -78,22 +80,28 @@ def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:
             yield f"{name} is the module {first[module]}; each must have its own"
 
 
-def _update_two_seeds(rule: Rule) -> None:
-    """Makes an update with zeros.
+def _update(rule: Rule, seeds: int) -> None:
+    """Makes an update of initial parameters with a minibatch of zeros, of one seed or a stack.
 
     Raises:
-        Exception: if a loss is no number, draws random numbers, changes a buffer, or has shapes or
-            branches that depend on values, or `explore` returns something else than actions.
+        Exception: if a loss is no number, does not depend on what it trains, draws random numbers,
+            changes a buffer, or has shapes or branches that depend on values, or `explore` returns
+            something else than actions.
     """
-    sizes, view = (rule.observation_size, rule.action_size), SeedView(Tensors(2))
-    learner = AutogradLearner(rule.settings, *sizes, view, rule=rule)
-    shape = 2, rule.settings.batch_size
+    sizes, tensors = (rule.observation_size, rule.action_size), Tensors(seeds)
+    for seed in range(seeds):
+        learner = AutogradLearner(rule.settings, *sizes, SeedView(tensors, seed), rule=rule)
+        learner.initialize(torch.Generator())
+    if seeds > 1:
+        learner = AutogradLearner(rule.settings, *sizes, SeedView(tensors), rule=rule)
+    stack = (seeds,) if seeds > 1 else ()
+    shape = *stack, rule.settings.batch_size
     rows, next_rows = torch.zeros(2, *shape, sum(sizes) + 1)
     noise = torch.zeros(*shape, rule.noise_per_transition)
     batch = Batch(rows, next_rows, torch.zeros(*shape, 1), noise, rule.action_size)
     learner.update(batch)
     if learner.is_stochastic:
         actions = learner.explore(batch.observations, batch.actions)
-        found, wanted = (tuple(values.shape[1:]) for values in (actions, batch.actions))
+        found, wanted = (tuple(values.shape[-2:]) for values in (actions, batch.actions))
         if found != wanted:
             raise ValueError(f"explore returns {found} numbers, not actions {wanted}")

@@ -71,8 +71,10 @@ class _Command(TyperCommand):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         for parameter in self.params:
-            if parameter.metavar is None and not getattr(parameter, "is_flag", False):
-                parameter.metavar = str(parameter.name).rstrip("_").rpartition("_")[2].upper()
+            if getattr(parameter, "is_flag", False):
+                parameter.metavar = ""
+            elif parameter.metavar is None:
+                parameter.metavar = parameter.opts[0].rpartition("-")[2].upper()
 
 
 _OLD_NAME = "train-agent"
@@ -164,6 +166,13 @@ _COMMANDS_ELSEWHERE = {
 }
 """Commands that users may look for, and what to type instead."""
 
+_OPTIONS_ELSEWHERE = {
+    **{"--n-envs": "--environments", "--num-envs": "--environments", "--env": "--task"},
+    **{"--timesteps": "--steps", "--total-timesteps": "--steps"},
+    **{"--lr": "--set learning_rate=VALUE", "--kind": "train-encoder --kind"},
+}
+"""Options that users may know from other programs or commands, and what to type instead."""
+
 
 def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
     """Returns what is wrong with the arguments, and the help that lists the right ones."""
@@ -173,13 +182,21 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
         if arguments and arguments[0] in _COMMANDS_ELSEWHERE:
             here = _COMMANDS_ELSEWHERE[arguments[0]]
             message = f"No such command '{arguments[0]}'; type jbench {here} instead"
-        help_ = "jbench --help lists the commands."
+        if arguments and any(arguments[0] == info.name for info in app.registered_commands):
+            help_ = f"jbench {arguments[0]} --help lists the options and shows an example."
+        else:
+            help_ = "jbench --help lists the commands."
     else:
         from jbench.settings.algorithms import SETTINGS
 
-        name = getattr(error, "option_name", "").removeprefix("--").replace("-", "_")
-        if any(name in settings.model_fields for settings in SETTINGS.values()):
-            message += f"; type --set {name}=VALUE instead"
+        option = getattr(error, "option_name", "")
+        options = {name for parameter in context.command.params for name in parameter.opts}
+        instead = _OPTIONS_ELSEWHERE.get(option, "")
+        name = option.removeprefix("--").replace("-", "_")
+        if not instead and any(name in settings.model_fields for settings in SETTINGS.values()):
+            instead = f"--set {name}=VALUE"
+        if instead.partition(" ")[0] in options or (instead and option == "--kind"):
+            message = f"No such option: {option}; type {instead} instead"
         elif context.info_name == "report" and "unexpected extra argument" in message:
             message += ": type --curves FILE, or --results DIR"
         help_ = f"jbench {context.info_name} --help lists the options and shows an example."

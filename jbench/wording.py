@@ -14,8 +14,13 @@ def progress_text(done: float, planned: float | None) -> str:
 
 def not_formula(value: Any) -> Any:
     """Returns a value for a CSV file; a formula of a spreadsheet gets a quote before it."""
-    is_formula = isinstance(value, str) and value[:1] in ("=", "+", "-", "@") and len(value) > 1
-    return f"'{value}" if is_formula else value
+    if not (isinstance(value, str) and value[:1] in ("=", "+", "-", "@") and len(value) > 1):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"
+    return value
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:

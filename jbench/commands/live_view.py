@@ -67,7 +67,7 @@ class TrainingView:
 
     def _show_progress(self, event: Event) -> None:
         """Shows how much of a dataset or an encoder is made."""
-        if event.text != self._making:
+        if event.text != self._making or event.steps == 0:
             self._shown.close()
             bar = self._output.progress(event.text, event.total, event.unit)
             self._making, self._progress = event.text, self._shown.enter_context(bar)

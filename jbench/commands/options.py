@@ -66,12 +66,13 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
     """Returns the parameter of a command for a field of settings."""
     default, help = typed_default(field), str(field.description)
     extra, type_ = field.json_schema_extra, _plain(field.annotation)
-    counts = isinstance(extra, dict) and extra.get("unit") is not None
+    unit = extra.get("unit") if isinstance(extra, dict) else None
     option = Option(
-        f"{default:_}" if counts and default is not None else default,
+        f"{default:_}" if unit and default is not None else default,
         f"--{(field.title or name).replace('_', '-')}",
         help=f"{help[0].upper()}{help[1:]}.",
-        parser=parsing.count if counts else None,
+        metavar=str(unit).split()[-1].upper() if unit else None,
+        parser=parsing.count if unit else None,
     )
     return inspect.Parameter(
         name,

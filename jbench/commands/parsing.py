@@ -125,7 +125,7 @@ def count(text: str | int) -> int:
     except ArithmeticError:  # no number, or one that decimal can't hold
         number = Decimal(0)
     if not (number.is_finite() and 1 <= number <= names.MAX_COUNT and number % 1 == 0):
-        raise BadParameter("type a positive whole number, such as 100000, 100k or 5e6")
+        raise BadParameter(f"{typed!r}: type a positive whole number, such as 100000, 100k or 5e6")
     return int(number)
 
 

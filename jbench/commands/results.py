@@ -109,8 +109,8 @@ def query(
 
 def _cut(cell: Any) -> Any:
     """Cuts a long text, such as the JSON of settings, so that its row stays one of a table."""
-    is_long = isinstance(cell, str) and len(cell) > _LONGEST
-    return f"{cell[: _LONGEST - 1]}…" if is_long else cell
+    text = str(cell)
+    return f"{text[: _LONGEST - 1]}…" if len(text) > _LONGEST else cell
 
 
 def verify(

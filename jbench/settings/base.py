@@ -159,7 +159,7 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: st
     # A title is the name that users know the field by.
     named = field.title if field is not None and field.title else ".".join(location)
     if first["type"] == "missing":
-        return RequestError(f"{named} of {whose} has no default: give it a value.")
+        return RequestError(f"the {what} {named} of {whose} is missing: give it a value.")
     message = first["msg"].rstrip(".")
     for words, plain in _PLAIN.items():
         message = message.replace(words, plain)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from jbench.settings.base import settings_hash
 from jbench.store import listed, locks, schema
 from jbench.store.database import Results
-from jbench.store.flaws import DamagedError, RecordError, Sort
+from jbench.store.flaws import DamagedError, RecordError, Sort, UnreadableError
 from jbench.store.manifest import KINDS, MANIFEST, FileEntry, Kind
 from jbench.store.record import Record
 from jbench.store.rows import make_row
@@ -128,7 +128,8 @@ def _check_folder(folder: Folder) -> tuple[Record | None, list[Flaw]]:
         if record is not None:
             _check_settings(record)
     except RecordError as error:
-        flaws.append(Flaw(error.sort, kind, id, error.path, error.problem))
+        advice = f"; {error.advice}" if isinstance(error, UnreadableError) and error.advice else ""
+        flaws.append(Flaw(error.sort, kind, id, error.path, f"{error.problem}{advice}"))
     if record is not None or MANIFEST not in folder.names:
         entries = () if record is None else record.manifest.files
         unlisted = {*folder.names} - {MANIFEST, locks.LOCK, *(entry.name for entry in entries)}

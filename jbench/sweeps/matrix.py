@@ -131,6 +131,7 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
             matrix = validated(Matrix, "the matrix", **{**part, **changes})
             for kind, options in matrix.encoder.options.items():
                 make_kind(kind, options)
+            requested_ofe(f"{OFE}12", matrix.ofe)
         matrix._name = where
         parts.append(matrix)
     trained = {algo for part in parts for algo in part.algos}

@@ -197,7 +197,7 @@ def test_listed_comparisons_replace_those_with_baselines(listed, results, cells)
             "share = -0.01",
             "share of [[comparison]] can't be -0.01: it should be greater than 0",
         ),
-        ('algo = "td3"\n', "", "algo of [[comparison]] has no default: give it a value."),
+        ('algo = "td3"\n', "", "the key algo of [[comparison]] is missing: give it a value."),
         ('algo = "td3"', 'algo = "td4"', "Unknown algorithm on face_direction 'td4'"),
         ('algo = "td3"', 'algo = "ddpg"', "Unknown representation of ddpg on face_direction"),
         ('"random2"', '"random3"', "Unknown representation of td3 on face_direction 'random3'"),

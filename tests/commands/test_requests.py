@@ -77,6 +77,8 @@ from tests.documentation import ROOT
         (("query", "FROM read_text('/etc/passwd')"), "file system operations are disabled"),
         (("fly",), "No such command 'fly'"),
         (("train", "--gamma", "1"), "No such option: --gamma; type --set gamma=VALUE instead"),
+        (("train", "--n-envs", "2"), "No such option: --n-envs; type --environments instead"),
+        (("report", "--gamma", "1"), "No such option: --gamma; jbench report --help"),
         (("train", "--task", "all"), "trains one task; type jbench sweep FILE for several"),
         (("collect", "--seed", "x"), "Invalid value for '--seed'"),
         (("train-vae",), "; type jbench train-encoder --kind vae instead; jbench --help lists"),

@@ -144,7 +144,7 @@ def test_seeds_and_steps_are_replaced_in_all_parts(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (PARTS + "[[part]]\nalgos = ['td4']\n", "part 3: tasks of the matrix has no default: give"),
+        (PARTS + "[[part]]\nalgos = ['td4']\n", "part 3: the key tasks of the matrix is missing"),
         (
             PARTS + "[[part]]\ntasks = ['move_to_poze']\n",
             "part 3: Unknown task 'move_to_poze'; did you",
@@ -260,6 +260,7 @@ DIGITS = "9" * 5000  # more than Python reads as a number
 @pytest.mark.parametrize(
     ("line", "says"),
     [
+        ("[ofe]\nx = 1", "Unknown setting of ofe 'x'; choose"),
         ("task = []", "Unknown key 'task'; did you mean tasks? Choose steps, engine,"),
         (
             'tasks = ["face_direktion"]',
@@ -309,7 +310,7 @@ def test_invalid_value_is_reported_in_one_line(line, says, tmp_path):
 def test_missing_required_key_is_refused(key, line, tmp_path):
     file = tmp_path / "short.toml"
     file.write_text(line)
-    with pytest.raises(RequestError, match=f"short.toml: {key} of the matrix has no default: give"):
+    with pytest.raises(RequestError, match=f"short.toml: the key {key} of the matrix is missing"):
         read_matrix(str(file))
 
 

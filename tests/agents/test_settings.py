@@ -304,7 +304,7 @@ def test_recorded_settings_of_every_json_type_are_read_again():
     assert settings_with(Own, "own", chosen.model_dump(mode="json")) == chosen
     with pytest.raises(RequestError, match="units of own can't be 8: it should be a list in brack"):
         settings_with(Own, "own", {"speed": 1, "units": 8})
-    with pytest.raises(RequestError, match="speed of own has no default: give it a value"):
+    with pytest.raises(RequestError, match="the setting speed of own is missing: give it"):
         settings_with(Own, "own", {})
 
 

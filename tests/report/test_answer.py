@@ -234,6 +234,11 @@ def test_whitened_latents_are_between_plain_ones_and_the_observation(returns):
     for finals in (plain, whitened):
         assert f"({finals.min():.0f} to {finals.max():.0f})" in text_of("answer")
     assert f"lower than with `scaled`: {decision(WHITENED, 'scaled')} by" in text_of("answer")
+    verdicts = chosen_from(Frames(shipped_results()).verdicts, returns="evaluation", claim="b")
+    (row,) = verdicts[~verdicts["verdict"].isin(["undecided", None])].itertuples()
+    assert (row.representation, row.against, row.verdict) == (WHITENED, "scaled", "more variable")
+    low, high = re.findall(r"\d+", row.text)
+    assert f"between agents is higher by {low} to {high} than with `scaled`" in text_of("answer")
 
 
 def test_planar_coordinates_help_by_what_they_leave_out(returns):

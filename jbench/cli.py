@@ -190,12 +190,14 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
         from jbench.settings.algorithms import SETTINGS
 
         option = getattr(error, "option_name", "")
-        options = {name for parameter in context.command.params for name in parameter.opts}
-        instead = _OPTIONS_ELSEWHERE.get(option, "")
         name = option.removeprefix("--").replace("-", "_")
-        if not instead and any(name in settings.model_fields for settings in SETTINGS.values()):
-            instead = f"--set {name}=VALUE"
-        if instead.partition(" ")[0] in options or (instead and option == "--kind"):
+        is_setting = any(name in settings.model_fields for settings in SETTINGS.values())
+        instead = _OPTIONS_ELSEWHERE.get(option, f"--set {name}=VALUE" if is_setting else "")
+        first = instead.partition(" ")[0]
+        if first and (
+            not first.startswith("--")
+            or any(first in parameter.opts for parameter in context.command.params)
+        ):
             message = f"No such option: {option}; type {instead} instead"
         elif context.info_name == "report" and "unexpected extra argument" in message:
             message += ": type --curves FILE, or --results DIR"

@@ -70,7 +70,7 @@ def find_class(name: str) -> type[Agent] | type[Rule]:
     return found
 
 
-def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
+def describe_settings(algo: str) -> dict[str, tuple[Any, str]]:
     """Returns the default, as a JSON value, and the meaning of each setting of an algorithm.
 
     The default of a setting that must be given is "required".
@@ -79,10 +79,10 @@ def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
         RequestError: if there is no such algorithm.
         WorkError: if its package can't be imported.
     """
-    if engine_of(algo) == "sb3":
+    if choose_engine(algo) == "sb3":
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
 
-        defaults = sb3_classes.settings_of(algo, {})
+        defaults = sb3_classes.class_settings(algo, {})
         return {name: (default, "") for name, default in defaults.items()}
     kind: type[Settings] = SETTINGS[algo] if algo in SETTINGS else find_class(algo).Settings
     return {
@@ -104,7 +104,7 @@ def _meaning(kind: type[Settings], name: str) -> str:
     return "; ".join(dict.fromkeys(filter(None, parts)))
 
 
-def engine_of(algo: str, wanted: Engine | None = None) -> Engine:
+def choose_engine(algo: str, wanted: Engine | None = None) -> Engine:
     """Returns the engine that trains an algorithm.
 
     Args:
@@ -144,7 +144,7 @@ def algorithm_fields(
         RequestError: if there is no such algorithm, or a setting is unknown or invalid.
         WorkError: if the package of an agent can't be imported.
     """
-    fields: dict[str, Any] = {"algo": algo, "engine": engine_of(algo, engine)}
+    fields: dict[str, Any] = {"algo": algo, "engine": choose_engine(algo, engine)}
     changes = dict(overrides or {})
     if algo in ALGORITHMS:
         own = algorithm_settings(algo, default_base(task, base), changes)
@@ -156,7 +156,7 @@ def algorithm_fields(
     if fields["engine"] == "sb3":
         from jbench.agents import sb3_classes
 
-        return fields | {"hyperparameters": sb3_classes.settings_of(algo, changes)}
+        return fields | {"hyperparameters": sb3_classes.class_settings(algo, changes)}
     settings = settings_with(find_class(algo).Settings, algo, changes)
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
@@ -176,7 +176,7 @@ def hyperparameters(run: RunSettings) -> Settings:
     return settings_with(find_class(run.algo).Settings, run.algo, run.hyperparameters)
 
 
-def code_of(algo: str) -> dict[str, str | None]:
+def algorithm_provenance(algo: str) -> dict[str, str | None]:
     """Returns provenance of the code of an algorithm; none for those of jbench.
 
     Raises:

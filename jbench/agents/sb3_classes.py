@@ -42,7 +42,7 @@ def find_class(name: str) -> type[BaseAlgorithm]:
     return kind
 
 
-def settings_of(name: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+def class_settings(name: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the settings of a class: the JSON values among its arguments.
 
     Args:

@@ -51,17 +51,17 @@ def _described(name: str) -> dict[str, Any]:
         WorkError: if its package can't be imported.
     """
     from jbench import plugins
-    from jbench.agents.algorithms import code_of, engine_of, settings_of
+    from jbench.agents.algorithms import algorithm_provenance, choose_engine, describe_settings
     from jbench.names import ALGORITHMS
 
-    code = plugins.made_with("jbench") if name in ALGORITHMS else code_of(name)
+    code = plugins.made_with("jbench") if name in ALGORITHMS else algorithm_provenance(name)
     return {
         "name": name,
-        "engine": engine_of(name),
+        "engine": choose_engine(name),
         "package": code.get("package"),
         "settings": [
             {"name": setting, "default": default, "description": description}
-            for setting, (default, description) in settings_of(name).items()
+            for setting, (default, description) in describe_settings(name).items()
         ],
     }
 

@@ -74,7 +74,7 @@ def train(
     **chosen: Any,
 ) -> None:
     """Train agents, one run per seed; finished runs are skipped."""
-    from jbench.agents.algorithms import engine_of
+    from jbench.agents.algorithms import choose_engine
     from jbench.commands import display
     from jbench.commands.live_view import TrainingView
     from jbench.commands.log import logged
@@ -91,7 +91,7 @@ def train(
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
     output, database = Output(json), parsing.results_to_write(results)
     algo = algo.lower() if algo.lower() in names.ALGORITHMS else algo
-    chosen["engine"] = engine_of(algo, chosen["engine"])
+    chosen["engine"] = choose_engine(algo, chosen["engine"])
     chosen["evaluate_every"] = chosen["evaluate_every"] or names.evaluation_interval(
         chosen["steps"]
     )

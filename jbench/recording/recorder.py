@@ -21,7 +21,7 @@ from jbench.recording.writer import RecordedEnvironment, RunWriter, copied_netwo
 from jbench.settings.records import ExternalSettings
 from jbench.simulation.find import find_task
 from jbench.store import Results
-from jbench.training.environment import load_encoder_of, make_env
+from jbench.training.environment import load_run_encoder, make_env
 
 if TYPE_CHECKING:
     from jbench.recording.sb3 import RecordingCallback
@@ -52,7 +52,7 @@ class Recording:
         """Prepares the recording; nothing is written before the `with` block begins."""
         self.id, self.finished = settings.id, False
         self._settings, self._results, self._made_on = settings, results, made_on
-        self._encoder = load_encoder_of(settings, results)
+        self._encoder = load_run_encoder(settings, results)
         self._lock = contextlib.ExitStack()
         self._logger, self._process = logger, os.getpid()
         self._writer: RunWriter | None = None

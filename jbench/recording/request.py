@@ -31,7 +31,7 @@ from jbench.settings.records import ExternalSettings
 from jbench.simulation.find import checked_task, code_provenance
 from jbench.store import Results, files
 from jbench.store.shipped import results_to_write
-from jbench.training.request import representation_of
+from jbench.training.request import read_representation
 
 _STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
 
@@ -126,7 +126,7 @@ def external_settings(
                 "or an encoder of these results."
             )
         fields["encoder"] = find_encoder(results, encoder, fields["task"])
-        fields["representation"] = representation_of(results, fields["encoder"])
+        fields["representation"] = read_representation(results, fields["encoder"])
     hyperparameters = plain_hyperparameters(hyperparameters, fields["seed"], fields["steps"])
     return validated(ExternalSettings, "the run", hyperparameters=hyperparameters, **fields)
 

@@ -20,7 +20,7 @@ from jbench.policies.saved import policy_files
 from jbench.settings.records import ExternalSettings
 from jbench.simulation.rollout import Act
 from jbench.store import Record, schema
-from jbench.training.evaluation import EvaluationSchedule, evaluate_policy, seeds_of
+from jbench.training.evaluation import EvaluationSchedule, derive_seeds, evaluate_policy
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
@@ -43,7 +43,7 @@ class RunWriter:
         self._record, self._settings, self._encoder = record, settings, encoder
         self._log, self._clock = RunLog(record), ProcessorClock()
         self._pace, self._schedule = CommitTimer(_COMMIT_EVERY), EvaluationSchedule(settings)
-        _, self._seed = seeds_of(settings.seed)
+        _, self._seed = derive_seeds(settings.seed)
         self._losses: dict[str, Any] = {}
 
     @property

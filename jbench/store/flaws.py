@@ -25,8 +25,13 @@ class RecordError(WorkError):
         super().__init__(path, problem, advice)
         self.path, self.problem, self.advice = path, problem, advice
 
+    @property
+    def problem_with_advice(self) -> str:
+        """Clause to follow the path in a sentence."""
+        return f"{self.problem}{self.advice and '; '}{self.advice}"
+
     def __str__(self) -> str:
-        return f"{self.path} {self.problem}{self.advice and '; '}{self.advice}."
+        return f"{self.path} {self.problem_with_advice}."
 
 
 class DamagedError(RecordError):

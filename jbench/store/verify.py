@@ -128,8 +128,9 @@ def _check_folder(folder: Folder) -> tuple[Record | None, list[Flaw]]:
         if record is not None:
             _check_settings(record)
     except RecordError as error:
-        advice = f"; {error.advice}" if isinstance(error, UnreadableError) and error.advice else ""
-        flaws.append(Flaw(error.sort, kind, id, error.path, f"{error.problem}{advice}"))
+        foreign = isinstance(error, UnreadableError)
+        problem = error.problem_with_advice if foreign else error.problem
+        flaws.append(Flaw(error.sort, kind, id, error.path, problem))
     if record is not None or MANIFEST not in folder.names:
         entries = () if record is None else record.manifest.files
         unlisted = {*folder.names} - {MANIFEST, locks.LOCK, *(entry.name for entry in entries)}

@@ -25,7 +25,7 @@ from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.matrix_file import COMPARISON, PART, named, read_content, split_into_parts
-from jbench.training.request import representation_of, requested_ofe, runs_of
+from jbench.training.request import make_runs, read_representation, requested_ofe
 
 _EVALUATION = "evaluate_"
 """Beginning of the fields of `RunSettings` that are keys of the table [evaluation]."""
@@ -131,6 +131,7 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
             matrix = validated(Matrix, "the matrix", **{**part, **changes})
             for kind, options in matrix.encoder.options.items():
                 make_kind(kind, options)
+            # They may be of any size, and are checked even if no representation is one.
             requested_ofe(f"{OFE}12", matrix.ofe)
         matrix._name = where
         parts.append(matrix)
@@ -198,7 +199,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
     if fields["ofe"] is not None:
         fields["representation"] = fields["ofe"].representation
     elif "/" in name:
-        fields |= {"encoder": name, "representation": representation_of(results, name)}
+        fields |= {"encoder": name, "representation": read_representation(results, name)}
     elif name != FULL:
         dataset = matrix.dataset_settings(task)
         encoders = _encoders(matrix, dataset, task, _wanted(name, task))
@@ -206,7 +207,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
         fields["representation"] = first.representation
         if matrix.encoder.seed == "each":
             fields["encoder_draws"] = first.draws
-    runs = runs_of(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
+    runs = make_runs(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
     different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
     return Cell(task, algo, name, runs, default_base(task, matrix.settings), different, dataset)
 

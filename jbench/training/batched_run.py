@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import torch
 
-from jbench.agents.algorithms import code_of
+from jbench.agents.algorithms import algorithm_provenance
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import WorkError, sentence_of_failure
@@ -94,7 +94,7 @@ def _begin_all(
         The unfinished runs, and the error of each run that can't be trained by id.
     """
     task_code = find.code_provenance(runs[0].task)
-    made_on = {**device_provenance(device), **code_of(runs[0].algo), **task_code}
+    made_on = {**device_provenance(device), **algorithm_provenance(runs[0].algo), **task_code}
     encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
     members: list[Member] = []
     failures: dict[str, WorkError] = {}

@@ -12,7 +12,7 @@ from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import check_specs
-from jbench.training.evaluation import seeds_of
+from jbench.training.evaluation import derive_seeds
 
 
 def make_trainer(
@@ -31,7 +31,7 @@ def make_trainer(
         WorkError: if the package of the algorithm can't be imported, or its update rule can't be
             trained.
     """
-    settings, seeds = runs[0], [seeds_of(run.seed)[0] for run in runs]
+    settings, seeds = runs[0], [derive_seeds(run.seed)[0] for run in runs]
     check_specs(settings.task, settings.specs)
 
     def augment(episode: int) -> int | None:

@@ -14,12 +14,12 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 
 
-def load_encoder_of(settings: RunSettings | ExternalSettings, results: Results) -> Encoder | None:
+def load_run_encoder(settings: RunSettings | ExternalSettings, results: Results) -> Encoder | None:
     """Returns the encoder of a run, or None for the full observation."""
     return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
 
 
-def load_encoders_of(
+def load_run_encoders(
     runs: Sequence[RunSettings], results: Results
 ) -> tuple[dict[str | None, Encoder | None], dict[str, RequestError | WorkError]]:
     """Returns the encoders of runs by id, and the error of each run whose encoder is not usable."""
@@ -28,7 +28,7 @@ def load_encoders_of(
     for run in runs:
         try:
             if run.encoder not in encoders:
-                encoders[run.encoder] = load_encoder_of(run, results)
+                encoders[run.encoder] = load_run_encoder(run, results)
         except (RequestError, WorkError) as error:
             failures[run.id] = error
     return encoders, failures

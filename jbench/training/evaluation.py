@@ -32,7 +32,7 @@ def final_evaluation_episodes(settings: RunSettings, requested: int | None) -> i
     return max(settings.evaluate_episodes, most) if requested is None else requested
 
 
-def seeds_of(seed: int) -> tuple[int, int]:
+def derive_seeds(seed: int) -> tuple[int, int]:
     """Returns the seed of the agent and that of the evaluations of a run with this seed."""
     agent, evaluations = np.random.SeedSequence(seed).generate_state(2)
     return int(agent), int(evaluations)

@@ -60,7 +60,7 @@ class Event(NamedTuple):
 
     @property
     def resume_sentence(self) -> str:
-        """Says how a resumed run goes on."""
+        """A sentence on where a resumed run goes on."""
         at, other = self.steps, self.continues
         if not other:
             how = "was interrupted or failed; it " + ("resumes at" if at else "starts again from")

@@ -15,7 +15,7 @@ from jbench.policies.saved import policy_files
 from jbench.training.batch_member import Member
 from jbench.training.checkpoints import newest, read_replay, save
 from jbench.training.engines import make_trainer
-from jbench.training.evaluation import Evaluator, final_evaluation_episodes, seeds_of
+from jbench.training.evaluation import Evaluator, derive_seeds, final_evaluation_episodes
 from jbench.training.events import Event, Report
 from jbench.training.log import CommitTimer, Position, ProcessorClock
 
@@ -54,7 +54,7 @@ class TrainingGroup:
         self._engine = make_trainer(
             [m.settings for m in members], [m.encoder for m in members], device
         )
-        self._evaluator = Evaluator(settings, [seeds_of(m.settings.seed)[1] for m in members])
+        self._evaluator = Evaluator(settings, [derive_seeds(m.settings.seed)[1] for m in members])
         if members[0].checkpoint is not None:
             self._restore(members[0].checkpoint.position)
 

@@ -19,7 +19,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.provenance import device_provenance, differences, provenance
 from jbench.training.engines import make_trainer
-from jbench.training.evaluation import Evaluator, evaluate_policy, seeds_of
+from jbench.training.evaluation import Evaluator, derive_seeds, evaluate_policy
 from jbench.training.log import POLICY_EVALUATION
 
 Verdict = Literal["equal", "different", "no policy", "not comparable"]
@@ -156,7 +156,7 @@ def _returns(
         ValueError: if the policy does not have the layers of the settings.
     """
     agent = load_agent(results, record.id)
-    _, seed = seeds_of(settings.seed)
+    _, seed = derive_seeds(settings.seed)
     if isinstance(settings, ExternalSettings):
         return evaluate_policy(settings, seed, number, agent.act, cores()).returns
     if settings.engine == "sb3":

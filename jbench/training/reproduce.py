@@ -17,7 +17,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema
 from jbench.store.merge import TIMES
 from jbench.training.batched_run import run_batch
-from jbench.training.environment import load_encoder_of
+from jbench.training.environment import load_run_encoder
 from jbench.training.reevaluate import Repeated, Verdict, device_for
 
 _Rows = dict[tuple[int, str, int, int], dict[str, Any]]
@@ -100,7 +100,7 @@ def _train(
 ) -> None:
     """Trains a run up to a control step, in a temporary results directory."""
     stop = until if until < settings.steps else None
-    encoder = load_encoder_of(settings, results)
+    encoder = load_run_encoder(settings, results)
     if settings.engine == "sb3":
         from jbench.training import sb3_run  # stable-baselines3 takes a second to import
 

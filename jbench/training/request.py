@@ -79,17 +79,17 @@ def request_runs(
         )
     elif encoder not in NO_ENCODER:
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
-        fields["representation"] = representation_of(results, encoder_id)
+        fields["representation"] = read_representation(results, encoder_id)
         if encoder_seeds == "each":
             fields["encoder_draws"], encoders = find_draws(results, encoder, task, seeds)
     algorithm = algorithm_fields(algo, engine, base, of_algorithm, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
         input_mirror(task, load_encoder(results, fields["encoder"])[0])
     fields["specs"] = find_task(task).specs
-    return runs_of(seeds, encoders, task=task, **algorithm, **fields)
+    return make_runs(seeds, encoders, task=task, **algorithm, **fields)
 
 
-def runs_of(
+def make_runs(
     seeds: Sequence[int], encoders: Mapping[int, str] | None = None, **fields: Any
 ) -> list[RunSettings]:
     """Returns the settings of one run per seed.
@@ -132,7 +132,7 @@ def runs_of(
     return runs
 
 
-def representation_of(results: Results, encoder: str) -> str:
+def read_representation(results: Results, encoder: str) -> str:
     """Returns the name of an encoder's representation, such as dae12.
 
     Raises:

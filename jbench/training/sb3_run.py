@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from jbench.agents import sb3, sb3_classes
-from jbench.agents.algorithms import code_of
+from jbench.agents.algorithms import algorithm_provenance
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.encoders import Encoder
 from jbench.errors import WorkError, sentence_of_failure
@@ -22,7 +22,7 @@ from jbench.simulation import find
 from jbench.simulation.rollout import PATH_EVERY, Path, make_path, path_point
 from jbench.store import Record, Results
 from jbench.training.environment import RobotSequence, make_env, with_robot
-from jbench.training.evaluation import EvaluationSchedule, final_evaluation_episodes, seeds_of
+from jbench.training.evaluation import EvaluationSchedule, derive_seeds, final_evaluation_episodes
 from jbench.training.events import Event, Report, ignore
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
@@ -60,7 +60,11 @@ def run(
         if existing is not None:
             report(Event("resumed", settings.id))
         find.check_specs(settings.task, settings.specs)
-        made_on = {"device": "cpu", **code_of(settings.algo), **find.code_provenance(settings.task)}
+        made_on = {
+            "device": "cpu",
+            **algorithm_provenance(settings.algo),
+            **find.code_provenance(settings.task),
+        }
         record = results.create("run", settings.id, settings.values, made_on)
         try:
             _train(settings, record, encoder, report, until, final_episodes)
@@ -83,7 +87,7 @@ def _train(
     final_episodes: int | None,
 ) -> None:
     log, clock = RunLog(record), ProcessorClock()
-    agent_seed, evaluation_seed = seeds_of(settings.seed)
+    agent_seed, evaluation_seed = derive_seeds(settings.seed)
     env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
     agent = _build(settings, env, agent_seed)
     evaluator = SB3Evaluator(settings, encoder, evaluation_seed)
@@ -104,7 +108,7 @@ def _train(
     log.commit()
     clock.share([log])
     summary = log.summary(agent.num_timesteps, evaluated=recorder.evaluated is not None)
-    record.finish(summary, policy_files(recorder.evaluated or policy_of(agent, settings)))
+    record.finish(summary, policy_files(recorder.evaluated or copy_policy(agent, settings)))
 
 
 def _build(settings: RunSettings, env: VecEnv, seed: int) -> BaseAlgorithm:
@@ -113,7 +117,7 @@ def _build(settings: RunSettings, env: VecEnv, seed: int) -> BaseAlgorithm:
     return sb3_classes.build(settings.algo, settings.hyperparameters, env, seed)
 
 
-def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> SavedNetwork:
+def copy_policy(agent: BaseAlgorithm, settings: RunSettings) -> SavedNetwork:
     """Returns a copy of the agent's deterministic policy."""
     if settings.is_ours:
         return sb3.policy(agent)
@@ -197,7 +201,7 @@ class _Recorder(BaseCallback):
 
     def evaluate(self) -> None:
         """Evaluates the agent's current policy."""
-        policy = policy_of(self.model, self._settings)
+        policy = copy_policy(self.model, self._settings)
         returns, path = self._evaluator(policy.act, self.num_timesteps)
         self._clock.share([self._log])
         self._log.evaluation(self.num_timesteps, returns, path)

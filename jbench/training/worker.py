@@ -84,9 +84,9 @@ def _train(
 ) -> dict[str, Exception]:
     """Trains all runs; returns the error of each failed run by id."""
     from jbench.training.batched_run import run_batch
-    from jbench.training.environment import load_encoders_of
+    from jbench.training.environment import load_run_encoders
 
-    encoders, unusable = load_encoders_of(runs, results)
+    encoders, unusable = load_run_encoders(runs, results)
     failures: dict[str, Exception] = {**unusable}
     runs = [run for run in runs if run.id not in failures]
     if not runs:

@@ -40,7 +40,7 @@ def learner_of(algo, ofe, *, stacked=False, actions=1, **changes):
     return make(SeedView(tensors)), each[1]
 
 
-def stack_key(batch):
+def twice(batch):
     """Returns the same minibatch for each of two seeds."""
     parts = batch.rows, batch.next_rows, batch.discounts, batch.noise
     both = (part.expand(2, *part.shape).clone() for part in parts)
@@ -62,7 +62,7 @@ def test_gradients_and_updates_of_features_equal_autograd(ofe, stacked, actions)
         batch = transitions(random, actions)
         loss = float(plain.loss(batch).detach()) if len(plain.first) >= 4 else None
         gradients = plain.learn(batch)
-        errors = learner.features.learn(stack_key(batch) if stacked else batch)
+        errors = learner.features.learn(twice(batch) if stacked else batch)
         flat = learner.features.gradient[1] if stacked else learner.features.gradient
         for ours, (weight, bias) in zip(seed.features.split_layers(flat), gradients, strict=True):
             torch.testing.assert_close(ours.weight.mT, weight, rtol=0, atol=1e-10)
@@ -83,7 +83,7 @@ def test_updates_of_ddpg_on_features_equal_autograd(ofe, stacked, actions):
     for _ in range(UPDATES):
         batch = transitions(random, actions)
         plain.update(batch)
-        learner.update(stack_key(batch) if stacked else batch)
+        learner.update(twice(batch) if stacked else batch)
     assert_equal_parameters(layers)
 
 
@@ -128,7 +128,7 @@ def test_stacked_updates_equal_those_of_single_seeds(algo, ofe, actions):
     random = torch.Generator().manual_seed(3)
     for update in range(UPDATES):
         batch = transitions(random, actions, alone.noise_per_transition)
-        stack.update(stack_key(batch), stack.is_delayed_update(update, 0))
+        stack.update(twice(batch), stack.is_delayed_update(update, 0))
         alone.update(batch, alone.is_delayed_update(update, 0))
     for name in ("features", "actor", "critics"):
         one, other = (getattr(learner, name) for learner in (alone, seed))

@@ -84,18 +84,18 @@ def test_lists_and_noise_are_converted_to_arguments():
 
 
 def test_arguments_by_position_are_no_settings():
-    assert set(sb3_classes.settings_of(f"{__name__}:Wrapped", {})) == {"own"}
+    assert set(sb3_classes.class_settings(f"{__name__}:Wrapped", {})) == {"own"}
     with pytest.raises(RequestError, match="Wrapped has no setting rest; it has own"):
-        sb3_classes.settings_of(f"{__name__}:Wrapped", {"rest": [1]})
+        sb3_classes.class_settings(f"{__name__}:Wrapped", {"rest": [1]})
 
 
 def test_number_that_is_not_finite_is_refused():
     with pytest.raises(RequestError, match="gamma of sb3_contrib:TQC can't be nan: numbers must"):
-        sb3_classes.settings_of(NAME, {"gamma": float("nan")})
+        sb3_classes.class_settings(NAME, {"gamma": float("nan")})
 
 
 def test_none_replaces_a_default():
-    settings = sb3_classes.settings_of("stable_baselines3:PPO", {"target_kl": 0.1})
+    settings = sb3_classes.class_settings("stable_baselines3:PPO", {"target_kl": 0.1})
     assert settings["clip_range_vf"] is None
     agent = sb3_classes.build("stable_baselines3:PPO", {**settings, "target_kl": None}, _env(), 0)
     assert agent.target_kl is None
@@ -111,17 +111,17 @@ def test_none_replaces_a_default():
 )
 def test_class_that_cannot_be_trained_is_refused(name, settings, sentence):
     with pytest.raises(RequestError, match=sentence):
-        sb3_classes.check(name, sb3_classes.settings_of(name, settings), 16, 1, 1)
+        sb3_classes.check(name, sb3_classes.class_settings(name, settings), 16, 1, 1)
 
 
 def test_settings_are_checked_with_the_environments_of_the_run():
-    by_episodes = sb3_classes.settings_of(NAME, {"train_freq": [1, "episode"]})
+    by_episodes = sb3_classes.class_settings(NAME, {"train_freq": [1, "episode"]})
     sb3_classes.check(NAME, by_episodes, 16, 1, 1)
     with pytest.raises(RequestError, match="can't be in episodes with 2 environments: type a"):
         sb3_classes.check(NAME, by_episodes, 16, 1, 2)
     # A rollout has more than one step.
     ppo = "stable_baselines3:PPO"
-    one_step = sb3_classes.settings_of(ppo, {"n_steps": 1, "batch_size": 2})
+    one_step = sb3_classes.class_settings(ppo, {"n_steps": 1, "batch_size": 2})
     sb3_classes.check(ppo, one_step, 16, 1, 2)
     with pytest.raises(RequestError, match="n_steps"):
         sb3_classes.check(ppo, one_step, 16, 1, 1)

@@ -17,7 +17,7 @@ from jbench.store import Results
 from jbench.sweeps.executors import batches
 from jbench.training import engines, evaluation, group, speed
 from jbench.training.batched_run import run_batch
-from jbench.training.evaluation import evaluate_policy, seeds_of
+from jbench.training.evaluation import derive_seeds, evaluate_policy
 from jbench.training.events import Event
 from jbench.training.reevaluate import reevaluate
 from jbench.training.request import training_device
@@ -161,7 +161,7 @@ def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
     run_batch(runs, results, None)
     for run in runs:
         record, agent = results.find("run", run.id), load_agent(results, run.id)
-        _, seed = seeds_of(run.seed)
+        _, seed = derive_seeds(run.seed)
         found = record.read("paths").to_pandas()
         assert paths(record) == {(0, 50): 3, (2, 150): 3}
         made = evaluate_policy(run, seed, 2, agent.act, 1)

@@ -26,8 +26,8 @@ from jbench.tasks import geometry
 from jbench.tasks.features import mirrored
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
-from jbench.training.environment import load_encoder_of
-from jbench.training.evaluation import evaluate_policy, seeds_of
+from jbench.training.environment import load_run_encoder
+from jbench.training.evaluation import derive_seeds, evaluate_policy
 from jbench.training.reevaluate import reevaluate
 from tests.agents.test_batched_engine import engine_of
 from tests.agents.test_plugin_engine import engine_of as plugin_engine_of
@@ -150,7 +150,7 @@ def assert_last_evaluation_is_repeated(results, record, settings):
     again = reevaluate(results, record)
     assert (again.verdict, again.reason) == ("equal", "")
     act, number = load_agent(results, record.id).act, LENGTHS["steps"] // EPISODE - 1
-    made = evaluate_policy(settings, seeds_of(settings.seed)[1], number, act, 1)
+    made = evaluate_policy(settings, derive_seeds(settings.seed)[1], number, act, 1)
     np.testing.assert_allclose(made.returns, again.recorded, atol=1e-2)
     assert np.ptp(again.recorded) > 0.1
 
@@ -166,7 +166,7 @@ def test_evaluations_in_training_equal_those_of_saved_policy(results):
         seed=1,
         **LENGTHS,
     )
-    assert run_batch([run], results, load_encoder_of(run, results)) == {}
+    assert run_batch([run], results, load_run_encoder(run, results)) == {}
     assert_last_evaluation_is_repeated(results, results.find("run", run.id), run)
 
 
@@ -181,7 +181,7 @@ def test_stable_baselines3_runs_on_mirrored_observations(results):
         seed=1,
         **LENGTHS,
     )
-    record = sb3_run.run(run, results, load_encoder_of(run, results))
+    record = sb3_run.run(run, results, load_run_encoder(run, results))
     assert reevaluate(results, record).verdict == "equal"
 
 

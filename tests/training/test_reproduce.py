@@ -13,7 +13,7 @@ from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
-from jbench.training.environment import load_encoder_of
+from jbench.training.environment import load_run_encoder
 from jbench.training.log import POLICY_EVALUATION
 from jbench.training.reevaluate import changes_since, reevaluate
 from jbench.training.reproduce import default_episodes, retrain
@@ -170,7 +170,7 @@ def test_run_with_encoder_needs_it(demo_results, tmp_path):
     shutil.copytree(demo_results.path / "encoders", tmp_path / "encoders")
     results = Results(tmp_path)
     run = settings(encoder=ENCODER, representation="dae14", steps=50)
-    assert run_batch([run], results, load_encoder_of(run, results)) == {}
+    assert run_batch([run], results, load_run_encoder(run, results)) == {}
     record = results.find("run", run.id)
     assert reevaluate(results, record).verdict == retrain(results, record, 1).verdict == "equal"
     shutil.rmtree(results.path / "encoders")

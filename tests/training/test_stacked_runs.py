@@ -10,7 +10,7 @@ from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.sweeps.executors import batches
 from jbench.training.batched_run import run_batch
-from jbench.training.environment import load_encoders_of
+from jbench.training.environment import load_run_encoders
 from tests.agents.test_batched_engine import TanhEncoder
 from tests.training.small_runs import rows
 from tests.training.test_batched_run import settings
@@ -59,6 +59,6 @@ def test_seeds_of_configuration_share_process_on_gpu_and_are_divided_on_cpu():
 
 def test_missing_encoder_fails_only_its_runs(tmp_path):
     full, encoded = ([settings("td3", seed, **kind) for seed in (0, 3)] for kind in ({}, ENCODED))
-    encoders, failures = load_encoders_of([*full, *encoded], Results(tmp_path))
+    encoders, failures = load_run_encoders([*full, *encoded], Results(tmp_path))
     assert encoders == {None: None}
     assert list(failures) == [run.id for run in encoded]

@@ -1,6 +1,7 @@
 """Finds out before the training whether an update rule keeps to what `Rule` describes."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import torch
 from torch import nn
@@ -8,7 +9,9 @@ from torch import nn
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
-from jbench.agents.batched.tensors import SeedView, Tensors
+from jbench.agents.batched.team import Team
+from jbench.agents.batched.tensors import Tensors
+from jbench.agents.generators import Generators
 from jbench.errors import WorkError
 from jbench.policies.copied import copy_module
 from jbench.settings.algorithms import OffPolicySettings
@@ -88,14 +91,14 @@ def _update(rule: Rule, seeds: int) -> None:
             changes a buffer, or has shapes or branches that depend on values, or `explore` returns
             something else than actions.
     """
-    sizes, tensors = (rule.observation_size, rule.action_size), Tensors(seeds)
-    for seed in range(seeds):
-        learner = AutogradLearner(rule.settings, *sizes, SeedView(tensors, seed), rule=rule)
-        learner.initialize(torch.Generator())
-    if seeds > 1:
-        learner = AutogradLearner(rule.settings, *sizes, SeedView(tensors), rule=rule)
-    stack = (seeds,) if seeds > 1 else ()
-    shape = *stack, rule.settings.batch_size
+    sizes, is_stack = (rule.observation_size, rule.action_size), seeds > 1
+    make = partial(AutogradLearner, rule.settings, *sizes, rule=rule)
+    generators = [Generators(seed, environments=1) for seed in range(seeds)]
+    team = Team(make, generators, Tensors(seeds), stacked=is_stack)
+    for seed_learner, seed_generators in zip(team.learners, generators, strict=True):
+        seed_learner.initialize(seed_generators.weights())
+    learner = team.groups[0].learner
+    shape = (*((seeds,) if is_stack else ()), rule.settings.batch_size)
     rows, next_rows = torch.zeros(2, *shape, sum(sizes) + 1)
     noise = torch.zeros(*shape, rule.noise_per_transition)
     batch = Batch(rows, next_rows, torch.zeros(*shape, 1), noise, rule.action_size)

@@ -21,8 +21,8 @@ import numpy as np
 import torch
 
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.names import ALGORITHMS, EPISODE_STEPS
-from jbench.settings.algorithms import algorithm_settings
+from jbench.names import EPISODE_STEPS
+from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, files
 from jbench.training.checkpoints import save

@@ -86,7 +86,7 @@ class ClosedLoop:
         random = np.random.default_rng(count)
         self.robots = Robots(load_model(), count, threads)
         self.target = geometry.Target(np.zeros((count, 3)), np.zeros(count))
-        self.weights = 1e3 * random.standard_normal(features.TASK_SPECS[TASK].observation_size)
+        self.weights = 1e3 * random.standard_normal(features.observation_size(TASK))
         self.state = self.robots.reset(
             np.stack([resets.draw_quaternion(random) for _ in range(count)])
         )

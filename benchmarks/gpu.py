@@ -32,8 +32,7 @@ from jbench.agents.engine import Engine
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.errors import RequestError
-from jbench.names import ALGORITHMS
-from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.store.provenance import device_provenance, processor
 
 ROOT = Path(__file__).parents[1]

@@ -24,7 +24,8 @@ from typing import NamedTuple
 
 from database import rows_of
 
-from jbench.names import ALGORITHMS, TASKS
+from jbench.names import TASKS
+from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.base import settings_hash
 from jbench.store import Record, Results
 

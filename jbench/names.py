@@ -7,52 +7,12 @@ from pathlib import Path
 from typing import Literal, TypeVar, get_args
 
 from jbench.errors import RequestError
+from jbench.task_specs import TASK_SPECS
 
 _Name = TypeVar("_Name", bound=str)
 
-TASKS = (
-    "move_from_origin",
-    "face_direction",
-    "move_in_direction",
-    "move_to_position",
-    "move_to_pose",
-)
+TASKS = tuple(TASK_SPECS)
 """The five tasks, in the paper's order of increasing difficulty (section 4.2)."""
-
-SUITE = "dmc:"
-"""Prefix of the tasks of dm_control's suite."""
-
-SUITE_TASKS = tuple(
-    f"{SUITE}{domain}-{task}"
-    for domain, tasks in {
-        "acrobot": "swingup swingup_sparse",
-        "ball_in_cup": "catch",
-        "cartpole": "balance balance_sparse swingup swingup_sparse two_poles three_poles",
-        "cheetah": "run",
-        "dog": "stand walk trot run fetch",
-        "finger": "spin turn_easy turn_hard",
-        "fish": "upright swim",
-        "hopper": "stand hop",
-        "humanoid": "stand walk run run_pure_state",
-        "humanoid_CMU": "stand walk run",
-        "manipulator": "bring_ball bring_peg insert_ball insert_peg",
-        "pendulum": "swingup",
-        "point_mass": "easy hard",
-        "quadruped": "walk run escape fetch",
-        "reacher": "easy hard",
-        "stacker": "stack_2 stack_4",
-        "swimmer": "swimmer6 swimmer15",
-        "walker": "stand walk run",
-    }.items()
-    for task in tasks.split()
-)
-"""The tasks of dm_control's suite with episodes of 1000 control steps, for completion."""
-
-TASK_GROUP = "jbench.tasks"
-"""Entry points of functions that return a `dm_env.Environment`."""
-
-ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
-"""The four algorithms of the paper (section 5.1 and Figure 9)."""
 
 _KINDS = {
     "dae": ("autoencoders:DenoisingAutoencoder", "latents of a denoising autoencoder"),
@@ -108,11 +68,9 @@ CAMERAS = ("overhead", "tracking", "ego", "spectator")
 """The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""
 
 TimeLimit = Literal["bootstrap", "terminal"]
-TIME_LIMITS: tuple[TimeLimit, ...] = get_args(TimeLimit)
 """Whether the value of an episode's last state is bootstrapped (truncation) or 0 (terminal)."""
 
 Engine = Literal["batched", "sb3", "plugin"]
-ENGINES: tuple[Engine, ...] = get_args(Engine)
 """Training engines: jbench's (many seeds at a time), stable-baselines3 (one seed at a time), or the
 agent of another package (one seed at a time)."""
 
@@ -121,13 +79,11 @@ PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 """Precision of the batched engine's matrix products; parameters are float32 in any case."""
 
 Base = Literal["published", "script", "sb3", "suite"]
-BASES: tuple[Base, ...] = get_args(Base)
 """Sources of hyperparameters: Table 1, completed by the paper's library (published) or by
 stable-baselines3 (sb3), the authors' script, which differs from Table 1, or jbench's settings for
 other robots (suite)."""
 
 EncoderSeeds = Literal["newest", "each"]
-ENCODER_SEEDS: tuple[EncoderSeeds, ...] = get_args(EncoderSeeds)
 """Whether all seeds of an agent have the newest encoder, or each the encoder with its own seed."""
 
 Order = Literal["quantile-first", "smooth-first"]

@@ -2,7 +2,8 @@
 
 from gymnasium.envs.registration import register, registry
 
-from jbench.names import EPISODE_STEPS, SUITE_TASKS, TASKS
+from jbench.names import EPISODE_STEPS, TASKS
+from jbench.task_specs import SUITE_TASKS
 
 _SOLVED = 900  # return (paper, Figure 9)
 

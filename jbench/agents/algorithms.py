@@ -12,8 +12,9 @@ from jbench import plugins
 from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import ALGORITHMS, TASKS, Base, Engine, known
+from jbench.names import TASKS, Base, Engine, known
 from jbench.settings.algorithms import (
+    ALGORITHMS,
     SETTINGS,
     OffPolicySettings,
     algorithm_settings,
@@ -134,7 +135,7 @@ def algorithm_fields(
     """Returns the fields of `RunSettings` that describe an algorithm.
 
     Args:
-        algo: one of `jbench.names.ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
+        algo: one of `ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
         engine: as typed by the user; None for the engine that follows from the algorithm.
         base: source of the defaults of jbench's own algorithms; None for that of the task.
         overrides: hyperparameters by name that replace them.

@@ -19,7 +19,7 @@ def algorithms(
 ) -> None:
     """List the installed algorithms with their settings."""
     from jbench.agents.algorithms import installed
-    from jbench.names import ALGORITHMS
+    from jbench.settings.algorithms import ALGORITHMS
 
     output = Output(json)
     listed, broken = [], []
@@ -52,7 +52,7 @@ def _described(name: str) -> dict[str, Any]:
     """
     from jbench import plugins
     from jbench.agents.algorithms import algorithm_provenance, choose_engine, describe_settings
-    from jbench.names import ALGORITHMS
+    from jbench.settings.algorithms import ALGORITHMS
 
     code = plugins.made_with("jbench") if name in ALGORITHMS else algorithm_provenance(name)
     return {

@@ -14,8 +14,9 @@ import typer
 from pydantic.fields import FieldInfo
 from typer import Argument, Option
 
-from jbench import names
+from jbench import names, task_specs
 from jbench.commands import parsing
+from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.base import Settings, typed_default
 
 _Command = Callable[..., None]
@@ -95,8 +96,10 @@ def complete(*known: str) -> Callable[[str], list[str]]:
 
 def complete_tasks(incomplete: str) -> list[str]:
     """Offers the Jitterbug's tasks, installed ones, and those of dm_control's suite."""
-    points = importlib.metadata.entry_points(group=names.TASK_GROUP)
-    return complete(*names.TASKS, *sorted(p.name for p in points), *names.SUITE_TASKS)(incomplete)
+    points = importlib.metadata.entry_points(group=task_specs.TASK_GROUP)
+    return complete(*names.TASKS, *sorted(p.name for p in points), *task_specs.SUITE_TASKS)(
+        incomplete
+    )
 
 
 def complete_records(kind: str, *known: str) -> Callable[[typer.Context, str], list[str]]:
@@ -199,8 +202,8 @@ DATASET = Option(
 )
 _task = partial(
     Option,
-    help=f"Task: {', '.join(names.TASKS)}, {names.SUITE}DOMAIN-TASK of dm_control's suite, one of "
-    "another package (jbench tasks), or MODULE:NAME of a function that returns a "
+    help=f"Task: {', '.join(names.TASKS)}, {task_specs.SUITE}DOMAIN-TASK of dm_control's suite, "
+    "one of another package (jbench tasks), or MODULE:NAME of a function that returns a "
     "dm_env.Environment.",
     autocompletion=complete_tasks,
 )
@@ -212,9 +215,7 @@ POLICY_TASK = Option(
     autocompletion=complete_tasks,
 )
 ONE_TASK = Option(None, help="Only this task.", autocompletion=complete_tasks)
-ONE_ALGORITHM = Option(
-    None, help="Only this algorithm.", autocompletion=complete(*names.ALGORITHMS)
-)
+ONE_ALGORITHM = Option(None, help="Only this algorithm.", autocompletion=complete(*ALGORITHMS))
 ONE_REPRESENTATION = Option(None, help="Only this representation: full, or one such as dae12.")
 ONE_STATUS = Option(None, help=f"Only runs of this status: {', '.join(names.STATUSES)}.")
 SOME_SEEDS = Option(None, "--seeds", "--seed", help="Only these seeds, such as 0-9 or 0,2,5-7.")

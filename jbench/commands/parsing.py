@@ -13,6 +13,7 @@ from typer import BadParameter
 from jbench import names
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers
+from jbench.settings.algorithms import ALGORITHMS
 
 if TYPE_CHECKING:
     from jbench.store import Results
@@ -30,7 +31,7 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
     Raises:
         RequestError: if the value is unknown; the message lists the values of the runs.
     """
-    known = {"task": names.TASKS, "algo": names.ALGORITHMS, "representation": ()}[setting]
+    known = {"task": names.TASKS, "algo": ALGORITHMS, "representation": ()}[setting]
     if value.lower() in known:
         return value.lower()
     from jbench.store.listing import setting_values

@@ -42,7 +42,7 @@ def evaluate(
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
     from jbench.simulation import find_task
-    from jbench.tasks.features import TASK_SPECS
+    from jbench.task_specs import TASK_SPECS
 
     output = Output(json)
     database, policy = database_and_policy(results, _chosen(policy, policy_option))

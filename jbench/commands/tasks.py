@@ -5,7 +5,7 @@ from typing import Any
 
 from typer import Argument
 
-from jbench import names
+from jbench import names, task_specs
 from jbench.commands import options
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
@@ -26,7 +26,7 @@ def tasks(
     output = Output(json)
     listed, broken = [], []
     if name is None:
-        suite = names.SUITE_TASKS if importlib.util.find_spec("dm_control") else ()
+        suite = task_specs.SUITE_TASKS if importlib.util.find_spec("dm_control") else ()
         for task in (*names.TASKS, *installed_tasks(), *suite):
             try:
                 listed.append(_described(task))

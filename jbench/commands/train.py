@@ -10,6 +10,7 @@ from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.seeds import parse_seeds
+from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.wording import counted, with_results
 
@@ -26,10 +27,10 @@ def train(
     task: str = options.TASK,
     algo: str = Option(
         "ddpg",
-        help=f"Algorithm: {', '.join(names.ALGORITHMS)}, one of another package "
+        help=f"Algorithm: {', '.join(ALGORITHMS)}, one of another package "
         "(jbench algorithms), or MODULE:CLASS: a jbench.Agent, a jbench.Rule, or a class with the "
         "interface of stable-baselines3.",
-        autocompletion=options.complete(*names.ALGORITHMS),
+        autocompletion=options.complete(*ALGORITHMS),
     ),
     encoder: str = Option(
         "none",
@@ -90,7 +91,7 @@ def train(
     if task == "all" or "," in task:
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
     output, database = Output(json), parsing.results_to_write(results)
-    algo = algo.lower() if algo.lower() in names.ALGORITHMS else algo
+    algo = algo.lower() if algo.lower() in ALGORITHMS else algo
     chosen["engine"] = choose_engine(algo, chosen["engine"])
     chosen["evaluate_every"] = chosen["evaluate_every"] or names.evaluation_interval(
         chosen["steps"]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jbench.encoders.saved import Encoder, action_signs
 from jbench.errors import RequestError
-from jbench.tasks.features import TASK_SPECS, by_dimension, mirrored
+from jbench.tasks.features import by_dimension, mirrored, observation_size
 
 _OBSERVATIONS = 64
 _TOLERANCE = 1e-4  # relative to the range of an input; encoders are stored in float32
@@ -36,7 +36,7 @@ def input_mirror(task: str, encoder: Encoder | None) -> InputMirror:
     if encoder is None:
         signs = np.array(by_dimension(task, "mirror"), np.float64)
         return InputMirror(signs, np.zeros_like(signs))
-    shape = _OBSERVATIONS, TASK_SPECS[task].observation_size
+    shape = _OBSERVATIONS, observation_size(task)
     random = torch.Generator().manual_seed(0)
     observations = 2 * torch.rand(shape, dtype=torch.float64, generator=random) - 1
     if action_signs(encoder, observations) is not None:

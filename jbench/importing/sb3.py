@@ -13,8 +13,9 @@ import pandas as pd
 from jbench.errors import RequestError
 from jbench.importing.reader import Series, check_columns, check_points, numbers, read_table
 from jbench.importing.request import ImportedFile, ImportRequest
-from jbench.names import SUITE_TASKS, TASKS
+from jbench.names import TASKS
 from jbench.registration import environment_id
+from jbench.task_specs import SUITE_TASKS
 
 _MONITOR = {"episode_return": "r", "length": "l", "wall_time": "t"}
 _MAX_TIME = 1e12  # s since 1970; excludes NaN and infinity

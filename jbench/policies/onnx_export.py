@@ -18,7 +18,8 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
 from jbench.simulation import find_task
 from jbench.store.files import make_directory, write_atomic
-from jbench.tasks.features import TASK_SPECS, by_dimension, denormalize, normalize
+from jbench.task_specs import TASK_SPECS
+from jbench.tasks.features import by_dimension, denormalize, normalize
 
 INPUT, OUTPUT = "observation", "action"
 

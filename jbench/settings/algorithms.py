@@ -212,6 +212,9 @@ SETTINGS: dict[str, type[AlgorithmSettings]] = {
 }
 """Settings class of each algorithm."""
 
+ALGORITHMS = tuple(SETTINGS)
+"""The four algorithms of the paper (section 5.1 and Figure 9)."""
+
 
 def default_base(task: str, base: Base | None = None) -> Base:
     """Returns the base as typed; of None, the task's: published for the Jitterbug, else suite."""
@@ -224,7 +227,7 @@ def algorithm_settings(
     """Returns the settings of an algorithm.
 
     Args:
-        algo: one of `jbench.names.ALGORITHMS`.
+        algo: one of `jbench.settings.algorithms.ALGORITHMS`.
         base: "published" for Table 1 with the defaults of stable-baselines 2; "script" for the
             authors' script; "sb3" for Table 1 with the defaults of stable-baselines3; "suite" for
             other robots.

@@ -10,11 +10,12 @@ from typing import Any
 
 from jbench import plugins
 from jbench.errors import RequestError
-from jbench.names import SUITE, SUITE_TASKS, TASK_GROUP, TASKS, closest, in_prose
+from jbench.names import TASKS, closest, in_prose
 from jbench.settings.records import Specs
 from jbench.simulation.jitterbug import JitterbugTask
 from jbench.simulation.suite import DmTask
 from jbench.simulation.task import Task
+from jbench.task_specs import SUITE, SUITE_TASKS, TASK_GROUP
 
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 

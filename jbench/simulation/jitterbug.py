@@ -12,8 +12,9 @@ from jbench.names import CONTROL_TIMESTEP
 from jbench.simulation.robots import Robots
 from jbench.simulation.rollout import path_point
 from jbench.simulation.task import Task, Worlds, WorldsState
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks import resets
-from jbench.tasks.features import FEATURES, TASK_SPECS, feature_labels, observation
+from jbench.tasks.features import FEATURES, feature_labels, observation
 from jbench.tasks.geometry import State, Target, heading
 from jbench.tasks.rewards import reward, upright_reward
 from jbench.tasks.robots import load_model

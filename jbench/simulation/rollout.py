@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jbench.names import EPISODE_STEPS
 from jbench.simulation.task import Worlds
-from jbench.tasks.features import TASK_SPECS
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks.geometry import State, heading
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]

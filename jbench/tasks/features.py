@@ -8,11 +8,11 @@ tasks (section 4.2) in dm_control's reward conventions (arXiv:1801.00690, sectio
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from array_api_compat import array_namespace
 
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks.geometry import (
     Array,
     State,
@@ -98,63 +98,10 @@ FEATURES = {
     ),
 }
 
-_STATE = ("position", "velocity", "motor_position", "motor_velocity")
 
-
-@dataclass(frozen=True)
-class TaskSpec:
-    """One of the five tasks as data (paper, section 4.2).
-
-    Attributes:
-        features: names of the observed features, in the order of the observation.
-        rewards: names of the terms whose product is the reward.
-        draws_position: whether the target's position is random; otherwise the origin.
-        draws_yaw: whether the target's yaw is random; otherwise 0.
-    """
-
-    features: tuple[str, ...]
-    rewards: tuple[str, ...]
-    draws_position: bool = False
-    draws_yaw: bool = False
-
-    @property
-    def observation_size(self) -> int:
-        """Number of dimensions of the flat observation, the paper's dim(O)."""
-        return sum(FEATURES[name].size for name in self.features)
-
-    @property
-    def rewards_position(self) -> bool:
-        """Whether the reward depends on the robot's position."""
-        return not {"near", "away"}.isdisjoint(self.rewards)
-
-    @property
-    def target_numbers(self) -> tuple[str, ...]:
-        """The numbers of a target that are random, in order: x and y (m), and yaw (rad)."""
-        return ("x", "y") * self.draws_position + ("yaw",) * self.draws_yaw
-
-
-TASK_SPECS = {
-    # "away" is what is left of 1 by "near", the target being at the origin.
-    "move_from_origin": TaskSpec(_STATE, ("away", "upright")),
-    "face_direction": TaskSpec(
-        (*_STATE, "angle_to_target"), ("heading", "upright"), draws_yaw=True
-    ),
-    "move_in_direction": TaskSpec(
-        (*_STATE, "angle_to_target", "speed_in_target_frame"),
-        ("speed", "upright"),
-        draws_yaw=True,
-    ),
-    "move_to_position": TaskSpec(
-        (*_STATE, "target_in_jitterbug_frame"), ("near", "upright"), draws_position=True
-    ),
-    "move_to_pose": TaskSpec(
-        (*_STATE, "target_in_jitterbug_frame", "angle_to_target"),
-        ("near", "heading", "upright"),
-        draws_position=True,
-        draws_yaw=True,
-    ),
-}
-"""The five tasks in the paper's order of increasing difficulty."""
+def observation_size(task: str) -> int:
+    """Returns the number of dimensions of the flat observation of a task, the paper's dim(O)."""
+    return sum(FEATURES[name].size for name in TASK_SPECS[task].features)
 
 
 def features(task: str, state: State, target: Target) -> dict[str, Array]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from jbench import opengl
 from jbench.errors import RequestError
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, model, resets, rewards
 from jbench.tasks.geometry import Array, State, Target, distance_to_target
 from jbench.tasks.robots import load_model
@@ -74,7 +75,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         _check_size(width, height)
         self.task = task
         self.render_mode = render_mode
-        size = features.TASK_SPECS[task].observation_size
+        size = features.observation_size(task)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
         self._picture: dict[str, Any] = {"camera_name": camera, "width": width, "height": height}
@@ -212,9 +213,9 @@ def outcome(
     """
     values = features.features(task, state, target)
     info = {}
-    if features.TASK_SPECS[task].target_numbers:
+    if TASK_SPECS[task].target_numbers:
         info["target"] = resets.target_numbers(task, target)
-    if features.TASK_SPECS[task].rewards_position:
+    if TASK_SPECS[task].rewards_position:
         info["distance"] = distance_to_target(state, target)
     angle = None
     if "angle_to_target" in values:

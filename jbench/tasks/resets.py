@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import RequestError
 from jbench.names import in_prose
-from jbench.tasks.features import TASK_SPECS
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks.geometry import TARGET_HEIGHT, Array, Target
 
 Random = np.random.Generator | np.random.RandomState

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from array_api_compat import array_namespace
 
-from jbench.tasks.features import TASK_SPECS
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks.geometry import (
     Array,
     State,

@@ -48,7 +48,7 @@ def request_runs(
 
     Args:
         results: results that contain the encoder.
-        algo: one of `jbench.names.ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
+        algo: one of `ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
         task: see `jbench.simulation.find_task`.
         encoder: "none" or "full", "ofeN" for N features learned with the agent, or an encoder's
             name or id; see `jbench.encoders.find_encoder`.

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from jbench.agents.divergence import Divergence
-from jbench.names import ALGORITHMS
+from jbench.settings.algorithms import ALGORITHMS
 from tests.agents.test_batched_engine import FEW, STEPS, engine_of, slow
 
 SEEDS, DIVERGED = [0, 5, 3], 1

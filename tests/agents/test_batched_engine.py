@@ -19,9 +19,8 @@ from jbench.agents.engine import SeedState
 from jbench.agents.environments import Environments
 from jbench.agents.generators import Generators
 from jbench.errors import RequestError, WorkError
-from jbench.names import ALGORITHMS
 from jbench.policies.network import SavedNetwork
-from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.settings.bases import SCRIPT
 from jbench.settings.records import OFESettings
 from jbench.tasks.gym import JitterbugEnv

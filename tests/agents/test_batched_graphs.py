@@ -10,7 +10,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from jbench.agents.batched.graphs import Captured
-from jbench.names import ALGORITHMS
+from jbench.settings.algorithms import ALGORITHMS
 from tests.agents.test_batched_engine import (
     SCRIPTS,
     STEPS,

@@ -25,8 +25,7 @@ from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
 from jbench.agents.generators import Generators
-from jbench.names import ALGORITHMS
-from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.settings.bases import SCRIPT
 from tests.agents.small_rules import REDQ, TQC
 from tests.agents.test_batched_engine import FEW, MANY

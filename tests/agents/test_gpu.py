@@ -16,7 +16,7 @@ import torch
 
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.names import ALGORITHMS
+from jbench.settings.algorithms import ALGORITHMS
 from jbench.store import Results
 from jbench.training import batched_run
 from tests.agents.killed_run import stack_seeds

@@ -8,8 +8,8 @@ from torch import nn
 import jbench
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import RequestError, WorkError
-from jbench.names import ALGORITHMS
 from jbench.policies.network import SavedNetwork
+from jbench.settings.algorithms import ALGORITHMS
 from tests.agents.small_rules import TD3, TD3_SETTINGS, TQC, TQC_SETTINGS
 from tests.agents.test_batched_engine import (
     FEW,

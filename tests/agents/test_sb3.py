@@ -8,9 +8,8 @@ from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
-from jbench.names import ALGORITHMS
 from jbench.policies.network import SavedNetwork
-from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.tasks.gym import JitterbugEnv
 
 OFF_POLICY = ("ddpg", "sac", "td3")

@@ -14,8 +14,7 @@ import jbench
 from jbench.agents.sb3 import CLASSES
 from jbench.commands.parsing import parse_overrides
 from jbench.errors import RequestError
-from jbench.names import ALGORITHMS
-from jbench.settings.algorithms import SETTINGS, algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, SETTINGS, algorithm_settings
 from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
 from jbench.store import Results

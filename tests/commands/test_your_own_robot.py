@@ -5,7 +5,7 @@ import json
 import pytest
 
 import jbench as api
-from jbench import names
+from jbench import task_specs
 from jbench.cli import main
 from jbench.store import Results
 from tests.command_line import TRAINING, jbench, succeed, train
@@ -92,7 +92,7 @@ def test_training_on_a_task_that_is_not_installed_is_refused(refused, tmp_path):
 
 
 def test_tasks_of_packages_are_listed(installed, monkeypatch, capsys):
-    monkeypatch.setattr(names, "SUITE_TASKS", ("dmc:cheetah-run",))  # each of 49 is compiled
+    monkeypatch.setattr(task_specs, "SUITE_TASKS", ("dmc:cheetah-run",))  # each of 49 is compiled
     # Four of the package's are no tasks, as their specifications or their modules show.
     assert main(["tasks", "--json"]) == 1
     printed = json.loads(capsys.readouterr().out)

@@ -8,7 +8,7 @@ from jbench.encoders.kinds.planar import planar_weights
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.store import schema
-from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import State
 
 
@@ -75,7 +75,7 @@ def planar_encoder(task, kind, inputs=None):
         return Scaling(low, high + 2)
 
     size = len(kind.columns(task))
-    inputs = inputs or scaling(TASK_SPECS[task].observation_size)
+    inputs = inputs or scaling(observation_size(task))
     weights = planar_weights(task, inputs, scaling(size), np.array([0.001, -0.002, 0.004]))
     weights = {name: value.astype(np.float32) for name, value in weights.items()}
     return SavedEncoder(kind(), weights, inputs, size)

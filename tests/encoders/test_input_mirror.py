@@ -12,13 +12,13 @@ from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.tasks.features import TASK_SPECS, mirrored
+from jbench.tasks.features import mirrored, observation_size
 from tests.encoders.encoder_data import planar_encoder
 
 
 def scaled_encoder(task, kind=Scaled, latents=None, **weights):
     """An encoder of a scaling that is not symmetric, with a constant first feature."""
-    size = TASK_SPECS[task].observation_size
+    size = observation_size(task)
     low, high = -np.random.default_rng(size).uniform(0.2, 1, (2, size)).astype(np.float32)
     low[0] = high[0] = 0.5
     return SavedEncoder(kind(), weights, Scaling(low, high + 2 * (low != high)), latents or size)
@@ -33,7 +33,7 @@ def planar(task):
 def test_inputs_of_mirror_images_are_gain_times_inputs_plus_offset(task, encoder_of):
     encoder = encoder_of(task)
     gain, offset = input_mirror(task, encoder)
-    size = TASK_SPECS[task].observation_size
+    size = observation_size(task)
     seen = torch.from_numpy(np.random.default_rng(9).uniform(-1, 1, (50, size)))
     inputs, images = seen, mirrored(task, seen)
     if encoder is not None:

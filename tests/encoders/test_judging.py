@@ -67,7 +67,7 @@ def test_heuristic_episodes_are_reproducible(task, episodes, monkeypatch):
         monkeypatch.setattr(evaluation, "_EPISODES", episodes)
         heuristic_episodes.cache_clear()
     observed, actions, rewards = heuristic_episodes(task, None)
-    size = features.TASK_SPECS[task].observation_size
+    size = features.observation_size(task)
     assert (observed.shape, actions.shape) == ((episodes, 1001, size), (episodes, 1000))
     assert rewards.shape == (episodes, 1000)
     assert ((rewards >= 0) & (rewards <= 1)).all()

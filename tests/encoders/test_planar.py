@@ -13,6 +13,7 @@ from jbench.encoders.kinds.planar import PlanarReduction, planar_weights
 from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarWithoutYawRate
 from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, geometry, model
 from jbench.tasks.features import feature_labels
 from jbench.tasks.geometry import State, Target
@@ -102,7 +103,7 @@ def features_in(task, state, target):
 
 def weights_of(task):
     """Weights with another scaling than that of the observation."""
-    size = features.TASK_SPECS[task].observation_size
+    size = features.observation_size(task)
     random = np.random.default_rng(size)
     low, high = -random.uniform(0.2, 1, (2, size)).astype(np.float32)
     scaling = Scaling(low, high + 2)
@@ -120,7 +121,7 @@ def encoded(task, state, target):
 
 def at_origin(task, target):
     """The target of a task: at the origin, unless the task draws its position."""
-    if features.TASK_SPECS[task].draws_position:
+    if TASK_SPECS[task].draws_position:
         return target
     return target._replace(position=np.array([0, 0, geometry.TARGET_HEIGHT]))
 
@@ -136,7 +137,7 @@ def test_latents_are_invariant_to_planar_motions(task, found, angle, shift):
     assert before.shape == (SIZES[task],)
     in_units_of_pi = weights["latent.gain"][-1] / math.pi
     difference = after - before
-    if "angle_to_target" in features.TASK_SPECS[task].features:
+    if "angle_to_target" in TASK_SPECS[task].features:
         turns = difference[-1] * in_units_of_pi / 2
         difference[-1] = (turns - round(turns)) / in_units_of_pi * 2
     np.testing.assert_allclose(difference, 0, atol=1e-8)
@@ -192,7 +193,7 @@ def test_upside_down_robot_has_finite_numbers():
 @pytest.mark.parametrize("task", TASKS)
 def test_numpy_and_torch_agree_for_any_leading_axes(task):
     _, weights = weights_of(task)
-    size = features.TASK_SPECS[task].observation_size
+    size = features.observation_size(task)
     rows = np.random.default_rng(0).uniform(-1, 1, (2, 5, size))
     in_torch = {name: torch.from_numpy(value) for name, value in weights.items()}
     latents = KIND.encode(weights, rows)

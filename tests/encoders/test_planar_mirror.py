@@ -11,6 +11,7 @@ from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.predictions import predictions
 from jbench.encoders.states import States
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, geometry
 from jbench.tasks.geometry import State, Target
 from tests.encoders.encoder_data import (
@@ -39,7 +40,7 @@ def image_of(state, target):
 
 def side_of(task, state, target):
     """The angle or the lateral way to the target, positive on the left, and whether it is clear."""
-    if "angle_to_target" in features.TASK_SPECS[task].features:
+    if "angle_to_target" in TASK_SPECS[task].features:
         angle = geometry.angle_to_target(state, target)
         return angle, 1e-3 < abs(angle) < math.pi - 1e-3
     way = (target.position - state.position[:3])[:2]

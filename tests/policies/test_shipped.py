@@ -19,7 +19,7 @@ from jbench.settings.records import EvaluationSettings
 from jbench.store import Results, schema
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
-from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.features import observation_size
 from tests.training.small_runs import shorten_episodes
 
 ROOT = Path(__file__).parents[2]
@@ -220,7 +220,7 @@ class TestPackage:
         runs = [run for run in results.scan("run")[0] if has_policy(run)]
         for run in runs:
             found = find.find_policy(results, f"reference/{run.id}", run.settings["task"])
-            size = TASK_SPECS[run.settings["task"]].observation_size
+            size = observation_size(run.settings["task"])
             assert np.abs(found.act(np.zeros((3, size), np.float32))).max() <= 1
 
     def test_every_noncode_file_is_package_data(self):

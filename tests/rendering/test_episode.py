@@ -81,7 +81,7 @@ def test_overhead_camera_shows_target_at_its_position(monkeypatch):
     ],
 )
 def test_goal_is_described_in_words(task, values, words):
-    physical = np.zeros(features.TASK_SPECS[task].observation_size)
+    physical = np.zeros(features.observation_size(task))
     physical[list(values)] = list(values.values())
     assert goal(task, features.normalize(task, physical)) == words.replace("_", PAD)
 

@@ -2,8 +2,9 @@
 
 import pytest
 
-from jbench.names import ALGORITHMS, TASKS
+from jbench.names import TASKS
 from jbench.report.data.published import SEQUENCE, best_median
+from jbench.settings.algorithms import ALGORITHMS
 
 # Medians and [q10, q90] at about 5e6 steps, DDPG, PPO, SAC and TD3.
 END = {

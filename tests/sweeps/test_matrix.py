@@ -7,7 +7,8 @@ import pytest
 
 from jbench.cli import main
 from jbench.errors import RequestError
-from jbench.names import ALGORITHMS, SWEEPS, TASKS
+from jbench.names import SWEEPS, TASKS
+from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.alike import SEED, alike, variant
 from jbench.settings.run import TYPED, RunSettings
 from jbench.store import Results

@@ -162,7 +162,7 @@ def test_observation_has_features_of_paper_in_order(task):
     observed = features.features(task, REST, target())
     assert list(observed) == OBSERVED[task]
     assert features.observation(task, REST, target()).shape == (SIZES[task],)
-    assert features.TASK_SPECS[task].observation_size == SIZES[task]
+    assert features.observation_size(task) == SIZES[task]
 
 
 @pytest.mark.parametrize("task", TASKS)

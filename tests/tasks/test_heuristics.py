@@ -5,6 +5,7 @@ import pytest
 
 from jbench.names import TASKS
 from jbench.simulation import Robots
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, geometry, resets
 from jbench.tasks.heuristics import heuristic
 from jbench.tasks.rewards import reward
@@ -44,7 +45,7 @@ def targets(task, random, count):
 @pytest.mark.parametrize("task", TASKS)
 def test_mirrored_observation_gives_mirrored_action(task):
     observed = some_observations(task, np.random.default_rng(0))
-    signs = np.concatenate([MIRROR[name] for name in features.TASK_SPECS[task].features])
+    signs = np.concatenate([MIRROR[name] for name in TASK_SPECS[task].features])
     policy = heuristic(task)
     policy.reset(len(observed))
     action = policy.act(observed)

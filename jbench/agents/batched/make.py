@@ -106,7 +106,7 @@ def make_engine(
     """Returns an engine with one untrained agent per seed.
 
     Args:
-        algo: one of `jbench.names.ALGORITHMS`, or an update rule of another package.
+        algo: one of `jbench.settings.algorithms.ALGORITHMS`, or an update rule of another package.
         environments: per agent; None for the settings' number (PPO's n_envs, otherwise 1).
         time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         encoder: of all seeds, or one for each seed, with the same number of latents.

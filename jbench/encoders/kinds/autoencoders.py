@@ -12,7 +12,7 @@ from jbench.encoders.kind import Learned, Weights, affine, layers, standard_norm
 from jbench.encoders.pairs import StatePairs
 from jbench.names import EPISODE_STEPS
 from jbench.settings.base import omissible
-from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import Array
 
 _YAW_RATE = 12  # position in every task's observation, after x, y, z, a quaternion and 5 velocities
@@ -109,7 +109,7 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
     @classmethod
     def latent_sizes(cls, task: str) -> range:
         """Returns 2 to the number of features plus one."""
-        return range(2, TASK_SPECS[task].observation_size + 2)
+        return range(2, observation_size(task) + 2)
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
         """Returns the weights of an autoencoder with one latent less."""

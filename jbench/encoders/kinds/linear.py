@@ -9,7 +9,7 @@ from jbench.encoders.kind import ClosedForm, Fitted, Kind, Weights, tanh
 from jbench.encoders.moments import Moments, linear_decoder, with_positive_largest
 from jbench.encoders.scaling import physical_scaling
 from jbench.simulation import find_task
-from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import Array
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class Raw(Fitted):
     @classmethod
     def latent_sizes(cls, task: str) -> range:
         """Returns the number of features of the task."""
-        size = TASK_SPECS[task].observation_size
+        size = observation_size(task)
         return range(size, size + 1)
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:

@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 
 from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.scaling import Scaling, physical_scaling
+from jbench.task_specs import TASK_SPECS
 from jbench.tasks import model
-from jbench.tasks.features import TASK_SPECS, features, split
+from jbench.tasks.features import features, split
 from jbench.tasks.geometry import (
     TARGET_HEIGHT,
     Array,

@@ -11,7 +11,8 @@ from jbench.encoders.kinds.planar import (
     swing_and_twist,
     task_and_features,
 )
-from jbench.tasks.features import TASK_SPECS, split
+from jbench.task_specs import TASK_SPECS
+from jbench.tasks.features import split
 from jbench.tasks.geometry import Array, State, Target, center_of_mass_velocity
 
 

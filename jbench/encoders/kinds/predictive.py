@@ -12,7 +12,8 @@ from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.encoders.moments import Moments
 from jbench.encoders.pairs import StatePairs
 from jbench.names import EPISODE_STEPS
-from jbench.tasks.features import TASK_SPECS, by_dimension
+from jbench.task_specs import TASK_SPECS
+from jbench.tasks.features import by_dimension
 from jbench.tasks.geometry import Array
 
 if TYPE_CHECKING:

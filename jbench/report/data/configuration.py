@@ -7,19 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import (
-    ALGORITHMS,
-    EPISODE_STEPS,
-    FULL,
-    REPRESENTATION,
-    TASKS,
-    Order,
-    ReturnsName,
-    kind_in,
-)
+from jbench.names import EPISODE_STEPS, FULL, REPRESENTATION, TASKS, Order, ReturnsName, kind_in
 from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.returns import FILE, TRAINING, has_solved_return
 from jbench.report.request import WINDOW
+from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.alike import comparable
 from jbench.statistics import FloatArray, IntArray
 

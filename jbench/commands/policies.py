@@ -37,8 +37,7 @@ def evaluate(
     """Run episodes of any policy and save their returns."""
     from jbench.commands import display
     from jbench.policies.evaluate import evaluate as run_episodes
-    from jbench.policies.find import full_name
-    from jbench.policies.imported import policy_code
+    from jbench.policies.find import full_name, policy_code
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
     from jbench.simulation import find_task
@@ -171,20 +170,24 @@ def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
 
 def _task(database: "Results", policy: str, task: str | None, default: str) -> str:
     """Returns the task that was typed, that of a trained policy, or the default."""
-    from jbench.policies.find import learned_task
+    from jbench.policies.find import find_run
     from jbench.simulation.find import checked_task
 
     if task is not None:
         return checked_task(task).name
-    return learned_task(database, policy) or default
+    run = find_run(database, policy)
+    return default if run is None or run.task is None else run.task
 
 
 def _say_other_robot(output: Output, database: "Results", policy: str, augment: int | None) -> None:
     """Prints a note if the robot is not one that the agent was trained on."""
-    from jbench.policies.find import training_robots
+    from jbench.policies.find import find_run
 
-    seeds = training_robots(database, policy)
-    if seeds and augment not in seeds:
+    run = find_run(database, policy)
+    if run is None or not isinstance(run.augment, int):
+        return
+    seeds = range(run.augment, run.augment + run.robots)
+    if augment not in seeds:
         there = "the plain robot" if augment is None else f"the augmented robot {augment}"
         trained = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
         output.say(

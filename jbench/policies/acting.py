@@ -1,8 +1,17 @@
-"""Actions of whatever a caller trains: a torch module, a stable-baselines3 model, a function."""
+"""Actions of whatever a caller or another package trains: torch modules, models, functions.
+
+Other packages offer policies as entry points of the group `jbench.policies`, and modules in the
+working directory as MODULE:NAME. A policy is an `Actor`, or an object with `act` and optionally
+`reset(robots)`. A class is called with the name of the task, and its object is the policy.
+"""
 
 import contextlib
 import inspect
-from collections.abc import Callable, Collection, Iterator
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,15 +19,34 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from jbench.errors import RequestError
-from jbench.simulation.rollout import Act
+from jbench import plugins
+from jbench.errors import RequestError, WorkError
+from jbench.names import POLICIES, REFERENCE
+from jbench.simulation import Act, find_task
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
 
+GROUP = "jbench.policies"
+_NAME = re.compile(r"[a-z][a-z0-9-]*")
+_OURS = (*POLICIES, REFERENCE)
+
 Actor = Any
 """A torch module, a model or policy of stable-baselines3, or a function: actions (n, action_size)
 for observations (n, size) as float32 arrays (as tensors for a module). It must be deterministic."""
+
+
+@dataclass(frozen=True)
+class ActingPolicy:
+    """A policy for a batch of robots, acting on the observations of its task.
+
+    Attributes:
+        act: returns actions (robots, action_size) in [-1, 1] for observations (robots, dim(O)).
+        reset: starts new episodes of this many robots.
+    """
+
+    act: Act
+    reset: Callable[[int], object] = lambda robots: None
 
 
 @contextlib.contextmanager
@@ -36,7 +64,7 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
         try:
             if isinstance(actor, nn.Module):
                 actor.eval()
-            yield _checked(_function(actor), action_size)
+            yield partial(_checked_actions, _function(actor), action_size)
         finally:
             for module, mode in zip(modules, modes, strict=True):
                 module.training = mode
@@ -44,8 +72,11 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
 
 def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
     # Also a policy of stable-baselines3, a module whose actions are random when it is called.
-    if "deterministic" in _parameters(getattr(actor, "predict", None)):
-        return _function_of_model(actor)
+    predict = getattr(actor, "predict", None)
+    if callable(predict) and "deterministic" in inspect.signature(predict).parameters:
+        statistics = normalization(actor)
+        seen: Callable[..., Any] = np.asarray if statistics is None else statistics.normalize_obs
+        return lambda observations: predict(seen(observations), deterministic=True)[0]
     if isinstance(actor, nn.Module):
         parameter = next(actor.parameters(), torch.empty(0))
         return lambda observations: actor(
@@ -60,47 +91,79 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
     )
 
 
-def _parameters(function: Any) -> Collection[str]:
-    return inspect.signature(function).parameters if callable(function) else ()
-
-
-def _function_of_model(model: Any) -> Callable[[NDArray[np.float32]], Any]:
-    """Returns the deterministic actions of a model for observations as the environment has them."""
-    statistics = normalization(model)
-
-    def act(observations: NDArray[np.float32]) -> Any:
-        if statistics is not None:
-            observations = statistics.normalize_obs(observations)  # type: ignore[assignment]
-        return model.predict(observations, deterministic=True)[0]
-
-    return act
-
-
 def normalization(model: Any) -> "VecNormalize | None":
     """Returns the normalization of observations around the model's environment, if there is one."""
     from stable_baselines3.common.vec_env import VecNormalize
 
-    found = getattr(model, "get_vec_normalize_env", lambda: None)()
-    return found if isinstance(found, VecNormalize) and found.norm_obs else None
+    wrapper = getattr(model, "get_vec_normalize_env", lambda: None)()
+    return wrapper if isinstance(wrapper, VecNormalize) and wrapper.norm_obs else None
 
 
-def _checked(function: Callable[[NDArray[np.float32]], Any], action_size: int) -> Act:
-    """Returns the function with its actions as an array of the right shape."""
+def _checked_actions(
+    function: Callable[[NDArray[np.float32]], Any],
+    action_size: int,
+    observations: NDArray[np.float32],
+) -> NDArray[np.floating]:
+    answer = function(observations)
+    if isinstance(answer, torch.Tensor):
+        answer = answer.detach().to("cpu", torch.float32).numpy()
+    wanted = (len(observations), action_size)
+    if isinstance(answer, tuple) or np.shape(answer) != wanted:
+        given = "a tuple" if isinstance(answer, tuple) else f"the shape {np.shape(answer)}"
+        raise RequestError(
+            f"The actor returned {given} for observations {observations.shape}; it must "
+            f"return actions {wanted}."
+        )
+    actions = np.asarray(answer, np.float64)
+    if not np.isfinite(actions).all():
+        raise RequestError("The actor returned actions that are not finite.")
+    return actions
+
+
+def installed_policies() -> dict[str, EntryPoint]:
+    """Returns the entry points of the installed policies by name."""
+    return dict(sorted(plugins.offered(GROUP, _NAME, _OURS).items()))
+
+
+def is_imported_policy(name: str) -> bool:
+    """Returns whether a name is that of an installed policy, or of the form MODULE:NAME."""
+    of_ours = name.partition(":")[0] in _OURS
+    return not of_ours and (plugins.is_imported(name) or name in installed_policies())
+
+
+def imported_policy(name: str, task: str) -> ActingPolicy:
+    """Returns a policy of another package, whose actions are checked, after it has acted once.
+
+    Raises:
+        RequestError: if it does not exist, or its actions have the wrong shape or are not finite.
+        WorkError: if its module, its class or its actions raise an error.
+    """
+    sizes = find_task(task)
+
+    def attempt(function: Callable[[Any], Any], argument: object) -> Any:
+        try:
+            return function(argument)
+        except (RequestError, WorkError):
+            raise
+        except Exception as error:
+            raise WorkError(
+                f"The policy {name} failed ({type(error).__name__}: {error})."
+            ) from error
+
+    if plugins.is_imported(name):
+        made = plugins.imported("policy", name)
+    else:
+        made = plugins.load("policy", installed_policies()[name])
+    if isinstance(made, type):
+        made = attempt(made, task)
+    actor = getattr(made, "act", made)
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        answer = function(observations)
-        if isinstance(answer, torch.Tensor):
-            answer = answer.detach().to("cpu", torch.float32).numpy()
-        wanted = (len(observations), action_size)
-        if isinstance(answer, tuple) or np.shape(answer) != wanted:
-            found = "a tuple" if isinstance(answer, tuple) else f"the shape {np.shape(answer)}"
-            raise RequestError(
-                f"The actor returned {found} for observations {observations.shape}; it must "
-                f"return actions {wanted}."
-            )
-        actions = np.asarray(answer, np.float64)
-        if not np.isfinite(actions).all():
-            raise RequestError("The actor returned actions that are not finite.")
-        return actions
+        with acting(actor, sizes.action_size) as checked:
+            actions: NDArray[np.floating] = attempt(checked, observations)
+        return actions.clip(-1, 1)
 
-    return act
+    policy = ActingPolicy(act, partial(attempt, getattr(made, "reset", lambda robots: None)))
+    policy.reset(1)
+    policy.act(np.zeros((1, sizes.observation_size), np.float32))
+    return policy

@@ -2,19 +2,23 @@
 
 import re
 from difflib import get_close_matches
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, TASKS, closest
-from jbench.policies.imported import ImportedPolicy, installed_policies, is_imported_policy
+from jbench.policies.acting import (
+    ActingPolicy,
+    imported_policy,
+    installed_policies,
+    is_imported_policy,
+)
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
-from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip
-from jbench.settings.recorded import read_run
-from jbench.simulation import Act, find_task
-from jbench.store import Record, Results
+from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, sha256_start
+from jbench.settings.recorded import Run, read_run
+from jbench.simulation import find_task
+from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.tasks.heuristics import heuristic
 
@@ -23,29 +27,6 @@ SHIPPED = f"{REFERENCE}/"
 
 _CONSTANT = "constant:"
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e-?\d+)?", re.ASCII | re.IGNORECASE)
-
-
-class ActingPolicy(Protocol):
-    """A policy for a batch of robots, acting on the observations of its task."""
-
-    def reset(self, robots: int) -> None:
-        """Starts new episodes of this many robots."""
-
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns actions (robots, action_size) in [-1, 1] for observations (robots, dim(O))."""
-
-
-class _Stateless:
-    """A policy that keeps nothing from one control step to the next."""
-
-    def __init__(self, act: Act) -> None:
-        self._act = act
-
-    def reset(self, robots: int) -> None:
-        pass
-
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        return self._act(observations)
 
 
 def find_policy(results: Results, name: str, task: str, seed: int = 0) -> ActingPolicy:
@@ -65,18 +46,19 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
                 f"There is no hand-written policy of {task}; choose random, constant:U, a trained "
                 "policy, or MODULE:NAME."
             )
-        return heuristic(task)
+        policy = heuristic(task)
+        return ActingPolicy(policy.act, policy.reset)
     size = find_task(task).action_size
     if name == "random":  # as in the random-policy dataset
         random = np.random.default_rng(np.random.SeedSequence(seed))
-        return _Stateless(lambda observations: random.uniform(-1, 1, (len(observations), size)))
+        return ActingPolicy(lambda observations: random.uniform(-1, 1, (len(observations), size)))
     if name.startswith(_CONSTANT):
         command = _constant(name)
-        return _Stateless(lambda observations: np.full((len(observations), size), command))
+        return ActingPolicy(lambda observations: np.full((len(observations), size), command))
     if is_imported_policy(name):
-        return ImportedPolicy(name, task)
+        return imported_policy(name, task)
     if is_sb3_zip(name):
-        return _Stateless(read_sb3_zip(name, task).act)
+        return ActingPolicy(read_sb3_zip(name, task).act)
     if "/" not in name:
         raise _unknown(name)
     run, agent = find_trained_agent(results, name)
@@ -84,7 +66,7 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
         raise RequestError(
             f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
         )
-    return _Stateless(agent.act)
+    return ActingPolicy(agent.act)
 
 
 def _constant(name: str) -> float:
@@ -140,36 +122,33 @@ def shipped_policies() -> list[str]:
     return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
 
 
-def training_robots(results: Results, name: str) -> range:
-    """Returns the seeds of the augmented robots that a policy was trained on.
+def find_run(results: Results, name: str) -> Run | None:
+    """Returns the settings of a trained policy's run; None if there is none, as of other policies.
 
     Raises:
         RequestError: if the name is an invalid run id or an unknown shipped policy.
         WorkError: if the run's manifest can't be read.
     """
-    run = None if (record := _find_run(results, name)) is None else read_run(record.settings)
-    if run is None or not isinstance(run.augment, int):
-        return range(0)
-    return range(run.augment, run.augment + run.robots)
-
-
-def learned_task(results: Results, name: str) -> str | None:
-    """Returns the task of a trained policy; None for other policies.
-
-    Raises:
-        RequestError: if the name is not a valid run id or shipped policy.
-        WorkError: if the run's manifest can't be read.
-    """
-    record = _find_run(results, name)
-    return None if record is None else read_run(record.settings).task
-
-
-def _find_run(results: Results, name: str) -> Record | None:
-    """Returns the run of a trained policy; None if there is none or the policy is not trained."""
     if "/" not in name or is_sb3_zip(name):
         return None
     located, run = _locate(results, name)
-    return located.find("run", run)
+    record = located.find("run", run)
+    return None if record is None else read_run(record.settings)
+
+
+def policy_code(name: str) -> str | None:
+    """Returns what identifies the code or file of a policy; None for policies of jbench.
+
+    Returns:
+        Name and version of its package, or the first 16 digits of the SHA-256 of its file.
+    """
+    if is_sb3_zip(name):
+        return sha256_start(name)
+    if not is_imported_policy(name):
+        return None
+    made_with = plugins.provenance("policy", name, installed_policies())
+    checksum = made_with.get("source_sha256")
+    return checksum[:16] if checksum else made_with.get("package")
 
 
 def _locate(results: Results, name: str) -> tuple[Results, str]:

@@ -15,7 +15,7 @@ from torch import nn
 
 from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.policies.copied import float32_array, module_layers
+from jbench.policies.copied import UnsupportedPolicyError, float32_array, module_layers
 from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer
 from jbench.simulation import find_task
 from jbench.store.files import sha256
@@ -61,12 +61,12 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
             weights = _weights(file.read("policy.pth"))
         network = SavedNetwork(_layers(data, weights))
         inputs, outputs = network.inputs, network.outputs
+    except UnsupportedPolicyError as error:
+        raise RequestError(
+            f"{path}: {error.why}; load the model in a module of yours and type MODULE:NAME."
+        ) from None
     except (zipfile.BadZipFile, KeyError, ValueError, AttributeError, IndexError) as error:
         raise RequestError(f"{path} is no saved model of stable-baselines3 ({error}).") from None
-    except _UnsupportedError as error:
-        raise RequestError(
-            f"{path}: {error}; load the model in a module of yours and type MODULE:NAME."
-        ) from None
     wanted = find_task(task)
     if (inputs, outputs) == (wanted.observation_size, wanted.action_size):
         return network
@@ -76,10 +76,6 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
         f"observations of {wanted.observation_size} numbers and actions of {wanted.action_size}; "
         + (f"use --task {' or '.join(fitting)}." if fitting else "name its task with --task.")
     )
-
-
-class _UnsupportedError(Exception):
-    """A policy is not a sequence of layers."""
 
 
 def _content(path: str) -> bytes:
@@ -92,12 +88,12 @@ def _content(path: str) -> bytes:
 def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[SavedLayer]:
     """Returns the layers of an actor, from an observation to its deterministic action."""
     if data.get("use_sde"):
-        raise _UnsupportedError("it explores with gSDE")
+        raise UnsupportedPolicyError("it explores with gSDE")
     if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):
-        raise _UnsupportedError("it has a features extractor of its own")
+        raise UnsupportedPolicyError("it has a features extractor of its own")
     last = next((p for p in _ACTORS if any(name.startswith(p) for name in weights)), None)
     if last is None:
-        raise _UnsupportedError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
+        raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
     hidden, activation, output = _ACTORS[last]
     between = _activation(data.get("policy_kwargs") or {}, activation)
     first, *others = [*_linear(hidden, weights), *_linear(last, weights)]
@@ -137,5 +133,5 @@ def _activation(policy_kwargs: dict[str, Any], default: str) -> SavedLayer:
         return SavedLayer(default)
     name = str(text).rpartition(".")[2].strip("'>")
     if name not in _ACTIVATIONS:
-        raise _UnsupportedError(f"its activation {name} is not known")
+        raise UnsupportedPolicyError(f"its activation {name} is not known")
     return _ACTIVATIONS[name]

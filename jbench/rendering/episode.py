@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from jbench.names import CONTROL_TIMESTEP, TASKS
-from jbench.policies.find import ActingPolicy
+from jbench.policies.acting import ActingPolicy
 from jbench.simulation import find_task
 from jbench.simulation.suite_env import SuiteEnv
 from jbench.tasks.gym import JitterbugEnv

@@ -9,7 +9,7 @@ import numpy as np
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.opengl import has_display, open_display
-from jbench.policies.find import ActingPolicy
+from jbench.policies.acting import ActingPolicy
 from jbench.rendering.episode import Scene
 from jbench.simulation import find_task
 from jbench.simulation.suite import DmTask

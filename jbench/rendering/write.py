@@ -11,7 +11,7 @@ from PIL import Image
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS
-from jbench.policies.find import ActingPolicy
+from jbench.policies.acting import ActingPolicy
 from jbench.rendering.episode import (
     SCALE,
     Frame,

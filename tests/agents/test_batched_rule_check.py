@@ -134,7 +134,7 @@ def test_faulty_rule_is_refused_before_training(rule, sentence):
 
 
 def test_policy_that_cannot_be_saved_is_refused_before_training():
-    with pytest.raises(UnsupportedPolicyError, match="Softsign"):
+    with pytest.raises(UnsupportedPolicyError, match="softsign"):
         engine_of(with_actor(nn.Softsign(), nn.Linear(8, 1)), TD3_SETTINGS, [0])
 
 

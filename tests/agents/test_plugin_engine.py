@@ -222,7 +222,7 @@ def test_policy_that_cannot_be_saved_is_refused_before_training():
         def policy(self):
             return nn.Sequential(self.actor, nn.Softsign())
 
-    with pytest.raises(UnsupportedPolicyError, match="Softsign"):
+    with pytest.raises(UnsupportedPolicyError, match="softsign"):
         engine_of(UnsavedPolicy)
 
 

@@ -131,7 +131,7 @@ def test_entry_point_that_is_not_an_agent_is_refused(installed, algo, sentence, 
     [
         ("wrong-shape", "explore of the agent wrong-shape returned the shape (1,)", 0),
         ("unknown-loss", "learn of the agent unknown-loss returned the loss q_loss", 0),
-        ("unsaved-policy", "This policy can't be kept: the layer Softsign", 0),
+        ("unsaved-policy", "This policy can't be kept: softsign", 0),
         ("not-finite", "its actions are not finite at control step 120", 2),
         ("not-finite-weights", "its weights are not finite at control step 50", 1),
     ],

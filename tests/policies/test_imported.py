@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jbench.errors import RequestError, WorkError
-from jbench.policies.find import find_policy
-from jbench.policies.imported import is_imported_policy, policy_code
+from jbench.policies.acting import is_imported_policy
+from jbench.policies.find import find_policy, policy_code
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 

@@ -391,7 +391,7 @@ class Gaussian(Residual):
     [
         (Residual(), "add takes 2 results, not one"),
         (Gaussian(), "it returns something else than one tensor, the action"),
-        (nn.Sequential(nn.Linear(16, 4), nn.GELU(), nn.Linear(4, 1)), "the layer GELU is not"),
+        (nn.Sequential(nn.Linear(16, 4), nn.GELU(), nn.Linear(4, 1)), "gelu is not"),
         (nn.Linear(14, 1), "it has 14 inputs and 1 output, not 16 and 1"),
         (lambda observations: observations, "a function is not a torch module"),
     ],

@@ -135,7 +135,8 @@ def _train_one(
     output: Output,
 ) -> "Record":
     """Trains an encoder and says what was trained, or that it is finished already."""
-    from jbench.encoders.training import CHECKPOINT, train_encoder
+    from jbench.encoders.loop import CHECKPOINT
+    from jbench.encoders.training import train_encoder
 
     epochs = settings.options.get("epochs")
     before = database.find("encoder", settings.id)

@@ -139,28 +139,23 @@ def _policy(run: str, inputs: str | None, out: Path | None, results: Path, outpu
     from jbench.policies.find import find_trained_agent
     from jbench.policies.onnx_export import export_onnx
     from jbench.store.files import check_output
+    from jbench.task_specs import TASK_SPECS
 
     database, name = database_and_policy(results, run)
     if out is not None:
         check_output(out)
     id, agent = find_trained_agent(database, name)
-    in_si_units = None if inputs is None else inputs == "si"
-    done = export_onnx(agent, id, out or database.path / "onnx" / f"{id}.onnx", in_si_units)
-    what = "features in SI units" if done.in_si_units else "the observation of the environment"
+    in_si_units = agent.task in TASK_SPECS if inputs is None else inputs == "si"
+    path = out or database.path / "onnx" / f"{id}.onnx"
+    difference = export_onnx(agent, id, path, in_si_units)
+    size = path.stat().st_size
+    what = "features in SI units" if in_si_units else "the observation of the environment"
     output.say(
-        f"Exported the policy of {id} for {agent.task}: {done.bytes / 1e3:.0f} kB in {done.path}. "
-        f"Its input is {what}; its actions differ from the policy's by at most "
-        f"{done.difference:.1g}."
+        f"Exported the policy of {id} for {agent.task}: {size / 1e3:.0f} kB in {path}. Its input "
+        f"is {what}; its actions differ from the policy's by at most {difference:.1g}."
     )
-    output.document(
-        {
-            "run": id,
-            "task": agent.task,
-            "path": str(done.path),
-            "bytes": done.bytes,
-            "difference": done.difference,
-        }
-    )
+    document = {"run": id, "task": agent.task, "path": str(path)}
+    output.document({**document, "bytes": size, "difference": difference})
 
 
 def _dataset(

@@ -1,15 +1,17 @@
 """Finding encoders in the results: by representation, by id, or one for each seed."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from jbench.encoders.registry import Wanted, wanted_encoder
-from jbench.encoders.saved import load_encoder
-from jbench.encoders.settings import EncoderSettings
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS, Encoder, SavedEncoder
+from jbench.encoders.settings import EncoderSettings, named_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose
 from jbench.simulation import find_task
 from jbench.store import Record, Results
+from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
 from jbench.wording import with_results
 
@@ -18,7 +20,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     """Returns the id of an encoder for a task.
 
     Args:
-        name: a representation (see `wanted_encoder`) for its newest encoder trained on this task
+        name: a representation (see `named_encoder`) for its newest encoder trained on this task
             and the plain robot; a number of latents for a denoising autoencoder; or the id of an
             encoder, or the beginning of a single one.
 
@@ -28,7 +30,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     """
     results = results_to_read(results)
     find_task(task)
-    wanted = wanted_encoder(f"dae{name}" if name.isdecimal() else name, task)
+    wanted = named_encoder(f"dae{name}" if name.isdecimal() else name, task)
     # A kind that was given as MODULE:CLASS is known only by its name in the ids.
     representation = name if wanted is None else wanted.representation
     matches = [
@@ -47,7 +49,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
         return _find_id(results, name, task)
     raise RequestError(
         f"No {representation} for {task} in {results.name}; type "
-        f"{with_results(wanted.command(task), results.name)} to make one."
+        f"{with_results(wanted.command, results.name)} to make one."
     )
 
 
@@ -75,10 +77,38 @@ def find_draws(
         raise RequestError(
             f"There is no encoder with the settings of {record.id} and the seed "
             f"{in_prose(missing)} in {results.name}; type "
-            f"{with_results(settings.wanted.command(task), results.name)} "
+            f"{with_results(settings.command, results.name)} "
             f"--seed {','.join(missing)} to make it, with the same options."
         )
     return settings.draws, ids
+
+
+def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[str, Any]]:
+    """Returns a finished encoder and its description.
+
+    Raises:
+        RequestError: if the encoder does not exist or is unfinished.
+        WorkError: if its files are damaged or invalid.
+    """
+    results = results_to_read(results)
+    record = results.find("encoder", id)
+    if record is None:
+        ids = [record.id for record in results.scan("encoder")[0] if record.status == "finished"]
+        command = with_results("jbench train-dae", results.name)
+        none = f"there is none yet: run {command}, or jbench train-encoder for another kind"
+        there = f"there are {', '.join(ids)}" if ids else none
+        raise RequestError(
+            f"No encoder {id} in {results.name}; {there}. A kind with a number of latents, such as "
+            "dae12, selects the newest one."
+        )
+    if record.status != "finished":
+        command = shell_command(record.manifest.provenance)
+        raise RequestError(f"The encoder {id} is unfinished; repeat `{command}` to finish it.")
+    try:
+        description = json.loads(record.read_file(DESCRIPTION))
+        return SavedEncoder.from_files(description, record.read_file(WEIGHTS)), description
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
 
 
 def _find_id(results: Results, name: str, task: str) -> str:
@@ -90,11 +120,10 @@ def _find_id(results: Results, name: str, task: str) -> str:
     id = results.complete_id("encoder", name)
     _, description = load_encoder(results, id)
     if description["task"] != task:
-        options = description.get("options", {})
-        wanted = Wanted(description["kind"], description["latents"], options)
+        wanted = EncoderSettings.model_construct(**{"options": {}, **description, "task": task})
         raise RequestError(
             f"The encoder {id} is for {description['task']}, not for {task}; type "
-            f"{with_results(wanted.command(task), results.name)} to make one."
+            f"{with_results(wanted.command, results.name)} to make one."
         )
     return id
 

@@ -165,18 +165,16 @@ class Learned(Kind):
         return loss.detach()
 
 
-def glorot(outputs: int, inputs: int, random: torch.Generator) -> Tensor:
-    """Returns an (outputs, inputs) matrix with Glorot initialization (Glorot and Bengio, 2010)."""
-    limit = (6 / (outputs + inputs)) ** 0.5
-    return torch.empty(outputs, inputs).uniform_(-limit, limit, generator=random)
-
-
 def layers(shapes: Mapping[str, tuple[int, int]], random: torch.Generator) -> dict[str, Tensor]:
-    """Returns layers by name for given (outputs, inputs): Glorot weights, zero biases."""
-    weights = {}
+    """Returns layers by name for given (outputs, inputs), with biases of 0.
+
+    Their weights have Glorot's initialization (Glorot and Bengio, 2010).
+    """
+    weights: dict[str, Tensor] = {}
     for name, (outputs, inputs) in shapes.items():
-        weights[f"{name}.weight"] = glorot(outputs, inputs, random)
-        weights[f"{name}.bias"] = torch.zeros(outputs)
+        limit = (6 / (outputs + inputs)) ** 0.5
+        weight = torch.empty(outputs, inputs).uniform_(-limit, limit, generator=random)
+        weights |= {f"{name}.weight": weight, f"{name}.bias": torch.zeros(outputs)}
     return weights
 
 

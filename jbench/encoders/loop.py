@@ -6,11 +6,14 @@ on the CPU for every device, so every device trains the same encoder up to round
 saved with the weights and Adam's state, so a resumed training ends with the same weights.
 """
 
-from collections.abc import Iterator, Mapping
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+import pyarrow as pa
 import safetensors
 import safetensors.torch
 import torch
@@ -22,6 +25,11 @@ from jbench.encoders.pairs import StatePairs
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
 from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.store import Record, encoder_schema
+
+CHECKPOINT = "checkpoint.safetensors"
+
+WeightArrays = dict[str, NDArray[np.float32]]
 
 _CHECKED = 8  # rows
 _PREPARED = 16  # batches gathered and corrupted at once
@@ -58,7 +66,7 @@ class EncoderLearner:
         self.gradients = _parts(self._flat.grad, initial)
         self._adam = torch.optim.Adam([self._flat], lr=kind.learning_rate, fused=True)
 
-    def arrays(self) -> dict[str, NDArray[np.float32]]:
+    def arrays(self) -> WeightArrays:
         """Returns the weights as numpy arrays."""
         return {name: value.detach().cpu().numpy() for name, value in self.weights.items()}
 
@@ -66,12 +74,19 @@ class EncoderLearner:
         """Trains on every row once, in random order; returns the mean loss."""
         total = torch.zeros((), dtype=torch.float64, device=self.device)
         rows = 0
-        for batch in self._batches():
-            loss = self.kind.gradient(self.weights, self.gradients, batch)
-            self._adam.step()
-            total += loss * len(batch.now)
-            rows += len(batch.now)
+        for prepared in _prefetch(self._prepared()):
+            for batch in prepared.split(self.kind.batch):
+                loss = self.kind.gradient(self.weights, self.gradients, batch)
+                self._adam.step()
+                total += loss * len(batch.now)
+                rows += len(batch.now)
         return float(total) / rows
+
+    @torch.no_grad()
+    def error(self, states: Tensor, targets: Tensor) -> float:
+        """Returns the mean squared error of reconstructing targets from states, (rows, size)."""
+        rebuilt = self.kind.decode(self.weights, self.kind.encode(self.weights, states))
+        return float((rebuilt - targets).square().mean(dtype=torch.float64))
 
     def to_bytes(self) -> bytes:
         """Returns the state of the training as safetensors."""
@@ -106,11 +121,6 @@ class EncoderLearner:
                 "train it from the beginning."
             ) from None
 
-    def _batches(self) -> Iterator[StatePairs]:
-        """Yields the batches of an epoch."""
-        for batch in _prefetch(self._prepared()):
-            yield from batch.split(self.kind.batch)
-
     def _prepared(self) -> Iterator[StatePairs]:
         """Yields an epoch's rows in random order, several batches at a time."""
         kind, ahead = self.kind, self.kind.steps_ahead
@@ -124,6 +134,55 @@ class EncoderLearner:
             for indices in order.split(_PREPARED * kind.batch):
                 batch = shard.take(indices, ahead, kind.uses_actions)
                 yield kind.prepare(batch, self.latents, self.random)
+
+
+def learn(
+    kind: Learned,
+    states: States,
+    record: Record,
+    latents: int,
+    progress: Callable[[int], None],
+    commit_every: float,
+) -> WeightArrays:
+    """Trains the remaining epochs and commits their rows with checkpoints; returns the weights.
+
+    Raises:
+        WorkError: if the checkpoint can't be read, or the training diverges.
+    """
+    learner = EncoderLearner(kind, states, latents)
+    if CHECKPOINT in record.roles():
+        learner.restore(record.read_file(CHECKPOINT))
+    indices = torch.arange(states.sample.pairs(kind.steps_ahead), device=states.device)
+    clean = states.sample.take(indices, kind.steps_ahead, kind.uses_actions)
+    # A separate generator: measuring an error must not change the training.
+    corrupted = kind.prepare(clean, latents, torch.Generator().manual_seed(0)).now
+    targets = clean.later if kind.decodes_later else clean.now
+    done = record.read("encoder_epochs").to_pylist()
+    before = done[-1]["wall_time"] if done else 0.0
+    rows: list[dict[str, Any]] = []
+    start, committed = time.perf_counter(), -math.inf
+    progress(len(done))
+    for epoch in range(len(done) + 1, kind.epochs + 1):
+        loss = learner.epoch()
+        if not math.isfinite(loss):
+            raise WorkError(
+                f"The training of {record.id} diverged: the loss of epoch {epoch} is {loss}; "
+                "type a smaller --learning-rate."
+            )
+        same = corrupted is clean.now
+        errors = {
+            "test_mse": learner.error(clean.now, targets),
+            "test_denoising_mse": None if same else learner.error(corrupted, targets),
+        }
+        now = time.perf_counter()
+        row = {"encoder": record.id, "epoch": epoch, "train_loss": loss, **errors}
+        rows.append({**row, "wall_time": before + now - start})
+        if now - committed >= commit_every or epoch == kind.epochs:
+            table = pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)
+            record.append({"encoder_epochs": table}, {CHECKPOINT: learner.to_bytes()})
+            rows, committed = [], now
+        progress(epoch)
+    return learner.arrays()
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:

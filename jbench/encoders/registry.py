@@ -8,12 +8,12 @@ import importlib
 import re
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint
-from typing import Any, NamedTuple
+from typing import Any
 
 from jbench import plugins
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.errors import RequestError, WorkError
-from jbench.names import ENCODER_KINDS, OFE, REPRESENTATION, known, number_in_name
+from jbench.names import ENCODER_KINDS, OFE, known
 from jbench.settings.base import settings_with
 
 GROUP = "jbench.encoders"
@@ -94,70 +94,6 @@ def wrong_size(kind: str, task: str, latents: int) -> str | None:
     if len(sizes) == 1:
         return f"{kind} of {task} has {sizes[0]} latents"
     return f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents"
-
-
-SCALES = ("scale", "rescale")
-"""The options of every kind that are part of a representation's name."""
-
-
-class Wanted(NamedTuple):
-    """An encoder that a name such as dae12-observation asks for.
-
-    Attributes:
-        options: the scales in the name; those that it leaves out are the defaults.
-    """
-
-    kind: str
-    latents: int
-    options: Mapping[str, Any]
-
-    @property
-    def representation(self) -> str:
-        """The name of the latents: kind, size, and scales if not the defaults.
-
-        For example, dae12 or dae12-observation-whitened; see `jbench.names.REPRESENTATION`.
-        """
-        scales = (self.options[name] for name in SCALES if name in self.options)
-        return "-".join([f"{short_name(self.kind)}{self.latents}", *scales])
-
-    def command(self, task: str) -> str:
-        """Returns the command that trains it; omits the size of kinds with only one size."""
-        size = "" if len(latent_sizes(self.kind, task)) == 1 else f" --latent {self.latents}"
-        scales = [f" --set {name}={self.options[name]}" for name in SCALES if name in self.options]
-        is_plain = self.kind == "dae" and not scales
-        verb = "train-dae" if is_plain else f"train-encoder --kind {self.kind}"
-        return "".join([f"jbench {verb} --task {task}{size}", *scales])
-
-
-def wanted_encoder(name: str, task: str) -> Wanted | None:
-    """Returns what a representation asks for; None for other names, such as an id.
-
-    Args:
-        name: KIND:LATENTS or KINDLATENTS as tables write it, or KIND if the task determines the
-            size; scales that are not the defaults follow, as in dae12-observation-whitened.
-
-    Raises:
-        RequestError: if there is no such kind, or its encoders don't have this size.
-    """
-    match = REPRESENTATION.fullmatch(name)
-    kind = name.partition(":")[0] if match is None else match["kind"]
-    if kind not in kind_names():
-        if ":" not in name:
-            return None
-        if plugins.is_imported(name):
-            example = f"--encoder {short_name(name)}12"
-            raise RequestError(f"{name} is a class; type {example}, for example.")
-    sizes = latent_sizes(kind, task)
-    scales = {option: match[option] for option in SCALES if match and match[option]}
-    latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
-    if match and match["latents"]:
-        latents = number_in_name(match["latents"])
-    if (problem := wrong_size(kind, task, latents)) is None:
-        return Wanted(kind, latents, scales)
-    if not sizes:
-        raise RequestError(f"{problem}; choose dae, pca or forward.")
-    size, more = ("", "") if len(sizes) == 1 else (str(min(12, sizes[-1])), ", for example")
-    raise RequestError(f"{problem}; choose {'-'.join([kind + size, *scales.values()])}{more}.")
 
 
 def make_kind(name: str, options: Mapping[str, Any]) -> Kind:

@@ -1,9 +1,7 @@
-"""The encoder protocol, and saved encoders."""
+"""The encoder protocol, saved encoders, and agents on their latents."""
 
-import json
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import safetensors
@@ -15,17 +13,17 @@ from torch import Tensor
 from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.registry import make_kind
 from jbench.encoders.scaling import Scaling
-from jbench.errors import RequestError, WorkError
-from jbench.store import Results
-from jbench.store.provenance import shell_command
-from jbench.store.shipped import results_to_read
+from jbench.errors import RequestError
+from jbench.tasks.features import by_dimension, mirrored, observation_size
 from jbench.tasks.geometry import Array
-from jbench.wording import with_results
 
 DESCRIPTION = "encoder.json"
 WEIGHTS = "encoder.safetensors"
 
 _GAIN, _OFFSET = "observation.gain", "observation.offset"  # of the scaling, beside the weights
+
+_MIRRORED = 64  # random observations from which the mirror of latents is found
+_TOLERANCE = 1e-4  # relative to the range of an input; encoders are stored in float32
 
 
 class Encoder(Protocol):
@@ -152,29 +150,46 @@ def on_observations(encoder: Encoder | None, act: Callable[[Array], Array]) -> C
     return act_on_observations
 
 
-def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[str, Any]]:
-    """Returns a finished encoder and its description.
+class InputMirror(NamedTuple):
+    """An agent's inputs for a mirrored observation are gain * inputs + offset, each (size,)."""
+
+    gain: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+
+def input_mirror(task: str, encoder: Encoder | None) -> InputMirror:
+    """Returns the mirror image of an agent's inputs, for minibatches with mirrored transitions.
+
+    An encoder needs no method for it: the mirror is found by encoding random observations and
+    their mirror images. A mirror that acts on each input alone either keeps it or reflects it.
+
+    Args:
+        encoder: None for the full observation.
 
     Raises:
-        RequestError: if the encoder does not exist or is unfinished.
-        WorkError: if its files are damaged or invalid.
+        RequestError: if a mirror mixes its latents, or it encodes mirror images itself.
     """
-    results = results_to_read(results)
-    record = results.find("encoder", id)
-    if record is None:
-        ids = [record.id for record in results.scan("encoder")[0] if record.status == "finished"]
-        command = with_results("jbench train-dae", results.name)
-        none = f"there is none yet: run {command}, or jbench train-encoder for another kind"
-        there = f"there are {', '.join(ids)}" if ids else none
+    if encoder is None:
+        signs = np.array(by_dimension(task, "mirror"), np.float64)
+        return InputMirror(signs, np.zeros_like(signs))
+    shape = _MIRRORED, observation_size(task)
+    random = torch.Generator().manual_seed(0)
+    observations = 2 * torch.rand(shape, dtype=torch.float64, generator=random) - 1
+    if action_signs(encoder, observations) is not None:
         raise RequestError(
-            f"No encoder {id} in {results.name}; {there}. A kind with a number of latents, such as "
-            "dae12, selects the newest one."
+            "mirror=true is not for agents on an encoder that mirrors observations itself, such as "
+            "planar-mirror: leave it out, or choose planar."
         )
-    if record.status != "finished":
-        command = shell_command(record.manifest.provenance)
-        raise RequestError(f"The encoder {id} is unfinished; repeat `{command}` to finish it.")
-    try:
-        description = json.loads(record.read_file(DESCRIPTION))
-        return SavedEncoder.from_files(description, record.read_file(WEIGHTS)), description
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-        raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
+    inputs = encoder.encode(observations)
+    images = encoder.encode(mirrored(task, observations))
+    keeps = (images - inputs).abs().amax(0) < (images + inputs).var(0).sqrt()
+    gain = torch.where(keeps, 1.0, -1.0)
+    rest = images - gain * inputs
+    offset = torch.where(keeps, 0.0, rest.mean(0))
+    width = inputs.amax(0) - inputs.amin(0)
+    if bool(((rest - offset).abs().amax(0) > _TOLERANCE * width).any()):
+        raise RequestError(
+            "mirror=true needs inputs of which a mirror changes only signs, such as those of full, "
+            "scaled or planar, and this encoder mixes them: leave it out, or choose one of these."
+        )
+    return InputMirror(gain.numpy(), offset.numpy())

@@ -68,12 +68,7 @@ class States:
         memory: int = MEMORY,
         scale: Scale = "dataset",
     ) -> None:
-        """Prepares to read a dataset.
-
-        Args:
-            task: the states become observations of this task.
-            seed: of the choice of held-out episodes.
-            memory: maximum number of bytes of states in memory.
+        """Prepares to read a dataset, in which at most `memory` bytes of states are kept.
 
         Raises:
             RequestError: if the dataset has fewer than two episodes.
@@ -111,11 +106,7 @@ class States:
             self._whole = {name: shard.to(device) for name, shard in self._whole.items()}
 
     def learn(self, random: torch.Generator | None = None) -> Iterator[Shard]:
-        """Yields the training episodes.
-
-        Args:
-            random: shuffles the files of a dataset that does not fit in memory.
-        """
+        """Yields the training episodes; `random` shuffles files that do not fit in memory."""
         return self._shards("learned", random)
 
     def test(self) -> Iterator[Shard]:
@@ -149,11 +140,9 @@ class States:
             self.scaling = Scaling.to_unit_variance(moments["learned"].merged(moments["held_out"]))
         gain, offset = self.scaling.gain_and_offset()
         self.learned, self.held_out = (part.scaled(gain, offset) for part in moments.values())
+        held_out = self._shard(kept.pop("held_out"))
         if self.in_memory:
-            self._whole = {name: self._shard(kept.pop(name)) for name in self._episodes}
-            held_out = self._whole["held_out"]
-        else:
-            held_out = self._shard(kept["held_out"])
+            self._whole = {"learned": self._shard(kept.pop("learned")), "held_out": held_out}
         self.sample = Shard(*(part[:SAMPLE_EPISODES] for part in held_out))
 
     def _shards(self, name: str, random: torch.Generator | None = None) -> Iterator[Shard]:

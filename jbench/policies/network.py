@@ -1,5 +1,6 @@
 """Saved policies: layers applied one after another, with numpy, or with torch to export them."""
 
+import inspect
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -54,26 +55,22 @@ def _elu(x: Array, alpha: float) -> Array:
     return xp.where(x > 0, x, alpha * xp.expm1(x.clip(max=0)))
 
 
-LAYERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Array]]] = {
-    "linear": (("weight", "bias"), (), lambda x, weight, bias: x @ weight.T + bias),
-    "layer_norm": (("weight", "bias"), ("epsilon",), _layer_norm),
-    "scale": (("factor",), (), lambda x, factor: x * factor),
-    "shift": (("offset",), (), lambda x, offset: x + offset),
-    "divide": (("divisor",), (), lambda x, divisor: x / divisor),
-    "columns": ((), ("first",), lambda x, first: x[..., int(first) :]),
-    "clip": ((), ("low", "high"), lambda x, low, high: x.clip(low, high)),
-    "relu": ((), (), lambda x: x.clip(0)),
-    "tanh": ((), (), _tanh),
-    "sigmoid": ((), (), _sigmoid),
-    "silu": ((), (), lambda x: x * _sigmoid(x)),
-    "elu": ((), ("alpha",), _elu),
-    "leaky_relu": (
-        (),
-        ("slope",),
-        lambda x, slope: array_namespace(x).where(x > 0, x, slope * x),
-    ),
+LAYERS: dict[str, Callable[..., Array]] = {
+    "linear": lambda x, weight, bias: x @ weight.T + bias,
+    "layer_norm": _layer_norm,
+    "scale": lambda x, factor: x * factor,
+    "shift": lambda x, offset: x + offset,
+    "divide": lambda x, divisor: x / divisor,
+    "columns": lambda x, first: x[..., int(first) :],
+    "clip": lambda x, low, high: x.clip(low, high),
+    "relu": lambda x: x.clip(0),
+    "tanh": _tanh,
+    "sigmoid": _sigmoid,
+    "silu": lambda x: x * _sigmoid(x),
+    "elu": _elu,
+    "leaky_relu": lambda x, slope: array_namespace(x).where(x > 0, x, slope * x),
 }
-"""Names of the arrays and numbers of each kind of layer, and its function."""
+"""The function of each kind of layer; its arguments are the layer's arrays and numbers."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +114,7 @@ class SavedNetwork:
                 results.append(xp.concat([earlier, values], axis=-1))
             else:
                 arrays = {name: xp.asarray(array) for name, array in layer.arrays.items()}
-                results.append(LAYERS[layer.kind][2](values, **arrays, **layer.numbers))
+                results.append(LAYERS[layer.kind](values, **arrays, **layer.numbers))
         return results[-1].clip(-1, 1)
 
     def files(self) -> tuple[bytes, bytes]:
@@ -165,7 +162,7 @@ def relu_layers(linear: Sequence[SavedLayer], squash: str) -> list[SavedLayer]:
         KeyError: for another squash.
     """
     last = {"tanh": SavedLayer("tanh"), "clip": SavedLayer("clip", numbers={"low": -1, "high": 1})}
-    between = [layer for each in linear for layer in (each, SavedLayer("relu"))]
+    between = [layer for affine in linear for layer in (affine, SavedLayer("relu"))]
     return [*between[:-1], last[squash]]
 
 
@@ -195,11 +192,12 @@ def feature_layers(
 def _layer(described: dict[str, Any], i: int, tensors: Mapping[str, Float]) -> SavedLayer:
     """Returns layer number i from its description and its tensors."""
     kind = described["layer"]
-    arrays, numbers = ((), ("earlier",)) if kind == _CONCAT else LAYERS[kind][:2]
+    names = ["earlier"] if kind == _CONCAT else inspect.signature(LAYERS[kind]).parameters
+    arrays = {name: tensors[f"{i}.{name}"] for name in names if f"{i}.{name}" in tensors}
     return SavedLayer(
         kind,
-        {name: np.asarray(tensors[f"{i}.{name}"], np.float32) for name in arrays},
-        {name: float(described[name]) for name in numbers},
+        {name: np.asarray(array, np.float32) for name, array in arrays.items()},
+        {name: float(described[name]) for name in names if name in described},
     )
 
 

@@ -4,11 +4,13 @@ import importlib.metadata
 import json
 import logging
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import onnx
+import pandas as pd
 import torch
 from onnx import checker, helper
 from onnx.reference import ReferenceEvaluator
@@ -28,23 +30,7 @@ _CHECKED = 256  # observations for which the model is compared with the policy
 _TOLERANCE = 1e-4  # of an action; float32 rounding in another order is a hundredth of that
 
 
-class OnnxFile(NamedTuple):
-    """A model that was written.
-
-    Attributes:
-        difference: largest absolute difference from the policy's actions.
-        in_si_units: whether the input is the features in SI units.
-    """
-
-    path: Path
-    bytes: int
-    difference: float
-    in_si_units: bool
-
-
-def export_onnx(
-    agent: TrainedAgent, run: str, path: Path, in_si_units: bool | None = None
-) -> OnnxFile:
+def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) -> float:
     """Writes the policy of a run as an ONNX model and compares the two.
 
     The model has an input `observation` (robots, dim(O)) and an output `action` (robots, dim(A)),
@@ -56,20 +42,21 @@ def export_onnx(
         path: of the file, which is replaced if it exists.
         in_si_units: whether the input is the features in SI units; otherwise it is the observation
             of the environment, in which the range of each feature of the Jitterbug is mapped to
-            [-1, 1]. None for SI units where they are known: for the Jitterbug's tasks.
+            [-1, 1].
+
+    Returns:
+        The largest absolute difference from the policy's actions.
 
     Raises:
         RequestError: if the encoder or the policy has an operation that can't be written, or the
             units of the observation are not known.
         WorkError: if the model's actions differ from the policy's, or it can't be written.
     """
-    has_units = agent.task in TASK_SPECS
-    if in_si_units and not has_units:
+    if in_si_units and agent.task not in TASK_SPECS:
         raise RequestError(
             f"The units of the observations of {agent.task} are not known: type --inputs "
             "observation."
         )
-    in_si_units = has_units if in_si_units is None else in_si_units
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of names that are deprecated within torch
         model = _model(agent, run, in_si_units)
@@ -78,10 +65,9 @@ def export_onnx(
     difference = _difference(model, agent, in_si_units)
     if not difference < _TOLERANCE:
         raise WorkError(f"The ONNX model of {run} differs from its policy by {difference:.1e}.")
-    content = model.SerializeToString()
     make_directory(path.parent)
-    write_atomic(path, content)
-    return OnnxFile(path, len(content), difference, in_si_units)
+    write_atomic(path, model.SerializeToString())
+    return difference
 
 
 def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]:
@@ -92,33 +78,26 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
     -1 and 1. `outputs` has the bounds of each action, and what they are for the actuator.
     """
     task = find_task(agent.task)
-    inputs: list[dict[str, Any]]
+    inputs: dict[str, Sequence[Any]] = {"name": task.labels}
+    outputs: dict[str, Any]
+    bounds = {"minimum": -1.0, "maximum": 1.0}
     if task.specs is None:
         units, low, high = (by_dimension(agent.task, name) for name in ("units", "low", "high"))
-        inputs = [
-            {"name": name, "unit": unit}
-            if in_si_units
-            else {"name": name, "unit": unit, "minimum": least, "maximum": most}
-            for name, unit, least, most in zip(task.labels, units, low, high, strict=True)
-        ]
+        inputs |= (
+            {"unit": units} if in_si_units else {"unit": units, "minimum": low, "maximum": high}
+        )
+        outputs = {"name": ["motor_command"], "unit": "1", **bounds}
         scaling = "SI units" if in_si_units else "minimum to -1, maximum to 1"
-        outputs = [{"name": "motor_command", "unit": "1", "minimum": -1.0, "maximum": 1.0}]
     else:
-        inputs = [{"name": label} for label in task.labels]
-        scaling, bounds = "none", (task.specs.action_minimum, task.specs.action_maximum)
-        outputs = [
-            {
-                "name": label,
-                "minimum": -1.0,
-                "maximum": 1.0,
-                "actuator_minimum": least,
-                "actuator_maximum": most,
-            }
-            for label, least, most in zip(task.action_labels, *bounds, strict=True)
-        ]
+        outputs = {
+            **{"name": task.action_labels, **bounds},
+            "actuator_minimum": task.specs.action_minimum,
+            "actuator_maximum": task.specs.action_maximum,
+        }
+        scaling = "none"
     return {
-        "inputs": json.dumps(inputs),
-        "outputs": json.dumps(outputs),
+        "inputs": json.dumps(pd.DataFrame(inputs).to_dict("records")),
+        "outputs": json.dumps(pd.DataFrame(outputs).to_dict("records")),
         "input_scaling": scaling,
         "control_timestep": json.dumps({"value": task.control_timestep, "unit": "s"}),
         "task": agent.task,

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, create_model
 
 from jbench.agents.algorithms import algorithm_fields
-from jbench.encoders.registry import Wanted, kind_names, make_kind, wanted_encoder
-from jbench.encoders.settings import EncoderSettings, encoder_settings
+from jbench.encoders.registry import kind_names, make_kind
+from jbench.encoders.settings import EncoderSettings, encoder_settings, named_encoder
 from jbench.errors import RequestError
 from jbench.names import FULL, OFE, Base, evaluation_interval, known
 from jbench.seeds import parse_seeds
@@ -176,9 +176,9 @@ def _check_tasks_of_encoders(matrix: Matrix) -> None:
             raise RequestError(f"the encoder {name} is of {task}, which is not among the tasks.")
 
 
-def _wanted(name: str, task: str) -> Wanted:
+def _wanted(name: str, task: str) -> EncoderSettings:
     """Returns the encoder of a representation such as dae12, dae12-observation or planar."""
-    encoder = wanted_encoder(name, task)
+    encoder = named_encoder(name, task)
     if encoder is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
     assert encoder is not None
@@ -213,7 +213,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
 
 
 def _encoders(
-    matrix: Matrix, dataset: DatasetSettings, task: str, wanted: Wanted
+    matrix: Matrix, dataset: DatasetSettings, task: str, wanted: EncoderSettings
 ) -> dict[int, EncoderSettings]:
     """Returns the encoder of each seed."""
     options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}

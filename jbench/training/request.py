@@ -7,8 +7,7 @@ from typing import Any
 from jbench.agents.algorithms import algorithm_fields, hyperparameters
 from jbench.devices import find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
-from jbench.encoders.mirror import input_mirror
-from jbench.encoders.registry import Wanted
+from jbench.encoders.saved import input_mirror
 from jbench.errors import RequestError
 from jbench.names import (
     EPISODE_STEPS,
@@ -138,9 +137,8 @@ def read_representation(results: Results, encoder: str) -> str:
     Raises:
         RequestError: if there is no such encoder.
     """
-    _, description = load_encoder(results, encoder)
-    options = description.get("options", {})
-    return Wanted(description["kind"], description["latents"], options).representation
+    load_encoder(results, encoder)
+    return encoder.split("/")[1]
 
 
 def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:

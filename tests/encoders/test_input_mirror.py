@@ -7,8 +7,7 @@ import torch
 from jbench.encoders.kinds.linear import PrincipalComponents, Scaled
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.planar_variants import PlanarMirror
-from jbench.encoders.mirror import input_mirror
-from jbench.encoders.saved import SavedEncoder
+from jbench.encoders.saved import SavedEncoder, input_mirror
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
 from jbench.names import TASKS

@@ -129,7 +129,7 @@ def make_encoder(name, states):
 def test_encoder_is_part_of_model(kind, states, tmp_path):
     encoder = make_encoder(kind, states)
     agent = TrainedAgent(TASK, policy_of(encoder.latent_size), encoder)
-    export_onnx(agent, "run", tmp_path / "policy.onnx")
+    export_onnx(agent, "run", tmp_path / "policy.onnx", in_si_units=True)
     observations = observations_of(states.dataset)[0, ::100]
     actions = run_model(tmp_path / "policy.onnx", features.denormalize(TASK, observations))
     assert np.ptp(actions) > 1e-3
@@ -177,13 +177,13 @@ def test_every_layer_type_is_exported(policy, tmp_path):
 def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
     path = tmp_path / "policy.onnx"
     agent = TrainedAgent("move_to_pose", policy_of(19), None)
-    export_onnx(agent, "a/run", path)
+    export_onnx(agent, "a/run", path, in_si_units=True)
     model = onnx.load(path)
-    properties = {each.key: each.value for each in model.metadata_props}
+    properties = {entry.key: entry.value for entry in model.metadata_props}
     inputs = json.loads(properties["inputs"])
     assert inputs[0] == {"name": "position_x", "unit": "m"}
     assert inputs[-1] == {"name": "angle_to_target", "unit": "rad"}
-    assert [each["unit"] for each in inputs] == (
+    assert [feature["unit"] for feature in inputs] == (
         ["m"] * 3 + ["1"] * 4 + ["m/s"] * 3 + ["rad/s"] * 3 + ["rad", "rad/s"] + ["m"] * 3 + ["rad"]
     )
     (output,) = json.loads(properties["outputs"])
@@ -193,7 +193,7 @@ def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
     assert b".py" not in path.read_bytes()  # no paths of this computer
     assert json.loads(properties["control_timestep"]) == {"value": 0.01, "unit": "s"}
     export_onnx(agent, "a/run", path, in_si_units=False)
-    properties = {each.key: each.value for each in onnx.load(path).metadata_props}
+    properties = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
     motor_velocity = {"name": "motor_velocity", "unit": "rad/s", "minimum": -180, "maximum": 180}
     assert json.loads(properties["inputs"])[14] == motor_velocity
 
@@ -201,13 +201,13 @@ def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
 def test_policy_of_another_robot_has_its_observation_and_all_its_motors(tmp_path):
     path = tmp_path / "policy.onnx"
     agent = TrainedAgent("dmc:fish-swim", policy_of(24, 5), None)
-    assert not export_onnx(agent, "a/run", path).in_si_units
+    export_onnx(agent, "a/run", path, in_si_units=False)
     observations = np.random.default_rng(5).normal(size=(50, 24)).astype("f4")
     actions = run_model(path, observations)
     assert actions.shape == (50, 5)
     np.testing.assert_allclose(actions, agent.act(observations), atol=PRECISION)
-    properties = {each.key: each.value for each in onnx.load(path).metadata_props}
-    inputs = [each["name"] for each in json.loads(properties["inputs"])]
+    properties = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
+    inputs = [feature["name"] for feature in json.loads(properties["inputs"])]
     # Joint angles, the height, the target, and velocities, as dm_control names them; the height is
     # one number, and has no index.
     assert inputs[6:9] == ["joint_angles_6", "upright", "target_0"]
@@ -234,7 +234,7 @@ class SortingEncoder:
 def test_encoder_that_is_not_layers_is_refused(tmp_path):
     agent = TrainedAgent(TASK, policy_of(16), SortingEncoder())
     with pytest.raises(RequestError, match="The run a/b can't be exported to ONNX"):
-        export_onnx(agent, "a/b", tmp_path / "policy.onnx")
+        export_onnx(agent, "a/b", tmp_path / "policy.onnx", in_si_units=True)
     assert not (tmp_path / "policy.onnx").exists()
 
 

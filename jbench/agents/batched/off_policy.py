@@ -16,7 +16,7 @@ from jbench.agents.batched.team import Team
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Environments, StepResult
 from jbench.agents.generators import Generators
-from jbench.encoders.mirror import input_mirror
+from jbench.encoders.saved import input_mirror
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 

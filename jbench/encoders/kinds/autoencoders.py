@@ -29,7 +29,6 @@ class Autoencoder(Learned):
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns the weights and zero biases."""
         weights = layers({"encoder": (latents, size), "decoder": (size, latents)}, random)
         if self.initial_weights == "normal":
             for name in ("encoder.weight", "decoder.weight"):
@@ -37,15 +36,12 @@ class Autoencoder(Learned):
         return weights
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the latents, in (-1, 1)."""
         return tanh(affine(weights, "encoder", scaled))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the reconstruction, in (-1, 1)."""
         return tanh(affine(weights, "decoder", latents))
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
-        """Returns the mean squared error per feature."""
         rebuilt = self.decode(weights, self.encode(weights, batch.now))
         return torch.nn.functional.mse_loss(rebuilt, batch.later)
 
@@ -90,7 +86,6 @@ class DenoisingAutoencoder(Autoencoder):
     )
 
     def prepare(self, batch: StatePairs, latents: int, random: torch.Generator) -> StatePairs:
-        """Returns the batch with Gaussian noise on the encoded states."""
         rows, size = batch.now.shape
         if self.noise_per == "row":
             noise = standard_normal((rows, size), random, batch.now)
@@ -108,22 +103,18 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:
-        """Returns 2 to the number of features plus one."""
         return range(2, observation_size(task) + 2)
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns the weights of an autoencoder with one latent less."""
         return super().initial(size, latents - 1, random)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the latents of the autoencoder, then the yaw rate."""
         latents = super().encode(weights, scaled)
         return array_namespace(latents).concat(
             [latents, scaled[..., _YAW_RATE : _YAW_RATE + 1]], axis=-1
         )
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the reconstruction of the autoencoder."""
         return super().decode(weights, latents[..., :-1])
 
 
@@ -140,7 +131,6 @@ class DynamicDenoisingAutoencoder(DenoisingAutoencoder):
 
     @property
     def steps_ahead(self) -> int:
-        """Control steps to the predicted state."""
         return self.horizon
 
 

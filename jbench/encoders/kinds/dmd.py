@@ -35,7 +35,6 @@ class DynamicModes(Linear, Fitted):
     horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the directions, the linear decoder, and all singular values."""
         moments = Moments.none(2 * states.size + self.horizon * states.action_size)
         for shard in states.learn():
             for batch in shard.blocks(self.horizon, with_actions=True):
@@ -53,7 +52,6 @@ class DynamicModes(Linear, Fitted):
         }
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the coordinates along the canonical directions."""
         return (scaled - weights["mean"]) @ weights["directions"].T
 
     def summary(self, weights: Weights) -> dict[str, Any]:

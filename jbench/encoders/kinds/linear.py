@@ -26,7 +26,6 @@ class Linear(Kind):
     back: ClassVar[str] = "back"
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the linear reconstruction."""
         return latents @ weights[self.back] + weights["mean"]
 
 
@@ -39,13 +38,11 @@ class PrincipalComponents(Linear, ClosedForm):
     back: ClassVar[str] = "components"
 
     def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the components (latents, size) in order of decreasing variance, and the mean."""
         _, vectors = np.linalg.eigh(moments.covariance)
         components = with_positive_largest(vectors[:, ::-1][:, :latents].T)
         return {"components": components, "mean": moments.mean}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the coordinates along the components."""
         return (scaled - weights["mean"]) @ weights["components"].T
 
 
@@ -58,7 +55,6 @@ class RandomProjection(Linear, ClosedForm):
     """
 
     def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the projection (latents, size) and the best linear decoder."""
         size = len(moments.mean)
         normal = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=(size, size))
         rotation, triangle = np.linalg.qr(normal)
@@ -70,7 +66,6 @@ class RandomProjection(Linear, ClosedForm):
         return {"projection": projection, "back": decoder, "mean": mean}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the projections."""
         return scaled @ weights["projection"].T
 
 
@@ -84,11 +79,9 @@ class RandomFeatures(Linear, Fitted):
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:
-        """Returns 1 to 4096."""
         return range(1, 4097)
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the directions (latents, size), the offsets, and the best linear decoder."""
         random = np.random.default_rng(np.random.SeedSequence(states.seed))
         sd = np.sqrt(np.trace(states.learned.covariance))
         directions = random.normal(size=(latents, states.size)) / sd
@@ -101,7 +94,6 @@ class RandomFeatures(Linear, Fitted):
         return weights | {"back": decoder, "mean": mean}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the features, in (-1, 1)."""
         return tanh(scaled @ weights["directions"].T + weights["offsets"])
 
 
@@ -114,20 +106,16 @@ class Scaled(ClosedForm):
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:
-        """Returns the number of features of the task."""
         size = find_task(task).observation_size
         return range(size, size + 1)
 
     def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
-        """Returns no weights."""
         return {}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the scaled features."""
         return scaled
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the scaled features."""
         return latents
 
 
@@ -141,20 +129,16 @@ class Raw(Fitted):
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:
-        """Returns the number of features of the task."""
         size = observation_size(task)
         return range(size, size + 1)
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
-        """Returns gain and offset of each feature."""
         gain, offset = physical_scaling(states.task, states.scaling)
         inverse = np.divide(1, gain, out=np.zeros_like(gain), where=gain != 0)
         return {"gain": gain, "offset": offset, "inverse": inverse}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the features in SI units."""
         return scaled * weights["gain"] + weights["offset"]
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the scaled features."""
         return (latents - weights["offset"]) * weights["inverse"]

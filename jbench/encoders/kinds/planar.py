@@ -17,6 +17,7 @@ takes the target's place: only rotations about the origin are symmetries of this
 """
 
 import itertools
+from collections.abc import Iterable
 from functools import reduce
 from typing import TYPE_CHECKING
 
@@ -27,18 +28,9 @@ from numpy.typing import NDArray
 from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.scaling import Scaling, physical_scaling
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks import model
-from jbench.tasks.features import features, split
-from jbench.tasks.geometry import (
-    TARGET_HEIGHT,
-    Array,
-    State,
-    Target,
-    center_of_mass_velocity,
-    heading,
-    rotate,
-    rotation_matrix,
-)
+from jbench.tasks import geometry, model
+from jbench.tasks.features import features, observation_size, split
+from jbench.tasks.geometry import Array, State, Target
 from jbench.tasks.robots import load_model
 
 if TYPE_CHECKING:
@@ -76,14 +68,10 @@ class PlanarReduction(Fitted):
     @classmethod
     def columns(cls, task: str) -> tuple[str, ...]:
         """Returns the names of the latents of a task, in order."""
-        spec = TASK_SPECS[task]
-        absent = {"target_x", "target_y"} if not spec.rewards_position else set()
-        absent |= {"angle"} if "angle_to_target" not in spec.features else set()
-        return tuple(name for name in SIGNS if name not in absent)
+        return tuple(cls().numbers(task, np.zeros(observation_size(task))))
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:
-        """Returns the number of `columns`."""
         size = len(cls.columns(task))
         return range(size, size + 1)
 
@@ -93,23 +81,28 @@ class PlanarReduction(Fitted):
         position, velocity = by_name["position"], by_name["velocity"]
         length, a, b, cosine, sine = swing_and_twist(position[..., 3:])
         along, across = rotated_in_plane(cosine, -sine, velocity[..., 0], velocity[..., 1])
-        numbers = [
-            *(position[..., 2], a, b, along, across, velocity[..., 2]),
-            *_tilted(length, a, b, velocity[..., 3:]),
-            *(by_name["motor_position"][..., 0], by_name["motor_velocity"][..., 0]),
-        ]
+        numbers = {
+            **{"height": position[..., 2], "tilt_a": a, "tilt_b": b},
+            **by_axis("velocity", [along, across, velocity[..., 2]]),
+            **by_axis("rate", _tilted(length, a, b, velocity[..., 3:])),
+            "motor_angle": by_name["motor_position"][..., 0],
+            "motor_speed": by_name["motor_velocity"][..., 0],
+        }
         if "target_in_jitterbug_frame" in by_name:
-            numbers += _tilted(length, a, b, by_name["target_in_jitterbug_frame"])[:2]
+            way = _tilted(length, a, b, by_name["target_in_jitterbug_frame"])
+            numbers |= by_axis("target", way[:2])
         elif TASK_SPECS[task].rewards_position:
-            numbers += rotated_in_plane(cosine, -sine, -position[..., 0], -position[..., 1])
+            way = rotated_in_plane(cosine, -sine, -position[..., 0], -position[..., 1])
+            numbers |= by_axis("target", way)
         if "angle_to_target" in by_name:
-            numbers.append(by_name["angle_to_target"][..., 0])
-        return dict(zip(PlanarReduction.columns(task), numbers, strict=True))
+            numbers["angle"] = by_name["angle_to_target"][..., 0]
+        return numbers
 
     def robot(self, task: str, numbers: Numbers, center_of_mass: Array) -> tuple[State, Target]:
         """Returns a robot with these numbers, or 0 for those that lack, and its target.
 
-        Its heading h is 0, and it is at the origin; in `move_from_origin` it is where they say.
+        Unless the numbers say its place and turn (`HeadingFrame`), its heading h is 0, and it is at
+        the origin; in `move_from_origin` it is on the other side of the way to the origin.
 
         Args:
             center_of_mass: (3,) of the torso in its own frame (m).
@@ -118,33 +111,45 @@ class PlanarReduction(Fitted):
         xp = array_namespace(height)
         zero = xp.zeros_like(height)
 
-        def vector(name: str) -> Array:
-            return xp.stack([numbers.get(f"{name}_{axis}", zero) for axis in "xyz"], axis=-1)
+        def vector(name: str) -> list[Array]:
+            return [numbers.get(f"{name}_{axis}", zero) for axis in "xyz"]
 
-        place, target = [zero, zero], [numbers.get(f"target_{axis}", zero) for axis in "xy"]
-        if not TASK_SPECS[task].draws_position:
-            place, target = [-part for part in target], place
-        upright = xp.sqrt(xp.clip(1 - a * a - b * b, 0.0, 1.0))
-        position = xp.stack([*place, height, upright, a, b, zero], axis=-1)
-        back = xp.matrix_transpose(rotation_matrix(position[..., 3:]))
-        velocity = xp.concat([vector("velocity"), rotate(back, vector("rate"))], axis=-1)
+        *way, _ = vector("target")
+        home = [zero, zero] if TASK_SPECS[task].draws_position else [-part for part in way]
+        place = [numbers.get(axis, part) for axis, part in zip("xy", home, strict=True)]
+        cosine, sine = numbers.get("cosine", zero + 1), numbers.get("sine", zero)
+        length = xp.sqrt(xp.clip(cosine * cosine + sine * sine, 1e-12, None))
+        cosine, sine = cosine / length, sine / length
+        c = xp.sqrt(xp.clip(1 - a * a - b * b, 0.0, 1.0))
+        tilt = xp.stack([zero, zero, zero, c, a, b, zero], axis=-1)
+        # (cos(h/2), 0, 0, sin(h/2)) times the quaternion (c, a, b, 0) of the tilt.
+        half = xp.sqrt(xp.clip((1 + cosine) / 2, 0.0, None))
+        half_sine = xp.sqrt(xp.clip((1 - cosine) / 2, 0.0, None))
+        half_sine = xp.where(sine < 0, -half_sine, half_sine)
+        quaternion = [half * c, half * a - half_sine * b, half * b + half_sine * a, half_sine * c]
+        position = xp.stack([*place, height, *quaternion], axis=-1)
+        along, across, up = vector("velocity")
+        speeds = [*rotated_in_plane(cosine, sine, along, across), up]
+        back = xp.matrix_transpose(geometry.rotation_matrix(tilt[..., 3:]))
+        rates = geometry.rotate(back, xp.stack(vector("rate"), axis=-1))
+        velocity = xp.concat([xp.stack(speeds, axis=-1), rates], axis=-1)
         state = State(
             position=position,
             velocity=velocity,
             motor_position=numbers["motor_angle"],
             motor_velocity=numbers["motor_speed"],
-            torso_velocity=center_of_mass_velocity(position, velocity, center_of_mass),
+            torso_velocity=geometry.center_of_mass_velocity(position, velocity, center_of_mass),
         )
-        return state, Target(
-            xp.stack([*target, zero + TARGET_HEIGHT], axis=-1),
-            numbers.get("angle", zero) + heading(state),
-        )
+        turned = rotated_in_plane(cosine, sine, *way)
+        target = [part + shift for part, shift in zip(turned, place, strict=True)]
+        yaw = numbers.get("angle", zero) + geometry.heading(state._replace(position=tilt))
+        height = zero + geometry.TARGET_HEIGHT
+        return state, Target(xp.stack([*target, height], axis=-1), yaw + xp.atan2(sine, cosine))
 
     def reduce(self, task: str, physical: Array) -> Array:
         """Returns the `numbers` as an array (..., latents)."""
         numbers = self.numbers(task, physical)
-        columns = [numbers[name] for name in self.columns(task)]
-        return array_namespace(physical).stack(columns, axis=-1)
+        return array_namespace(physical).stack(list(numbers.values()), axis=-1)
 
     def restore(self, task: str, latents: Array, center_of_mass: Array) -> Array:
         """Returns features (..., dim(O)) in SI units of a robot with these unscaled latents."""
@@ -153,19 +158,15 @@ class PlanarReduction(Fitted):
         return array_namespace(latents).concat(list(values.values()), axis=-1)
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the scalings of features and latents, and the torso's center of mass."""
         gain, offset = physical_scaling(states.task, states.scaling)
         shards = itertools.chain(states.learn(), states.test())
-        rows = (shard.states.cpu().double().numpy() * gain + offset for shard in shards)
-        scalings = (Scaling.of(self.reduce(states.task, physical)) for physical in rows)
-        extremes = reduce(Scaling.merged, scalings)
-        augment = states.dataset.record.settings.get("augment")
-        return planar_weights(
-            states.task, states.scaling, extremes, model.torso_offset(load_model(augment))
-        )
+        seen = (shard.states.cpu().double().numpy() * gain + offset for shard in shards)
+        numbers = (self.reduce(states.task, physical) for physical in seen)
+        extremes = reduce(Scaling.merged, map(Scaling.of, numbers))
+        robot = load_model(states.dataset.record.settings.get("augment"))
+        return planar_weights(states.task, states.scaling, extremes, model.torso_offset(robot))
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the scaled numbers."""
         numbers = self.reduce(*task_and_features(weights, scaled)) - weights["latent.offset"]
         return _divided(numbers, weights["latent.gain"])
 
@@ -206,6 +207,11 @@ def task_and_features(weights: Weights, scaled: Array) -> tuple[str, Array]:
     """Returns the task of the weights, and features in SI units for scaled ones."""
     (task,) = (name for name in TASK_SPECS if f"{name}.gain" in weights)
     return task, scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]
+
+
+def by_axis(name: str, values: Iterable[Array]) -> Numbers:
+    """Returns the components of a vector by names such as velocity_x."""
+    return {f"{name}_{axis}": value for axis, value in zip("xyz", values, strict=False)}
 
 
 def swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Array]:

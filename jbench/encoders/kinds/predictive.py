@@ -35,7 +35,6 @@ class Predictive(Learned):
 
     @property
     def steps_ahead(self) -> int:
-        """Control steps between a state and the later one."""
         return self.horizon
 
     @abstractmethod
@@ -49,17 +48,14 @@ class Predictive(Learned):
     def initial(
         self, size: int, latents: int, random: torch.Generator, action_size: int = 1
     ) -> dict[str, Tensor]:
-        """Returns Glorot weights and zero biases."""
         actions = self.horizon * action_size
         heads = self.heads(size, latents, actions)
         return layers({"encoder": (latents, size), **heads, "decoder": (size, latents)}, random)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the latents, in (-1, 1)."""
         return tanh(affine(weights, "encoder", scaled))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the linear reconstruction."""
         return affine(weights, "decoder", latents)
 
     def hidden_units(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
@@ -83,7 +79,6 @@ class ForwardModel(Predictive):
     """
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
-        """Returns the layers that predict the changes and the reward."""
         hidden = self.hidden
         return {
             "hidden": (hidden, latents + actions),
@@ -92,7 +87,6 @@ class ForwardModel(Predictive):
         }
 
     def constants(self, states: "States") -> dict[str, Tensor]:
-        """Returns the scales of changes and rewards, and the periods of angles."""
         periods = angle_periods(states)
         change_moments, reward_moments = Moments.none(states.size), Moments.none(1)
         for shard in states.learn():
@@ -111,7 +105,6 @@ class ForwardModel(Predictive):
         return {name: value.to(states.device) for name, value in constants.items()}
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
-        """Returns the sum of the mean squared errors of changes, reward and reconstruction."""
         assert batch.rewards is not None
         latents = self.encode(weights, batch.now)
         hidden = self.hidden_units(weights, latents, batch)
@@ -133,11 +126,9 @@ class InverseModel(Predictive):
     """
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
-        """Returns the layer that predicts the actions."""
         return {"hidden": (self.hidden, 2 * latents), "action": (actions, self.hidden)}
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
-        """Returns the sum of the mean squared errors of the actions and the reconstruction."""
         assert batch.actions is not None
         latents = self.encode(weights, batch.now)
         pair = torch.cat([latents, self.encode(weights, batch.later)], 1)
@@ -161,7 +152,6 @@ class Contrastive(Predictive):
     horizon: int = Field(default=5, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
-        """Returns the layer of the query."""
         return {"hidden": (self.hidden, latents + actions), "query": (latents, self.hidden)}
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:

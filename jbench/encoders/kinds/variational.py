@@ -25,7 +25,6 @@ class VariationalAutoencoder(Learned):
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot weights and zero biases."""
         return layers(
             {
                 "hidden": (self.hidden, size),
@@ -38,15 +37,12 @@ class VariationalAutoencoder(Learned):
         )
 
     def prepare(self, batch: StatePairs, latents: int, random: torch.Generator) -> StatePairs:
-        """Returns the batch with standard normal noise for the latents."""
         return batch._replace(noise=standard_normal((len(batch.now), latents), random, batch.now))
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the means."""
         return affine(weights, "mean", tanh(affine(weights, "hidden", scaled)))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the expected states."""
         return affine(weights, "state", tanh(affine(weights, "back", latents)))
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
@@ -103,11 +99,9 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
 
     @property
     def steps_ahead(self) -> int:
-        """One control step, that of the action."""
         return 1
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot weights and zero biases."""
         dynamics = {"dynamics": (self.hidden, latents), "transition": (4 * latents, self.hidden)}
         return super().initial(size, latents, random) | layers(dynamics, random)
 

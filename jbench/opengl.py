@@ -47,27 +47,29 @@ def choose_backend() -> str:
         RequestError: if the backend in MUJOCO_GL, or every backend, fails.
     """
     requested = os.environ.get("MUJOCO_GL", "").strip().lower()
-    if requested and requested not in OFF:
-        backend = "glfw" if requested in _GLFW_ALIASES else requested
-        if backend not in BACKENDS:
+    if requested in ("", *OFF):
+        tried = [backend for backend in BACKENDS if backend != "glfw" or has_display()]
+        failure = (
+            f"Nothing here can draw pictures (tried {', '.join(tried)}): type apt install "
+            "libosmesa6 (or libegl1 libgl1-mesa-dri, where Mesa is 25.1 or newer), or without root "
+            "conda install -c conda-forge 'mesalib<25.1'."
+        )
+    else:
+        tried = ["glfw" if requested in _GLFW_ALIASES else requested]
+        failure = f"MUJOCO_GL={requested} can't draw here; unset it to use a working backend."
+        if tried[0] not in BACKENDS:
             raise RequestError(
-                f"MUJOCO_GL={requested} is not a backend; set it to "
-                f"{', '.join(BACKENDS)}, or unset it."
+                f"MUJOCO_GL={requested} is not a backend; set it to {', '.join(BACKENDS)}, or "
+                "unset it."
             )
-        if not _draws(backend):
-            raise RequestError(
-                f"MUJOCO_GL={requested} can't draw here; unset it to use a working backend."
-            )
-        return _use(backend)
-    tried = [backend for backend in BACKENDS if backend != "glfw" or has_display()]
     for backend in tried:
         if _draws(backend):
-            return _use(backend)
-    raise RequestError(
-        f"Nothing here can draw pictures (tried {', '.join(tried)}): type apt install libosmesa6 "
-        "(or libegl1 libgl1-mesa-dri, where Mesa is 25.1 or newer), or without root "
-        "conda install -c conda-forge 'mesalib<25.1'."
-    )
+            os.environ["MUJOCO_GL"] = backend
+            if backend != "glfw":
+                # Another library may import PyOpenGL before MuJoCo does.
+                os.environ.setdefault("PYOPENGL_PLATFORM", backend)
+            return backend
+    raise RequestError(failure)
 
 
 def has_display() -> bool:
@@ -85,14 +87,6 @@ def open_display() -> bool:
 
     with warnings.catch_warnings(action="ignore"):
         return bool(glfw.init())
-
-
-def _use(backend: str) -> str:
-    os.environ["MUJOCO_GL"] = backend
-    if backend != "glfw":
-        # Another library may import PyOpenGL before MuJoCo does.
-        os.environ.setdefault("PYOPENGL_PLATFORM", backend)
-    return backend
 
 
 @cache

@@ -4,15 +4,13 @@ Encoders (`jbench.encoders`), agents (`jbench.agents`), update rules (`jbench.ru
 (`jbench.policies`) are entry point groups.
 """
 
-import hashlib
-import importlib
-import importlib.metadata
 import importlib.util
 import os
 import re
 import sys
 from collections.abc import Callable, Collection, Mapping
-from importlib.metadata import EntryPoint
+from hashlib import sha256
+from importlib.metadata import EntryPoint, entry_points, packages_distributions, version
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +29,7 @@ def offered(group: str, pattern: re.Pattern[str], taken: Collection[str]) -> dic
     """
     return {
         point.name: point
-        for point in importlib.metadata.entry_points(group=group)
+        for point in entry_points(group=group)
         if pattern.fullmatch(point.name) and point.name not in taken
     }
 
@@ -45,7 +43,7 @@ def load(what: str, point: EntryPoint) -> Any:
     Raises:
         WorkError: if it can't be imported, or several packages offer this name.
     """
-    others = importlib.metadata.entry_points(group=point.group, name=point.name)
+    others = entry_points(group=point.group, name=point.name)
     packages = sorted({distribution(other) or other.value for other in others})
     if len(packages) > 1:
         raise WorkError(
@@ -80,49 +78,32 @@ def imported(what: str, name: str) -> Any:
     if (here := os.getcwd()) not in sys.path and "" not in sys.path:
         sys.path.insert(0, here)
     try:
-        found = importlib.util.find_spec(module_name) is not None
+        exists = importlib.util.find_spec(module_name) is not None
     except ModuleNotFoundError:  # of a parent package
-        found = False
-    if not found and module_name.endswith(".py"):
+        exists = False
+    if not exists and module_name.endswith(".py"):
         module_name = module_name.removesuffix(".py")
         raise RequestError(f"{name} has the name of a file; type {module_name}:{attribute}.")
-    if not found:
+    if not exists:
         raise RequestError(
             f"The {what} {name} can't be imported: there is no module {module_name}; install its "
             "package, or run jbench in the directory that contains the module, or set PYTHONPATH."
         )
     module = _attempt(lambda: importlib.import_module(module_name), f"The {what} {name}", name)
     if not hasattr(module, attribute):
-        close = closest(attribute, [each for each in vars(module) if not each.startswith("_")])
+        close = closest(attribute, [public for public in vars(module) if public[0] != "_"])
         hint = f"did you mean {module_name}:{close}?" if close else "use a name that is in it."
         raise RequestError(f"The module {module_name} has no {attribute}; {hint}")
     return getattr(module, attribute)
 
 
-def made_with(package: str | None, module: str | None = None) -> dict[str, str | None]:
-    """Returns provenance of the code of others: a distribution's version, or a module's checksum.
-
-    Args:
-        package: name of an installed distribution; None for a module that belongs to none.
-        module: name of an imported module, used without a distribution.
-    """
-    if package is not None:
-        return {"package": f"{package} {importlib.metadata.version(package)}"}
-    file = getattr(sys.modules.get(module or ""), "__file__", None)
-    if file is None:
-        return {}
-    return {"source_sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest()}
-
-
-def made_with_module(module: str) -> dict[str, str | None]:
-    """Returns provenance of an imported module; see `made_with`."""
-    top = module.partition(".")[0]
-    packages = importlib.metadata.packages_distributions().get(top)
-    return made_with(packages[0] if packages else None, module)
+def made_with(package: str | None) -> dict[str, str | None]:
+    """Returns provenance of an installed distribution: its version; none for None."""
+    return {} if package is None else {"package": f"{package} {version(package)}"}
 
 
 def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, str | None]:
-    """Returns provenance of what MODULE:NAME or an entry point names; see `made_with`.
+    """Returns provenance of the code of others: a distribution's version, or a module's checksum.
 
     Args:
         what: what it is, such as "policy".
@@ -133,10 +114,14 @@ def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[s
         RequestError: if a MODULE:NAME does not exist.
         WorkError: if the module raises an error.
     """
-    if is_imported(name):
-        imported(what, name)
-        return made_with_module(name.partition(":")[0])
-    return made_with(distribution(points[name]))
+    if not is_imported(name):
+        return made_with(distribution(points[name]))
+    imported(what, name)
+    module = name.partition(":")[0]
+    if packages := packages_distributions().get(module.partition(".")[0]):
+        return made_with(packages[0])
+    file = getattr(sys.modules[module], "__file__", None)
+    return {} if file is None else {"source_sha256": sha256(Path(file).read_bytes()).hexdigest()}
 
 
 def _attempt(load_it: Callable[[], Any], subject: str, where: str) -> Any:

@@ -1,4 +1,4 @@
-"""Seeds as users type them, on the command line and in the file of a sweep."""
+"""Seeds and sizes as users type them, on the command line and in the file of a sweep."""
 
 import re
 
@@ -7,16 +7,9 @@ from jbench.errors import RequestError
 _MAX_NUMBERS = 10_000  # in one range; more is a typing error
 
 
-def parse_seeds(text: str, option: str = "--seeds") -> list[int]:
-    """Returns the seeds of a text like 0-9 or 0,2,5-7, each once, in order.
-
-    Raises:
-        RequestError: if it is not such a text; it names the option.
-    """
-    return parse_numbers(option, text, "seeds like 0-9, or 0,2,5-7")
-
-
-def parse_numbers(option: str, text: str, example: str) -> list[int]:
+def parse_numbers(
+    text: str, option: str = "--seeds", example: str = "seeds like 0-9, or 0,2,5-7"
+) -> list[int]:
     """Returns the whole numbers of a text like 0-9 or 0,2,5-7, each once, in order.
 
     Raises:

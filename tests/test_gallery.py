@@ -20,9 +20,8 @@ def test_each_task_has_an_animation_that_loads_fast():
         assert clip.path.stat().st_size < 1_000_000
         with Image.open(clip.path) as image:
             assert image.width == 480
-            assert (
-                image.n_frames == clip.steps // 2 + 1
-            )  # an image each 0.02 s, slowed down to 0.04
+            # An image each 0.02 s, slowed down to 0.04.
+            assert image.n_frames == clip.steps // 2 + 1
 
 
 @pytest.mark.parametrize("clip", gallery.GALLERY, ids=lambda clip: clip.task)

@@ -24,7 +24,7 @@ class TestSettings:
         for values in (
             newer,
             {**RUN, "algo": "my agent"},
-            {**RUN, "hyperparameters": {"tau": 2}},
+            RUN | {"hyperparameters": {"tau": 2}},
             {},
         ):
             run = read_run(values)
@@ -87,11 +87,8 @@ class TestLabels:
                 {"algo": "ppo", "hyperparameters": chosen.model_dump(mode="json")}
             )
         assert variant_labels(runs) == {name: f"settings={name}" for name in runs}
-        assert variant_words(runs) == {
-            "published": "",
-            "script": "settings=script",
-            "sb3": "settings=sb3",
-        }
+        words = ("", "settings=script", "settings=sb3")
+        assert variant_words(runs) == dict(zip(runs, words, strict=True))
 
     def test_changed_hyperparameter_is_labeled_by_name(self):
         changes = [algorithm_settings("td3", "script", {"tau": tau}) for tau in (0.1, 0.2)]

@@ -8,7 +8,7 @@ import pytest
 from typer.main import get_command
 
 from jbench.cli import app
-from jbench.wording import are, counted, with_results
+from jbench.wording import with_results
 from tests.documentation import PAGES, ROOT
 
 EVERYWHERE = re.compile(
@@ -19,15 +19,6 @@ EVERYWHERE = re.compile(
 )
 IN_PAGES = re.compile(rf"{EVERYWHERE.pattern}|\b(cells?|spreads?|--encoder \d+)\b", re.IGNORECASE)
 """Words that CONTRIBUTING.md replaces by another one."""
-
-
-def test_nouns_and_verbs_agree_with_number():
-    assert counted(0, "run") == "0 runs"
-    assert counted(1, "run") == "1 run"
-    assert counted(1200, "run") == "1,200 runs"
-    assert counted(1, "process", "processes") == "1 process"
-    assert counted(2, "process", "processes") == "2 processes"
-    assert [are(number) for number in (0, 1, 2)] == ["are", "is", "are"]
 
 
 def used(words, text):

@@ -10,7 +10,7 @@ from jbench import names
 from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError
-from jbench.seeds import parse_numbers, parse_seeds
+from jbench.seeds import parse_numbers
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def train_encoder(
         if name in given:
             raise RequestError(f"{name} is given twice; type it once.")
         given[name] = value
-    tasks, seeds = names.TASKS if task == "all" else (task,), parse_seeds(seed)
+    tasks, seeds = names.TASKS if task == "all" else (task,), parse_numbers(seed)
     # Wrong requests are refused before a dataset is missed.
     _planned(kind, given, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
@@ -218,7 +218,7 @@ def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, i
     """
     from jbench.encoders.registry import latent_sizes
 
-    numbers = parse_numbers("--latent", latent or "12", "12, or 2,4,8, or 1-16")
+    numbers = parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
     sizes = {kind: latent_sizes(kind, task) for kind in kinds}
     only = {kind: list(some) for kind, some in sizes.items() if len(some) == 1}
     if latent is not None and len(only) == len(kinds):

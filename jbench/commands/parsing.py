@@ -62,7 +62,7 @@ def run_filters(
 
     filters: dict[str, Collection[Any]] = {} if status is None else {"status": [status]}
     if seed is not None:
-        filters["seed"] = parse_numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
+        filters["seed"] = parse_numbers(seed, "--seed")
     for setting, value in typed.items():
         if setting == "representation" and value is not None:
             value = names.FULL if value.lower() in names.NO_ENCODER else value

@@ -12,7 +12,7 @@ from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.commands.train import CHECKPOINT_EVERY
 from jbench.errors import RequestError, WorkError
-from jbench.seeds import parse_seeds
+from jbench.seeds import parse_numbers
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -92,10 +92,10 @@ def sweep(
     from jbench.commands.log import logged
     from jbench.commands.sweep_view import described, show_matrix, show_missing
     from jbench.sweeps import scheduler
-    from jbench.sweeps.cell import all_runs
+    from jbench.sweeps.cell import all_runs, matrix_cells
     from jbench.sweeps.cell_status import cell_statuses, seconds_left
-    from jbench.sweeps.executors import Local, WorkerOptions
-    from jbench.sweeps.matrix import matrix_cells, read_matrix
+    from jbench.sweeps.executors import Local
+    from jbench.sweeps.matrix import read_matrix
     from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.status import failures_among, run_statuses
 
@@ -105,21 +105,25 @@ def sweep(
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
     changes: dict[str, Any] = {
-        **({} if seeds is None else {"seeds": parse_seeds(seeds)}),
+        **({} if seeds is None else {"seeds": parse_numbers(seeds)}),
         **({} if steps is None else {"steps": steps}),
     }
     parts = read_matrix(matrix, **changes)
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = parsing.processes(jobs, train_on)
 
-    worker = WorkerOptions(checkpoint_every, final_episodes, keep_state)
+    worker_options = {
+        "checkpoint_every": checkpoint_every,
+        "final_episodes": final_episodes,
+        "keep_state": keep_state,
+    }
 
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, worker)
+            return Local(database, at_a_time, train_on, **worker_options)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, worker)
+        return Ray(database, address, jobs, gpus_per_task, **worker_options)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.
@@ -180,15 +184,16 @@ def _decide(
     from jbench.commands.deciding_view import described_outcomes, introduction, show_analysis
     from jbench.statistics.sequential import BLOCK
     from jbench.sweeps.cell import all_runs
-    from jbench.sweeps.comparisons import comparisons, read_comparisons
+    from jbench.sweeps.comparisons import comparisons
     from jbench.sweeps.deciding import interim_analyses
+    from jbench.sweeps.matrix import read_comparisons
     from jbench.training.status import failures_among, run_statuses
 
-    chosen = comparisons(cells, read_comparisons(matrix), claims)
+    chosen = comparisons(cells, read_comparisons(matrix), claims, max_seeds)
     if max_seeds < BLOCK or max_seeds % BLOCK:
         raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
     output.say(introduction(chosen, max_seeds))
-    for analysis in interim_analyses(chosen, results, max_seeds, train):
+    for analysis in interim_analyses(chosen, results, train):
         show_analysis(analysis, output)
     needed = [run.id for run in all_runs(analysis.needed)]
     if needed:

@@ -7,13 +7,17 @@ from jbench.commands.output import Output
 from jbench.store import Results
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
-from jbench.sweeps.prepare import missing_datasets, missing_encoders
+from jbench.sweeps.prepare import is_finished, missing_encoders
 from jbench.wording import counted, duration
 
 
 def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> list[str]:
     """Prints the datasets and encoders that are made first; returns their ids."""
-    datasets, encoders = missing_datasets(cells, results), missing_encoders(cells, results)
+    missing = missing_encoders(cells, results)
+    datasets = [
+        dataset for dataset, _ in missing if not is_finished(results, "dataset", dataset.id)
+    ]
+    encoders = [encoder for _, of_dataset in missing for encoder in of_dataset]
     for dataset in datasets:
         output.say(f"Collected first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
     if encoders:

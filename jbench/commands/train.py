@@ -9,7 +9,7 @@ from jbench import names
 from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
-from jbench.seeds import parse_seeds
+from jbench.seeds import parse_numbers
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.wording import counted, with_results
@@ -82,7 +82,7 @@ def train(
     from jbench.commands.sweep_view import show_dry_run
     from jbench.settings.algorithms import default_base
     from jbench.sweeps.cell import Cell
-    from jbench.sweeps.executors import Local, WorkerOptions
+    from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
     from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.request import request_runs, training_device
@@ -104,7 +104,7 @@ def train(
         task=task,
         encoder=encoder,
         encoder_seeds=encoder_seeds,
-        seeds=parse_seeds(seeds),
+        seeds=parse_numbers(seeds),
         base=settings,
         overrides=parsing.parse_overrides(set_),
         **chosen,
@@ -116,12 +116,18 @@ def train(
     if dry_run:
         show_dry_run(cells, database, processes, train_on, output)
         return
-    worker = WorkerOptions(checkpoint_every, final_episodes, keep_state)
     with logged(log, database, runs, output), TrainingView(output) as view:
         failures = sweep(
             cells,
             database,
-            lambda: Local(database, processes, train_on, worker),
+            lambda: Local(
+                database,
+                processes,
+                train_on,
+                checkpoint_every=checkpoint_every,
+                final_episodes=final_episodes,
+                keep_state=keep_state,
+            ),
             view.show,
             retry_failed=retry_failed,
             wait=False,

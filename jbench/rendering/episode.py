@@ -14,8 +14,8 @@ from jbench.names import CONTROL_TIMESTEP, TASKS
 from jbench.policies.acting import ActingPolicy
 from jbench.simulation import find_task
 from jbench.simulation.suite_env import SuiteEnv
+from jbench.tasks.features import goal, padded
 from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.labels import goal, padded
 
 Picture = NDArray[np.uint8]
 """(height, width, 3), red, green and blue in [0, 255]."""

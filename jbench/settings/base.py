@@ -148,7 +148,7 @@ def settings_with(
 def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: str) -> RequestError:
     """Returns an error whose message names the first invalid setting; see `settings_with`."""
     # An unknown name explains the other errors: it was meant to be another one.
-    errors = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
+    errors = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
     first, location = errors[0], [str(part) for part in errors[0]["loc"]]
     if first["type"] == "extra_forbidden":
         return _unknown(location, kind, whose, what)

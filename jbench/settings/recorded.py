@@ -5,14 +5,8 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    field_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import ValidatorFunctionWrapHandler as Handler
 from pydantic_core.core_schema import ValidationInfo
 
 from jbench.settings.records import EXTERNAL, ExternalSettings
@@ -41,9 +35,7 @@ class Unreadable(BaseModel):
 
     @field_validator("*", mode="wrap")
     @classmethod
-    def _or_default(
-        cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo
-    ) -> Any:
+    def _or_default(cls, value: Any, handler: Handler, info: ValidationInfo) -> Any:
         try:
             return handler(value)
         except ValidationError:

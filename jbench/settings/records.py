@@ -5,15 +5,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from jbench.names import (
-    EPISODE_STEPS,
-    FULL,
-    MAX_COUNT,
-    OFE,
-    ImportFormat,
-    ReturnsName,
-    TimeLimit,
-)
+from jbench.names import EPISODE_STEPS, FULL, MAX_COUNT, OFE, ImportFormat, ReturnsName, TimeLimit
 from jbench.settings.base import Count, Seed, Settings, in_id, omissible
 
 

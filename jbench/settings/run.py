@@ -3,22 +3,9 @@
 from collections.abc import Iterator
 from typing import Any, Self
 
-from pydantic import (
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, field_validator, model_validator
 
-from jbench.names import (
-    EPISODE_STEPS,
-    FULL,
-    MAX_COUNT,
-    OFE,
-    Engine,
-    Precision,
-    TimeLimit,
-    kind_in,
-)
+from jbench.names import EPISODE_STEPS, FULL, MAX_COUNT, OFE, Engine, Precision, TimeLimit, kind_in
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import Count, Seed, Settings, in_id, omissible, typed, validated
 from jbench.settings.records import LABEL, OFESettings, Specs
@@ -207,8 +194,8 @@ class RunSettings(Settings):
     @property
     def environments(self) -> int:
         """Number of parallel environments of the agent."""
-        own = self.hyperparameters.get("n_envs", 1) if self.is_ours else 1
-        return self.parallel or int(own)
+        of_ppo = self.hyperparameters.get("n_envs", 1) if self.is_ours else 1
+        return self.parallel or int(of_ppo)
 
     @property
     def rollout(self) -> int:

@@ -57,14 +57,14 @@ def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
         groups.setdefault(alike(run, _SAME_NAME), []).append(variant)
     first = {variants[0]: variants for variants in groups.values()}
     words = _labels({name: settings[name] for name in first}, _word, _SAME_NAME, always_named=True)
-    found: dict[str, str] = {}
+    named: dict[str, str] = {}
     for name, variants in first.items():
         for task in dict.fromkeys(settings[variant].task for variant in variants):
             # Those of one task differ in their evaluations or encoders.
             same_task = {v: settings[v] for v in variants if settings[v].task == task}
             more = _labels(same_task, _word)
-            found |= {v: ", ".join(filter(None, (words[name], text))) for v, text in more.items()}
-    return found
+            named |= {v: ", ".join(filter(None, (words[name], text))) for v, text in more.items()}
+    return named
 
 
 def _word(name: str, value: Any) -> str:

@@ -1,12 +1,26 @@
-"""A cell: the runs of one task, algorithm and representation."""
+"""Cells: the runs of one task, algorithm and representation, and those of a matrix.
 
-from collections.abc import Iterator, Sequence
+A run's id depends only on the file of the matrix: `dae12` is the encoder with the file's dataset
+and options, even if the results contain newer ones, so the same matrix always gives the same runs.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 from typing import NamedTuple
 
-from jbench.encoders.settings import EncoderSettings
-from jbench.names import Base
+from jbench.agents.algorithms import algorithm_fields
+from jbench.encoders.registry import kind_names
+from jbench.encoders.settings import EncoderSettings, encoder_settings, named_encoder
+from jbench.errors import RequestError
+from jbench.names import FULL, OFE, Base, known
+from jbench.settings.algorithms import default_base
+from jbench.settings.base import in_id, validated
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
+from jbench.simulation.find import dataset_robot, find_task
+from jbench.store import Results
+from jbench.sweeps.matrix import Matrix, named
+from jbench.training.request import make_runs, read_representation, requested_ofe
 
 
 class Cell(NamedTuple):
@@ -32,5 +46,90 @@ class Cell(NamedTuple):
 
 
 def all_runs(cells: Sequence[Cell]) -> Iterator[RunSettings]:
-    """Yields the runs of all cells, each once."""
+    """Yields the runs of all cells once."""
     yield from {run.id: run for cell in cells for run in cell.runs}.values()
+
+
+def with_seeds(cell: Cell, seeds: Iterable[int]) -> Cell:
+    """Returns a cell of any seeds, which need not be in the matrix, with their encoders."""
+    runs = [cell.runs[0].model_copy(update={"seed": seed}) for seed in seeds]
+    if cell.runs[0].encoder_draws is None:
+        return cell._replace(runs=runs)
+    draws = tuple(cell.encoders[0].model_copy(update={"seed": run.seed}) for run in runs)
+    own_draws = [
+        run.model_copy(update={"encoder": draw.id}) for run, draw in zip(runs, draws, strict=True)
+    ]
+    return cell._replace(runs=own_draws, encoders=draws)
+
+
+def run_with_seed(cell: Cell, seed: int) -> RunSettings:
+    """Returns the run of a cell with any seed, which need not be in the matrix."""
+    return with_seeds(cell, [seed]).runs[0]
+
+
+def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
+    """Returns the cells of the parts of a matrix in the order of the file, grouped by task.
+
+    Args:
+        results: results that contain the encoders given by id.
+
+    Raises:
+        RequestError: if the settings of a run or an encoder are invalid.
+    """
+    # Cells may be repeated, also by another name: planar is planar12.
+    different: dict[tuple[str, ...], Cell] = {}
+    for part in parts:
+        with named(part._name):
+            for name in part.representations:
+                task, slash, _ = name.partition("/")
+                if slash and task not in map(in_id, part.tasks):
+                    raise RequestError(
+                        f"the encoder {name} is of {task}, which is not among the tasks."
+                    )
+            for task, algo, name in product(part.tasks, part.algos, part.representations):
+                if "/" not in name or name.split("/")[0] == in_id(task):
+                    cell = _cell(part, results, task, algo, name)
+                    different.setdefault(tuple(run.id for run in cell.runs), cell)
+    return list(different.values())
+
+
+def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
+    overrides = matrix.hyperparameters.get(algo)
+    fields = matrix.run_fields | {
+        **algorithm_fields(algo, matrix.engine, matrix.settings, overrides, task),
+        "task": task,
+        "specs": find_task(task).specs,
+        "encoder": None,
+        "ofe": requested_ofe(name, matrix.ofe),
+    }
+    encoders: dict[int, EncoderSettings] = {}  # by the agent's seed
+    dataset = None
+    if fields["ofe"] is not None:
+        fields["representation"] = fields["ofe"].representation
+    elif "/" in name:
+        fields |= {"encoder": name, "representation": read_representation(results, name)}
+    elif name != FULL:
+        robot = dataset_robot(find_task(task))
+        dataset = validated(DatasetSettings, "[dataset]", **matrix.dataset.model_dump(), **robot)
+        wanted = named_encoder(name, task)
+        if wanted is None:
+            known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
+        assert wanted is not None
+        options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
+        for agent_seed in matrix.seeds:
+            seed = agent_seed if matrix.encoder.seed == "each" else matrix.encoder.seed
+            encoders[agent_seed] = encoder_settings(
+                wanted.kind,
+                options,
+                task=task,
+                dataset=dataset.id,
+                latents=wanted.latents,
+                seed=seed,
+            )
+        first = encoders[matrix.seeds[0]]
+        fields["representation"] = first.representation
+        if matrix.encoder.seed == "each":
+            fields["encoder_draws"] = first.draws
+    runs = make_runs(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
+    different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
+    return Cell(task, algo, name, runs, default_base(task, matrix.settings), different, dataset)

@@ -54,21 +54,19 @@ def cell_statuses(
         device: of the batched engine.
         quick: whether to measure algorithms without finished runs, which takes seconds.
     """
-    measured = _Measured(results, device)
-    quickly: dict[str, float | None] = {}
+    measured, quickly = _measured(results, device), dict[str, float | None]()
     all_statuses = []
     for cell in cells:
         statuses = [run_status(run, results) for run in cell.runs]
         states = [status.state for status in statuses]
         left = sum(status.steps_left for status in statuses)
-        seconds, source = measured.seconds_per_step(cell.runs[0]), "measured runs"
+        exactly, about = (alike(cell.runs[0], free) for free in (SEED, COST))
+        known = measured.get(exactly) or measured.get(about)
+        seconds, source = statistics.median(known) if known else None, "measured runs"
         if seconds is None and left and quick:
-            key = alike(cell.runs[0], COST)
-            if key not in quickly:
-                quickly[key] = _quick_measurement(cell.runs, device)
-            seconds, source = quickly[key], "a quick measurement"
-        if seconds is None:
-            source = "unknown"
+            if about not in quickly:
+                quickly[about] = _quick_measurement(cell.runs, device)
+            seconds, source = quickly[about], "a quick measurement"
         all_statuses.append(
             CellStatus(
                 cell,
@@ -78,7 +76,7 @@ def cell_statuses(
                 missing=states.count("missing"),
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / _at_once(cell, jobs),
-                estimate=source if left else "",
+                estimate="" if not left else "unknown" if seconds is None else source,
                 evaluating=_evaluating(cell.runs[0], seconds) if left and seconds else 0.0,
             )
         )
@@ -147,23 +145,19 @@ def _evaluating(run: RunSettings, seconds: float) -> float:
     return 0.0 if steps <= 1 else min(1.0, steps * stepping(run) / seconds)
 
 
-class _Measured:
-    """Core seconds per control step, from the finished runs of this machine and device."""
+def _measured(results: Results, device: str) -> dict[str, list[float]]:
+    """Returns the core seconds per control step of the finished runs of this machine and device.
 
-    def __init__(self, results: Results, device: str) -> None:
-        self._exact: dict[str, list[float]] = {}
-        self._alike: dict[str, list[float]] = {}
-        for record in results.scan("run")[0]:
-            seconds = _core_seconds_per_step(record, device)
-            if seconds is not None:
-                run = read_run(record.settings)
-                self._exact.setdefault(alike(run, SEED), []).append(seconds)
-                self._alike.setdefault(alike(run, COST), []).append(seconds)
-
-    def seconds_per_step(self, run: RunSettings) -> float | None:
-        """Returns the median over runs with the same settings, else over similar runs."""
-        seconds = self._exact.get(alike(run, SEED)) or self._alike.get(alike(run, COST))
-        return statistics.median(seconds) if seconds else None
+    They are by the key of the runs' settings but the seed, and by that of their `COST`.
+    """
+    seconds: dict[str, list[float]] = {}
+    for record in results.scan("run")[0]:
+        per_step = _core_seconds_per_step(record, device)
+        if per_step is not None:
+            run = read_run(record.settings)
+            for free in (SEED, COST):
+                seconds.setdefault(alike(run, free), []).append(per_step)
+    return seconds
 
 
 def _core_seconds_per_step(record: Record, device: str) -> float | None:

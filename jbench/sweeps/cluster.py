@@ -19,7 +19,7 @@ from typing import Any
 from jbench.errors import RequestError, WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
-from jbench.sweeps.executors import DEFAULTS, Local, WorkerOptions, worker_request
+from jbench.sweeps.executors import Local, worker_request
 from jbench.training.events import Event
 from jbench.training.status import run_status
 
@@ -37,7 +37,7 @@ class Ray:
         address: str | None,
         jobs: int = 0,
         gpus_per_task: float = 0.0,
-        options: WorkerOptions = DEFAULTS,
+        **options: Any,
     ) -> None:
         """Joins a cluster, or starts one on this machine.
 
@@ -46,6 +46,7 @@ class Ray:
             address: address of the cluster; None for RAY_ADDRESS, else a cluster on this machine.
             jobs: number of tasks at a time; 0 for as many as the cluster has resources for.
             gpus_per_task: number of GPUs per task; may be a fraction.
+            options: see `Local`.
 
         Raises:
             RequestError: if Ray is not installed, there is no such cluster, or it lacks GPUs.
@@ -60,7 +61,7 @@ class Ray:
             ) from None
         self._ray: Any = ray
         self._results, self._options = Results(results.path.resolve()), options
-        self._lock, self._stopped = threading.Lock(), threading.Event()
+        self._stopped = threading.Event()
         self._tasks: set[Any] = set()
         with contextlib.ExitStack() as stack:
             self._join(address or os.environ.get("RAY_ADDRESS"), jobs)
@@ -76,13 +77,8 @@ class Ray:
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
         """Trains runs in a task; see `Executor`. Their progress is read from the results."""
-        request = worker_request(runs, self._results, self.device, self._options)
-        # `stop` waits for this lock, so that it also finds a task that is being started.
-        with self._lock:
-            if self._stopped.is_set():
-                return
-            task = self._task.remote(request)
-            self._tasks.add(task)
+        task = self._task.remote(worker_request(runs, self._results, self.device, self._options))
+        self._tasks.add(task)
         try:
             seen: dict[str, str] = {}
             while not self._ray.wait([task], timeout=_LOOK_EVERY)[0]:
@@ -95,8 +91,7 @@ class Ray:
 
     def stop(self) -> None:
         """Cancels the tasks, whose processes end with them; leaves the cluster, or ends its own."""
-        with self._lock:
-            self._stopped.set()
+        self._stopped.set()
         for task in list(self._tasks):
             with contextlib.suppress(Exception):
                 self._ray.cancel(task, force=True)
@@ -109,8 +104,12 @@ class Ray:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         here = {} if address else {"num_cpus": jobs or None, "include_dashboard": False}
         try:
-            # Ray itself retries an unreachable address for many minutes.
-            _reach(address)
+            if address and address not in ("auto", "local"):
+                # Ray itself retries an unreachable address for many minutes.
+                host, _, port = address.removeprefix("ray://").rpartition(":")
+                if not port.isdecimal() or int(port) >= 2**16:
+                    raise ValueError("it is not HOST:PORT")
+                socket.create_connection((host, int(port)), _ANSWERS_WITHIN).close()
             self._ray.init(address or "local", log_to_driver=False, logging_level="ERROR", **here)
         except (OSError, ValueError, RuntimeError) as error:
             reason = (str(error).splitlines() or [""])[0]
@@ -141,13 +140,8 @@ class Ray:
                 if record is None or seen.get(run.id) == record.manifest.updated:
                     continue
                 seen[run.id] = record.manifest.updated
-                parts = record.parts("episodes")
-                if parts:
-                    (last,) = (
-                        record.read_part(parts[-1], schema.EPISODES)
-                        .slice(parts[-1].rows - 1)
-                        .to_pylist()
-                    )
+                for part in record.parts("episodes")[-1:]:
+                    last = record.read_part(part, schema.EPISODES).to_pylist()[-1]
                     steps, episode_return = last["control_steps"], last["episode_return"]
                     yield Event("episode", run.id, steps=steps, episode_return=episode_return)
 
@@ -162,7 +156,7 @@ class Ray:
             return
         by_id = {run.id: run for run in runs}
         for event in ended:
-            if event.kind == "finished" and not self._arrived(by_id[event.run]):
+            if event.kind == "finished" and not self._arrives(by_id[event.run]):
                 reason = (
                     f"it is finished where it ran, but not in {self._results.path} here; all nodes "
                     "must share that directory"
@@ -171,27 +165,13 @@ class Ray:
             else:
                 yield event
 
-    def _arrived(self, run: RunSettings) -> bool:
+    def _arrives(self, run: RunSettings) -> bool:
         """Waits until the results show a run as finished; returns whether they do."""
         deadline = time.monotonic() + _SEEN_WITHIN
         while run_status(run, self._results).state != "finished":
             if time.monotonic() > deadline or self._stopped.wait(_LOOK_EVERY):
                 return False
         return True
-
-
-def _reach(address: str | None) -> None:
-    """Connects once to an address; does nothing for None, "auto" and "local".
-
-    Raises:
-        OSError: if the connection fails.
-        ValueError: if the address is malformed.
-    """
-    if address is not None and address not in ("auto", "local"):
-        host, _, port = address.removeprefix("ray://").rpartition(":")
-        if not port.isdecimal() or int(port) >= 2**16:
-            raise ValueError("it is not HOST:PORT")
-        socket.create_connection((host, int(port)), _ANSWERS_WITHIN).close()
 
 
 def train_batch(request: str) -> str:

@@ -1,42 +1,15 @@
 """Comparisons of a matrix: those that its file lists, or each representation with the baselines."""
 
 from collections.abc import Collection, Iterator, Sequence
-from typing import Annotated, Literal, NamedTuple, Self
-
-from pydantic import BeforeValidator, Field, model_validator
+from typing import NamedTuple
 
 from jbench.errors import RequestError
 from jbench.names import kind_in, known
 from jbench.report.analysis.verdicts import BASELINES
 from jbench.settings.alike import SEED, alike, with_implied
-from jbench.settings.base import Count, Settings, validated, whole
-from jbench.statistics.sequential import BLOCK, ERROR_RATE
+from jbench.statistics.sequential import ERROR_RATE
 from jbench.sweeps.cell import Cell
-from jbench.sweeps.matrix_file import COMPARISON, named, read_content
-
-Claim = Literal["a", "c"]
-"""What is compared: the final return (a), or the mean return over the run (c)."""
-
-_Count = Annotated[Count, BeforeValidator(whole)]
-
-
-class Planned(Settings):
-    """An entry of the key `comparison` of a matrix file; `docs/deciding.md` explains the keys."""
-
-    task: str
-    algo: str
-    first: str
-    second: str
-    claim: Claim = "a"
-    share: Annotated[float, Field(gt=0)] | None = None
-    max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] | None = None
-    steps: _Count | None = None
-
-    @model_validator(mode="after")
-    def _check_names(self) -> Self:
-        if self.first == self.second:
-            raise RequestError(f"first and second are both {self.first}; name two representations.")
-        return self
+from jbench.sweeps.matrix import COMPARISON, Claim, Planned, named
 
 
 class MatrixComparison(NamedTuple):
@@ -48,7 +21,7 @@ class MatrixComparison(NamedTuple):
         against: name of the second representation.
         share: of the error rate, before other comparisons pass theirs on.
         claim: what is compared.
-        max_seeds: maximum number of seeds per cell; None for that of the command.
+        max_seeds: maximum number of seeds per cell, a multiple of the block size.
     """
 
     ours: Cell
@@ -56,7 +29,7 @@ class MatrixComparison(NamedTuple):
     against: str
     share: float
     claim: Claim = "a"
-    max_seeds: int | None = None
+    max_seeds: int = 0
 
     @property
     def name(self) -> str:
@@ -71,32 +44,8 @@ class MatrixComparison(NamedTuple):
         return self.ours.representation, f"{self.ours.representation}/{self.against}"
 
 
-def read_comparisons(name: str) -> list[Planned]:
-    """Returns the comparisons that a matrix file lists; none if it leaves the choice to jbench.
-
-    Args:
-        name: see `matrix.read_matrix`.
-
-    Raises:
-        RequestError: if an entry is invalid.
-    """
-    entries = read_content(name).get(COMPARISON, [])
-    if not (isinstance(entries, list) and all(isinstance(entry, dict) for entry in entries)):
-        with named(name):
-            raise RequestError(
-                f"{COMPARISON} is an array of tables: write [[{COMPARISON}]] above each."
-            )
-    planned = []
-    for n, entry in enumerate(entries, 1):
-        with named(f"{name}, {COMPARISON} {n}"):
-            planned.append(validated(Planned, f"[[{COMPARISON}]]", **entry))
-    with named(name):
-        _shares(planned)
-    return planned
-
-
 def comparisons(
-    cells: Sequence[Cell], planned: Sequence[Planned] = (), claims: Collection[str] = ()
+    cells: Sequence[Cell], planned: Sequence[Planned], claims: Collection[str], max_seeds: int
 ) -> list[MatrixComparison]:
     """Returns the planned comparisons, or those of each reduced representation with each baseline.
 
@@ -105,12 +54,14 @@ def comparisons(
 
     Args:
         claims: representations such as `dae12`, or pairs such as `dae12/full`; empty for all.
+        max_seeds: maximum number of seeds per cell where an entry has none.
 
     Raises:
         RequestError: if there are no comparisons, a claim matches none of them, or the cells have
             not exactly one pair for a planned comparison.
     """
     every = _with_cells(cells, planned) if planned else list(_with_baselines(cells))
+    every = [pair._replace(max_seeds=pair.max_seeds or max_seeds) for pair in every]
     if not every:
         raise RequestError(
             "No two configurations of this matrix differ only in a representation and full or "
@@ -125,34 +76,25 @@ def comparisons(
     return [pair._replace(share=ERROR_RATE / len(chosen)) for pair in chosen]
 
 
-def _shares(planned: Sequence[Planned]) -> list[float]:
-    """Returns the shares of planned comparisons; those without one divide the rest equally."""
-    given = sum(entry.share or 0 for entry in planned)
-    rest = sum(entry.share is None for entry in planned)
-    if given > ERROR_RATE + 1e-9 or (rest and given > ERROR_RATE - 1e-9):
-        left = f", and {rest} without a share need a rest" if rest else ""
-        raise RequestError(
-            f"the shares of the comparisons add up to {given:g}{left}; together they have "
-            f"{ERROR_RATE:g}, so write smaller ones."
-        )
-    return [
-        (ERROR_RATE - given) / rest if entry.share is None else entry.share for entry in planned
-    ]
-
-
 def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[MatrixComparison]:
     """Returns the planned comparisons with their cells."""
     listed: list[MatrixComparison] = []
-    for n, (entry, share) in enumerate(zip(planned, _shares(planned), strict=True), 1):
+    for n, entry in enumerate(planned, 1):
         with named(f"{COMPARISON} {n}"):
-            ours, theirs = _pair(cells, entry)
-            comparison = MatrixComparison(
-                ours, theirs, entry.second, share, entry.claim, entry.max_seeds
-            )
-            same = (ours, theirs, entry.claim)
-            if same in [(other.ours, other.theirs, other.claim) for other in listed]:
+            if entry.first == entry.second:
+                raise RequestError(
+                    f"first and second are both {entry.first}; name two representations."
+                )
+            pair = _pair(cells, entry)
+            same = [(other.ours, other.theirs, other.claim) for other in listed]
+            if (*pair, entry.claim) in same:
                 raise RequestError(f"{entry.first} against {entry.second} is listed twice.")
-            listed.append(comparison)
+            assert entry.share is not None
+            listed.append(
+                MatrixComparison(
+                    *pair, entry.second, entry.share, entry.claim, entry.max_seeds or 0
+                )
+            )
     return listed
 
 

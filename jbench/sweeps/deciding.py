@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.encoders.settings import EncoderSettings
 from jbench.errors import WorkError
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.data.curves import final_returns
@@ -17,13 +16,14 @@ from jbench.settings.run import RunSettings
 from jbench.statistics import FloatArray, sequential
 from jbench.statistics.step_down import Decision, decide
 from jbench.store import Record, Results
-from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.comparisons import Claim, MatrixComparison
+from jbench.sweeps.cell import Cell, all_runs, run_with_seed, with_seeds
+from jbench.sweeps.comparisons import MatrixComparison
+from jbench.sweeps.matrix import Claim
 from jbench.training.status import run_status
 
 
 class ComparisonOutcome(NamedTuple):
-    """ComparisonOutcome of a comparison with the finished seeds.
+    """What a comparison of the finished seeds has found.
 
     Attributes:
         decision: decision at the deciding interim analysis, or at the last one.
@@ -46,28 +46,6 @@ class InterimAnalysis(NamedTuple):
     outcomes: list[ComparisonOutcome]
     needed: list[Cell]
     tried: dict[str, RunSettings]
-
-
-class Numbers:
-    """The compared return of each seed; a finished run is read once."""
-
-    def __init__(self, results: Results) -> None:
-        self._results = results
-        self._known: dict[tuple[str, Claim], float] = {}
-
-    def first_seeds(self, cell: Cell, max_seeds: int, claim: Claim) -> FloatArray:
-        """Returns the returns of the first seeds, up to the first unfinished one."""
-        returns = []
-        for seed in range(max_seeds):
-            run = run_with_seed(cell, seed)
-            if (run.id, claim) not in self._known:
-                if run_status(run, self._results).state != "finished":
-                    break
-                record = self._results.find("run", run.id)
-                assert record is not None
-                self._known[run.id, claim] = compared_return(record, claim)
-            returns.append(self._known[run.id, claim])
-        return np.array(returns)
 
 
 def compared_return(record: Record, claim: Claim = "a") -> float:
@@ -97,59 +75,59 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
     return mean
 
 
-def run_with_seed(cell: Cell, seed: int) -> RunSettings:
-    """Returns the run of a cell with any seed, which need not be in the matrix."""
-    run = cell.runs[0].model_copy(update={"seed": seed})
-    if run.encoder_draws is None:
-        return run
-    return run.model_copy(update={"encoder": _draw(cell, seed).id})
-
-
-def _draw(cell: Cell, seed: int) -> EncoderSettings:
-    """Returns the encoder of a seed, of a cell whose seeds have encoders of their own."""
-    return cell.encoders[0].model_copy(update={"seed": seed})
-
-
-def _with_runs(cell: Cell, runs: Sequence[RunSettings]) -> Cell:
-    """Returns a cell of other seeds, with their encoders."""
-    if cell.runs[0].encoder_draws is None:
-        return cell._replace(runs=list(runs))
-    draws = tuple(_draw(cell, run.seed) for run in runs)
-    return cell._replace(runs=list(runs), encoders=draws)
-
-
 def outcomes(
-    chosen: Sequence[MatrixComparison], numbers: Numbers, results: Results, max_seeds: int
+    chosen: Sequence[MatrixComparison],
+    results: Results,
+    returns: dict[tuple[str, Claim], float],
 ) -> list[ComparisonOutcome]:
     """Returns the outcome of each comparison with the finished seeds.
 
     Args:
         chosen: all comparisons that share the error rate.
-        max_seeds: maximum number of seeds per cell where a comparison has none, a multiple of the
-            block size.
+        returns: the compared returns of runs by id, to which those are added that are read.
     """
-    limits = [comparison.max_seeds or max_seeds for comparison in chosen]
     pairs = [
         (
-            numbers.first_seeds(comparison.ours, limit, comparison.claim),
-            numbers.first_seeds(comparison.theirs, limit, comparison.claim),
+            _first_seeds(comparison.ours, comparison, results, returns),
+            _first_seeds(comparison.theirs, comparison, results, returns),
         )
-        for comparison, limit in zip(chosen, limits, strict=True)
+        for comparison in chosen
     ]
-    looks = [limit // sequential.BLOCK for limit in limits]
-    decisions = decide(pairs, [comparison.share for comparison in chosen], looks, MARGIN)
+    shares = [comparison.share for comparison in chosen]
+    looks = [comparison.max_seeds // sequential.BLOCK for comparison in chosen]
     return [
-        ComparisonOutcome(comparison, decision, _needed(comparison, decision, limit, results))
-        for comparison, decision, limit in zip(chosen, decisions, limits, strict=True)
+        ComparisonOutcome(comparison, decision, _needed(comparison, decision, results))
+        for comparison, decision in zip(chosen, decide(pairs, shares, looks, MARGIN), strict=True)
     ]
+
+
+def _first_seeds(
+    cell: Cell,
+    comparison: MatrixComparison,
+    results: Results,
+    returns: dict[tuple[str, Claim], float],
+) -> FloatArray:
+    """Returns the returns of a cell's first seeds, up to the first unfinished one."""
+    first = []
+    for seed in range(comparison.max_seeds):
+        run = run_with_seed(cell, seed)
+        key = run.id, comparison.claim
+        if key not in returns:
+            if run_status(run, results).state != "finished":
+                break
+            record = results.find("run", run.id)
+            assert record is not None
+            returns[key] = compared_return(record, comparison.claim)
+        first.append(returns[key])
+    return np.array(first)
 
 
 def _needed(
-    comparison: MatrixComparison, decision: Decision, max_seeds: int, results: Results
+    comparison: MatrixComparison, decision: Decision, results: Results
 ) -> list[RunSettings]:
     if decision.verdict != "undecided":
         return []
-    seeds = range(min(decision.seeds + sequential.BLOCK, max_seeds))
+    seeds = range(min(decision.seeds + sequential.BLOCK, comparison.max_seeds))
     runs = (
         run_with_seed(cell, seed) for cell in (comparison.ours, comparison.theirs) for seed in seeds
     )
@@ -169,29 +147,26 @@ def next_cells(
             continue
         for cell in (outcome.comparison.theirs, outcome.comparison.ours):
             key = run_with_seed(cell, 0).id
-            mine = {run.id: run for run in outcome.needed if run_with_seed(cell, run.seed) == run}
-            if mine:
-                before = {run.id: run for run in cells[key].runs} if key in cells else {}
-                runs = sorted((before | mine).values(), key=lambda run: run.seed)
-                cells[key] = _with_runs(cell, runs)
+            seeds = {run.seed for run in outcome.needed if run == run_with_seed(cell, run.seed)}
+            if seeds:
+                before = cells[key].runs if key in cells else []
+                cells[key] = with_seeds(cell, sorted(seeds | {run.seed for run in before}))
     return list(cells.values())
 
 
 def interim_analyses(
     chosen: Sequence[MatrixComparison],
     results: Results,
-    max_seeds: int,
     train: Callable[[Sequence[Cell]], object] | None,
 ) -> Iterator[InterimAnalysis]:
     """Adds seeds in blocks until the comparisons are decided or have all; yields each analysis.
 
     Args:
-        max_seeds: maximum number of seeds per cell, a multiple of the block size.
         train: trains the runs of cells (`jbench.sweeps.scheduler.sweep`); None for one analysis.
     """
-    numbers, tried = Numbers(results), dict[str, RunSettings]()
+    returns, tried = dict[tuple[str, Claim], float](), dict[str, RunSettings]()
     while True:
-        reached = outcomes(chosen, numbers, results, max_seeds)
+        reached = outcomes(chosen, results, returns)
         needed = next_cells(reached, tried)
         yield InterimAnalysis(reached, needed, tried)
         if not needed or train is None:

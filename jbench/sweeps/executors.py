@@ -6,30 +6,18 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
 from jbench.cores import cores
 from jbench.errors import WorkError
-from jbench.names import CHECKPOINT_EVERY, ONE_THREAD
+from jbench.names import ONE_THREAD
 from jbench.settings.alike import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.events import Event
-
-
-class WorkerOptions(NamedTuple):
-    """Options of `jbench.training.batched_run.run_batch` that a worker gets."""
-
-    checkpoint_every: float = CHECKPOINT_EVERY
-    final_episodes: int | None = None
-    keep_state: bool = False
-
-
-DEFAULTS = WorkerOptions()
 
 
 class Executor(Protocol):
@@ -57,11 +45,7 @@ class Local:
     """Worker processes of one thread each on this machine."""
 
     def __init__(
-        self,
-        results: Results,
-        jobs: int = 0,
-        device: str = "cpu",
-        options: WorkerOptions = DEFAULTS,
+        self, results: Results, jobs: int = 0, device: str = "cpu", **options: Any
     ) -> None:
         """Starts no process yet.
 
@@ -69,10 +53,10 @@ class Local:
             results: where the runs are written.
             jobs: processes at a time; 0 for `default_jobs`.
             device: `cpu`, `cuda` or such as `cuda:1`.
+            options: other options of `jbench.training.batched_run.run_batch`.
         """
         self.jobs, self.device = jobs or default_jobs(device), device
         self._results, self._options = results, options
-        self._lock = threading.Lock()
         self._processes: set[subprocess.Popen[str]] = set()
         self._stopped = False
 
@@ -89,15 +73,13 @@ class Local:
         Raises:
             WorkError: if the process can't be started.
         """
-        # `stop` waits for this lock, so that it also finds a process that is being started.
-        with self._lock:
-            if self._stopped:
-                return
-            process = _start()
-            self._processes.add(process)
+        process = _start()
         assert process.stdin is not None
         assert process.stdout is not None
+        self._processes.add(process)
         try:
+            if self._stopped:  # while the process was started, so `stop` did not find it
+                return
             with contextlib.suppress(BrokenPipeError):  # it has died: it reports nothing
                 process.stdin.write(f"{request}\n")
                 process.stdin.flush()
@@ -115,10 +97,9 @@ class Local:
 
     def stop(self) -> None:
         """Kills all workers and starts no more."""
-        with self._lock:
-            self._stopped = True
-            for process in list(self._processes):
-                process.kill()
+        self._stopped = True
+        for process in list(self._processes):
+            process.kill()
 
 
 def default_jobs(device: str) -> int:
@@ -146,7 +127,7 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
 
 
 def worker_request(
-    runs: Sequence[RunSettings], results: Results, device: str, options: WorkerOptions
+    runs: Sequence[RunSettings], results: Results, device: str, options: Mapping[str, Any]
 ) -> str:
     """Returns the request to a worker as one line of JSON.
 
@@ -154,7 +135,7 @@ def worker_request(
     """
     request = {
         "results": str(results.path),
-        "options": {"device": device, **options._asdict()},
+        "options": {"device": device, **options},
         "command": sys.argv,
         "runs": [run.values for run in runs],
     }

@@ -1,31 +1,29 @@
 """A matrix of runs: tasks, algorithms, representations and seeds, read from a TOML file.
 
-A file may consist of several parts, each a matrix. A run's id depends only on the file: `dae12`
-is the encoder with the file's dataset and options, even if the results contain newer ones, so the
-same matrix always gives the same runs.
+A file may consist of several parts, each a matrix, and list the comparisons of `--until-decided`.
 """
 
-from collections.abc import Sequence
-from itertools import product
+import contextlib
+import tomllib
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, create_model
 
-from jbench.agents.algorithms import algorithm_fields
-from jbench.encoders.registry import kind_names, make_kind
-from jbench.encoders.settings import EncoderSettings, encoder_settings, named_encoder
+from jbench.encoders.registry import make_kind
 from jbench.errors import RequestError
-from jbench.names import FULL, OFE, Base, evaluation_interval, known
-from jbench.seeds import parse_seeds
-from jbench.settings.algorithms import default_base
-from jbench.settings.base import Seed, Settings, in_id, typed_default, validated, whole
+from jbench.names import FULL, OFE, SWEEPS, Base, evaluation_interval, known
+from jbench.seeds import parse_numbers
+from jbench.settings.base import Count, Seed, Settings, typed_default, validated, whole
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import TYPED, RunSettings
-from jbench.simulation.find import dataset_robot, find_task
-from jbench.store import Results
-from jbench.sweeps.cell import Cell
-from jbench.sweeps.matrix_file import COMPARISON, PART, named, read_content, split_into_parts
-from jbench.training.request import make_runs, read_representation, requested_ofe
+from jbench.statistics.sequential import BLOCK, ERROR_RATE
+from jbench.training.request import requested_ofe
+
+PART, COMPARISON = "part", "comparison"
+"""Keys of a file whose values are arrays of tables; all others are those of a `Matrix`."""
 
 _EVALUATION = "evaluate_"
 """Beginning of the fields of `RunSettings` that are keys of the table [evaluation]."""
@@ -35,7 +33,9 @@ _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 _Seeds = Annotated[
     tuple[Seed, ...],
     Field(strict=False, min_length=1),
-    BeforeValidator(lambda seeds: parse_seeds(seeds, "seeds") if isinstance(seeds, str) else seeds),
+    BeforeValidator(
+        lambda typed: parse_numbers(typed, "seeds") if isinstance(typed, str) else typed
+    ),
     AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds))),
 ]
 
@@ -105,10 +105,24 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
         typed["evaluate_every"] = typed["evaluate_every"] or evaluation_interval(self.steps)
         return typed
 
-    def dataset_settings(self, task: str) -> DatasetSettings:
-        """Returns the settings of the dataset of a task's encoders."""
-        robot = dataset_robot(find_task(task))
-        return validated(DatasetSettings, "[dataset]", **self.dataset.model_dump(), **robot)
+
+Claim = Literal["a", "c"]
+"""What is compared: the final return (a), or the mean return over the run (c)."""
+
+_Count = Annotated[Count, BeforeValidator(whole)]
+
+
+class Planned(Settings):
+    """An entry of the key `comparison` of a matrix file; `docs/deciding.md` explains the keys."""
+
+    task: str
+    algo: str
+    first: str
+    second: str
+    claim: Claim = "a"
+    share: Annotated[float, Field(gt=0)] | None = None
+    max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] | None = None
+    steps: _Count | None = None
 
 
 def read_matrix(name: str, **changes: Any) -> list[Matrix]:
@@ -121,14 +135,18 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     Raises:
         RequestError: if there is no such matrix, or it is invalid.
     """
-    content = read_content(name)
+    content = _content(name)
     with named(name):
         for key in content:
             known("key", key, (*Matrix.model_fields, PART, COMPARISON))
+        tables = _tables(content, PART)
+    # Keys outside the parts are defaults for all of them.
+    defaults = {key: value for key, value in content.items() if key not in (PART, COMPARISON)}
     parts = []
-    for where, part in split_into_parts(content, name).items():
+    for n, table in enumerate(tables or [{}], 1):
+        where = f"{name}, part {n}" if tables else name
         with named(where):
-            matrix = validated(Matrix, "the matrix", **{**part, **changes})
+            matrix = validated(Matrix, "the matrix", **{**_merged(defaults, table), **changes})
             for kind, options in matrix.encoder.options.items():
                 make_kind(kind, options)
             # They may be of any size, and are checked even if no representation is one.
@@ -147,85 +165,84 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     return parts
 
 
-def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
-    """Returns the cells of the parts of a matrix in the order of the file, grouped by task.
+def read_comparisons(name: str) -> list[Planned]:
+    """Returns the comparisons that a matrix file lists; none if it leaves the choice to jbench.
+
+    Those without a share of the error rate get equal shares of the rest.
 
     Args:
-        results: results that contain the encoders given by id.
+        name: see `read_matrix`.
 
     Raises:
-        RequestError: if the settings of a run or an encoder are invalid.
+        RequestError: if an entry is invalid, or the shares add up to more than the error rate.
     """
-    # Cells may be repeated, also by another name: planar is planar12.
-    different: dict[tuple[str, ...], Cell] = {}
-    for part in parts:
-        with named(part._name):
-            _check_tasks_of_encoders(part)
-            for task, algo, name in product(part.tasks, part.algos, part.representations):
-                if "/" not in name or name.split("/")[0] == in_id(task):
-                    cell = _cell(part, results, task, algo, name)
-                    different.setdefault(tuple(run.id for run in cell.runs), cell)
-    return list(different.values())
+    planned = []
+    with named(name):
+        for n, table in enumerate(_tables(_content(name), COMPARISON), 1):
+            with named(f"{COMPARISON} {n}"):
+                planned.append(validated(Planned, f"[[{COMPARISON}]]", **table))
+        given = sum(entry.share or 0 for entry in planned)
+        rest = sum(entry.share is None for entry in planned)
+        if given > ERROR_RATE + 1e-9 or (rest and given > ERROR_RATE - 1e-9):
+            left = f", and {rest} without a share need a rest" if rest else ""
+            raise RequestError(
+                f"the shares of the comparisons add up to {given:g}{left}; together they have "
+                f"{ERROR_RATE:g}, so write smaller ones."
+            )
+    return [
+        entry.model_copy(update={"share": entry.share or (ERROR_RATE - given) / rest})
+        for entry in planned
+    ]
 
 
-def _check_tasks_of_encoders(matrix: Matrix) -> None:
-    """Raises a RequestError if an encoder given by its id is of none of the tasks."""
-    for name in matrix.representations:
-        task, slash, _ = name.partition("/")
-        if slash and task not in map(in_id, matrix.tasks):
-            raise RequestError(f"the encoder {name} is of {task}, which is not among the tasks.")
+@contextlib.contextmanager
+def named(name: str) -> Iterator[None]:
+    """Puts the name of a file or a part in front of the refusals of the block."""
+    try:
+        yield
+    except RequestError as error:
+        raise RequestError(f"{name}: {error}") from None
 
 
-def _wanted(name: str, task: str) -> EncoderSettings:
-    """Returns the encoder of a representation such as dae12, dae12-observation or planar."""
-    encoder = named_encoder(name, task)
-    if encoder is None:
-        known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
-    assert encoder is not None
-    return encoder
+def _tables(content: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
+    """Returns the tables of an array of tables; none if the file does not have this key."""
+    tables: list[dict[str, Any]] = content.get(key, [])
+    is_array = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
+    if not is_array or (key in content and not tables):
+        raise RequestError(f"{key} is an array of tables: write [[{key}]] above each.")
+    return tables
 
 
-def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
-    overrides = matrix.hyperparameters.get(algo)
-    fields = matrix.run_fields | {
-        **algorithm_fields(algo, matrix.engine, matrix.settings, overrides, task),
-        "task": task,
-        "specs": find_task(task).specs,
-        "encoder": None,
-        "ofe": requested_ofe(name, matrix.ofe),
-    }
-    encoders: dict[int, EncoderSettings] = {}
-    dataset = None
-    if fields["ofe"] is not None:
-        fields["representation"] = fields["ofe"].representation
-    elif "/" in name:
-        fields |= {"encoder": name, "representation": read_representation(results, name)}
-    elif name != FULL:
-        dataset = matrix.dataset_settings(task)
-        encoders = _encoders(matrix, dataset, task, _wanted(name, task))
-        first = encoders[matrix.seeds[0]]
-        fields["representation"] = first.representation
-        if matrix.encoder.seed == "each":
-            fields["encoder_draws"] = first.draws
-    runs = make_runs(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
-    different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
-    return Cell(task, algo, name, runs, default_base(task, matrix.settings), different, dataset)
+def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns values completed by defaults, recursively."""
+    merged = {**defaults, **values}
+    for key in defaults.keys() & values.keys():
+        if isinstance(defaults[key], Mapping) and isinstance(values[key], Mapping):
+            merged[key] = _merged(defaults[key], values[key])
+    return merged
 
 
-def _encoders(
-    matrix: Matrix, dataset: DatasetSettings, task: str, wanted: EncoderSettings
-) -> dict[int, EncoderSettings]:
-    """Returns the encoder of each seed."""
-    options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
-    seed = matrix.encoder.seed
-    return {
-        agent_seed: encoder_settings(
-            wanted.kind,
-            options,
-            task=task,
-            dataset=dataset.id,
-            latents=wanted.latents,
-            seed=agent_seed if seed == "each" else seed,
-        )
-        for agent_seed in matrix.seeds
-    }
+def _content(name: str) -> dict[str, Any]:
+    """Returns the content of a file, one of `SWEEPS` or a user's."""
+    text = _text(name)
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: also of thousands of digits
+        raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
+
+
+def _text(name: str) -> str:
+    if name in SWEEPS:
+        return (resources.files("jbench.paper") / "matrices" / f"{name}.toml").read_text("utf-8")
+    path = Path(name)
+    if path.suffix != ".toml":
+        try:
+            known("matrix", name, SWEEPS)
+        except RequestError as error:
+            file = f"{name}.toml" if Path(f"{name}.toml").exists() else "a FILE.toml"
+            raise RequestError(f"{str(error).rstrip('.')}; or type {file}.") from None
+    try:
+        return path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not text"
+        raise RequestError(f"{name} can't be read ({reason}).") from None

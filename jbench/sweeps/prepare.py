@@ -1,7 +1,7 @@
 """Makes the encoders that runs need, and the datasets on which these are trained."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 
 from jbench.cores import cores
@@ -23,29 +23,25 @@ from jbench.training.events import Event, Report
 _LOOK_EVERY = 2.0  # s between two looks at what another process is making
 
 
-def missing_encoders(cells: Iterable[Cell], results: Results) -> list[EncoderSettings]:
-    """Returns the encoders of cells that are not finished, each once."""
-    wanted = {encoder.id: encoder for cell in cells for encoder in cell.encoders}
-    return [wanted[id] for id in wanted if not _is_finished(results, "encoder", id)]
+def missing_encoders(
+    cells: Iterable[Cell], results: Results
+) -> list[tuple[DatasetSettings, list[EncoderSettings]]]:
+    """Returns each dataset with those of its encoders that are not finished, if there are any."""
+    datasets = {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
+    missing: dict[str, dict[str, EncoderSettings]] = {id: {} for id in datasets}
+    for encoder in (encoder for cell in cells for encoder in cell.encoders):
+        if not is_finished(results, "encoder", encoder.id):
+            missing[encoder.dataset][encoder.id] = encoder
+    return [(datasets[id], list(encoders.values())) for id, encoders in missing.items() if encoders]
 
 
-def missing_datasets(cells: Sequence[Cell], results: Results) -> list[DatasetSettings]:
-    """Returns the datasets of missing encoders that are not finished, each once."""
-    needed = {encoder.dataset for encoder in missing_encoders(cells, results)}
-    return [
-        dataset
-        for dataset in _datasets(cells).values()
-        if dataset.id in needed and not _is_finished(results, "dataset", dataset.id)
-    ]
-
-
-def clean(cells: Sequence[Cell], results: Results) -> None:
-    """Removes the temporary files of an interrupted sweep from datasets and encoders of cells."""
-    for id in _datasets(cells):
-        results.clean("dataset", id)
-    for cell in cells:
-        for encoder in cell.encoders:
-            results.clean("encoder", encoder.id)
+def is_finished(results: Results, kind: Kind, id: str) -> bool:
+    """Returns whether a record is finished; False if it is damaged, which its writer reports."""
+    try:
+        record = results.find(kind, id)
+    except WorkError:
+        return False
+    return record is not None and record.status == "finished"
 
 
 def prepare(
@@ -68,14 +64,12 @@ def prepare(
         A sentence for each run whose encoder can't be made, by run id.
     """
     needed = {run.encoder for run in runs}
-    encoders = [e for e in missing_encoders(cells, results) if e.id in needed]
     failures: dict[str, str] = {}
-    for dataset in _datasets(cells).values():
-        trained_on_it = [encoder for encoder in encoders if encoder.dataset == dataset.id]
-        if trained_on_it:
-            failures |= _make(trained_on_it, dataset, results, device, report)
-    for encoder, reason in failures.items():
-        report(Event("warning", text=f"the runs on {encoder} are left out: {reason}"))
+    for dataset, encoders in missing_encoders(cells, results):
+        if wanted := [encoder for encoder in encoders if encoder.id in needed]:
+            failures |= _make(wanted, dataset, results, device, report)
+    for encoder_id, reason in failures.items():
+        report(Event("warning", text=f"the runs on {encoder_id} are left out: {reason}"))
     return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}
 
 
@@ -88,17 +82,24 @@ def _make(
 ) -> dict[str, str]:
     """Makes encoders of a dataset; returns a sentence for each that can't be made, by id."""
     try:
-        if not _is_finished(results, "dataset", dataset.id):
+        if not is_finished(results, "dataset", dataset.id):
             progress = _progress("collect", dataset.steps, "control steps", report)
             _when_free(lambda: collect(dataset, results, cores(), progress), report)
     except (RequestError, WorkError) as error:
         return {settings.id: f"its dataset can't be collected: {error}" for settings in encoders}
+    source = find_dataset(results, dataset.id)
+
+    def about(settings: EncoderSettings) -> tuple[str, int, Scale]:
+        return settings.task, settings.seed, make_kind(settings.kind, settings.options).scale
+
     failures = {}
-    for settings, states in _with_states(encoders, dataset, results):
-        try:
-            _train(settings, states, results, device, report)
-        except (RequestError, WorkError) as error:
-            failures[settings.id] = f"its encoder can't be trained: {error}"
+    for (task, seed, scale), sharing in groupby(sorted(encoders, key=about), about):
+        states = States(source, task, seed, scale=scale)  # read once
+        for settings in sharing:
+            try:
+                _train(settings, states, results, device, report)
+            except (RequestError, WorkError) as error:
+                failures[settings.id] = f"its encoder can't be trained: {error}"
     return failures
 
 
@@ -121,22 +122,6 @@ def _progress(what: str, total: int, unit: str, report: Report) -> Callable[[int
     return progress
 
 
-def _with_states(
-    encoders: Sequence[EncoderSettings], dataset: DatasetSettings, results: Results
-) -> Iterator[tuple[EncoderSettings, States]]:
-    """Yields encoders with their training states, which are read once for those that share them."""
-    source = find_dataset(results, dataset.id)
-
-    def about(settings: EncoderSettings) -> tuple[str, int, Scale]:
-        scale = make_kind(settings.kind, settings.options).scale
-        return settings.task, settings.seed, scale
-
-    for (task, seed, scale), sharing in groupby(sorted(encoders, key=about), about):
-        states = States(source, task, seed, scale=scale)
-        for settings in sharing:
-            yield settings, states
-
-
 def _when_free(make: Callable[[], object], report: Report) -> None:
     """Makes a record; waits while another process is making it."""
     noted = False
@@ -151,17 +136,3 @@ def _when_free(make: Callable[[], object], report: Report) -> None:
             time.sleep(_LOOK_EVERY)
         else:
             return
-
-
-def _datasets(cells: Iterable[Cell]) -> dict[str, DatasetSettings]:
-    """Returns the datasets of the cells' encoders by id."""
-    return {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
-
-
-def _is_finished(results: Results, kind: Kind, id: str) -> bool:
-    """Returns whether a record is finished; False if it is damaged, which its writer reports."""
-    try:
-        record = results.find(kind, id)
-    except WorkError:
-        return False
-    return record is not None and record.status == "finished"

@@ -3,7 +3,8 @@
 In Python, a sweep is:
 
     from pathlib import Path
-    from jbench.sweeps.matrix import matrix_cells, read_matrix
+    from jbench.sweeps.cell import matrix_cells
+    from jbench.sweeps.matrix import read_matrix
     from jbench.sweeps.scheduler import sweep
     from jbench.store import Results
 
@@ -16,10 +17,10 @@ its manifest has its status. Several sweeps of a matrix thus share the work, als
 
 import queue
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Collection, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
@@ -28,7 +29,7 @@ from jbench.store.files import make_directory
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import forecasts
 from jbench.sweeps.executors import Executor, Local, batches
-from jbench.sweeps.prepare import clean, prepare
+from jbench.sweeps.prepare import prepare
 from jbench.training.continuation import new_beginnings
 from jbench.training.events import Event, Report, ignore
 from jbench.training.status import is_being_trained, plan, record_failure, run_status
@@ -71,7 +72,11 @@ def sweep(
             can't use the task of a new run.
         WorkError: if a process can't be started.
     """
-    clean(cells, results)
+    for cell in cells:  # an interrupted sweep may have left temporary files
+        if cell.dataset is not None:
+            results.clean("dataset", cell.dataset.id)
+        for encoder in cell.encoders:
+            results.clean("encoder", encoder.id)
     planned = plan(list(all_runs(cells)), results)
     to_do = planned.to_do(retry_failed)
     new = [run for run in to_do if planned.statuses[run.id].state == "missing"]
@@ -83,8 +88,8 @@ def sweep(
         checked_task(run.task)
     make_directory(results.record("run", to_do[0].id).path)
     executor = make_executor() if make_executor else Local(results)
-    with ThreadPoolExecutor(executor.jobs) as pool, ExitStack() as stopping:
-        stopping.callback(executor.stop)  # before the pool waits for its threads
+    pool = ThreadPoolExecutor(executor.jobs)
+    try:
         failures = prepare(cells, to_do, results, device, report)
         runs = [run for run in to_do if run.id not in failures]
         if runs:
@@ -94,13 +99,17 @@ def sweep(
             report(Event("training", runs=runs))
             scheduler = _Scheduler(results, executor, pool, report, planned.ids("failed"), wait)
             failures |= scheduler.train(runs)
-    return failures
+        return failures
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        executor.stop()
+        pool.shutdown()
 
 
 class _Scheduler:
     """Trains batches of runs, each by a task of a pool.
 
-    A task only forwards events. All decisions are made in the thread that called `train`.
+    A task sends events. All else is decided in the thread that called `train`.
     """
 
     def __init__(
@@ -114,8 +123,7 @@ class _Scheduler:
     ) -> None:
         self._results, self._executor, self._pool = results, executor, pool
         self._report, self._retry, self._wait = report, set(retry), wait
-        self._waiting: deque[list[RunSettings]] = deque()
-        self._tasks: dict[Future[list[RunSettings]], list[RunSettings]] = {}
+        self._tasks: set[Future[list[RunSettings]]] = set()
         self._elsewhere: list[RunSettings] = []
         self._events: queue.SimpleQueue[Event | Future[list[RunSettings]]] = queue.SimpleQueue()
         self._deaths: Counter[str] = Counter()
@@ -124,64 +132,54 @@ class _Scheduler:
 
     def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
         """Trains runs; returns a sentence for each that failed, by run id."""
-        self._by_id = {run.id: run for run in runs}
-        self._add(runs)
+        self._submit(batches(runs, self._executor.jobs, self._executor.device))
         looked = time.monotonic()
-        while self._waiting or self._tasks or self._elsewhere:
-            while self._waiting and len(self._tasks) < self._executor.jobs:
-                self._start(self._waiting.popleft())
-            if self._tasks or self._elsewhere:
-                with suppress(queue.Empty):
-                    self._handle(self._events.get(timeout=_LOOK_EVERY))
+        while self._tasks or self._elsewhere:
+            with suppress(queue.Empty):
+                self._handle(self._events.get(timeout=_LOOK_EVERY))
             if time.monotonic() - looked >= _LOOK_EVERY:
                 self._take_back()
                 looked = time.monotonic()
         return self._failures
 
-    def _add(self, runs: Sequence[RunSettings]) -> None:
-        self._waiting.extend(batches(runs, self._executor.jobs, self._executor.device))
-
-    def _start(self, batch: Sequence[RunSettings]) -> None:
-        """Starts a task for the runs of a batch that still need training."""
-        if runs := self._to_do(batch):
-            self._retry -= {run.id for run in runs}  # a run is retried once
-            self._report(Event("started", runs=runs))
-            task = self._pool.submit(self._train_batch, runs)
-            self._tasks[task] = runs
+    def _submit(self, batches_of_runs: Iterable[Sequence[RunSettings]]) -> None:
+        for batch in batches_of_runs:
+            task = self._pool.submit(self._train_batch, batch)
+            self._tasks.add(task)
             task.add_done_callback(self._events.put)
 
-    def _train_batch(self, runs: Sequence[RunSettings]) -> list[RunSettings]:
-        """Forwards the events of runs; returns those whose process died before their last event."""
-        left = {run.id: run for run in runs}
-        for event in self._executor.train(runs):
-            self._events.put(event)
-            if event.is_last:
-                del left[event.run]
-        return list(left.values())
-
-    def _to_do(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
-        """Returns the runs that no process has finished or is training."""
-        mine, others = [], []
+    def _train_batch(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
+        """Trains runs that need it, in a thread; returns those whose process died."""
+        left, held = {run.id: run for run in batch}, []
         for run in batch:
             status = run_status(run, self._results)
             if status.state == "failed" and run.id not in self._retry:
-                self._fail(Event("failed", run.id, status.error))
+                self._events.put(Event("failed", run.id, status.error))
             elif status.state == "finished":
-                self._report(Event("finished", run.id))
+                self._events.put(Event("finished", run.id))
             elif is_being_trained(run, self._results):
-                others.append(run)
+                held.append(run)
             else:
-                mine.append(run)
-        self._leave(others)
-        return mine
+                continue
+            del left[run.id]
+        if held:
+            self._events.put(Event("held", runs=held))
+        if runs := list(left.values()):
+            self._retry -= left.keys()  # a run is retried once
+            self._events.put(Event("started", runs=runs))
+            for event in self._executor.train(runs):
+                run = left.pop(event.run) if event.is_last else left[event.run]
+                self._events.put(Event("held", runs=[run]) if event.kind == "held" else event)
+            self._events.put(Event("ended", runs=runs))
+        return list(left.values())
 
     def _handle(self, event: Event | Future[list[RunSettings]]) -> None:
-        """Handles the event of a run, or the end of a task."""
+        """Handles an event, or the end of a task."""
         if isinstance(event, Future):
-            self._report(Event("ended", runs=self._tasks.pop(event)))
+            self._tasks.remove(event)
             self._try_again(event.result())
         elif event.kind == "held":
-            self._leave([self._by_id[event.run]])
+            self._leave(event.runs)
         elif event.kind == "failed":
             self._fail(event)
         else:
@@ -203,14 +201,12 @@ class _Scheduler:
             self._retry |= {run.id for run in again}
             # At last each is alone, so that a run that kills its process fails no other run.
             alone = len(again) > 1 and max(self._deaths[run.id] for run in again) == _MAX_DEATHS - 1
-            self._waiting.extend([[run] for run in again] if alone else [again])
+            self._submit([[run] for run in again] if alone else [again])
             how = "each is tried again in a process of its own" if alone else "they are tried again"
             self._note(f"The process of {_named(again)} died; {how}.")
 
     def _leave(self, runs: Sequence[RunSettings]) -> None:
         """Leaves runs to the process that is training them."""
-        if not runs:
-            return
         if self._wait:
             self._elsewhere.extend(runs)
         then = "waited for at the end" if self._wait else "left out here"
@@ -224,7 +220,8 @@ class _Scheduler:
             for run in self._elsewhere
             if is_being_trained(run, self._results) and not run_status(run, self._results).is_ended
         ]
-        self._add([run for run in self._elsewhere if run not in held])
+        free = [run for run in self._elsewhere if run not in held]
+        self._submit(batches(free, self._executor.jobs, self._executor.device))
         self._elsewhere = held
 
     def _fail(self, event: Event) -> None:

@@ -10,7 +10,9 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
 from array_api_compat import array_namespace
+from numpy.typing import NDArray
 
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.geometry import (
@@ -185,3 +187,34 @@ def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
 
 # Ranges as arrays, cached per array type, since they are needed at every control step.
 _range_cache: dict[tuple[Any, ...], tuple[Array, Array]] = {}
+
+
+def goal(task: str, observation: NDArray[np.floating]) -> str:
+    """Describes the remaining distance and angle to the goal of an observation (dim(O),).
+
+    Distances are horizontal. Numbers are padded with figure spaces to a fixed width.
+    """
+    by_name = split(task, denormalize(task, np.asarray(observation, np.float64)))
+    if task == "move_from_origin":
+        return f"{_centimeters(by_name['position'])} from the origin"
+    if task == "move_in_direction":
+        speed = 100 * by_name["speed_in_target_frame"][0]
+        return f"{padded(f'{speed:.1f}', 5)} cm/s as the target points"
+    words = []
+    if "target_in_jitterbug_frame" in by_name:
+        words.append(f"target {_centimeters(by_name['target_in_jitterbug_frame'])} away")
+    if "angle_to_target" in by_name:
+        angle = math.degrees(by_name["angle_to_target"][0])
+        side = "left" if angle > 0 else "right"
+        words.append(f"turn {padded(f'{abs(angle):.0f}', 3)}° {side}")
+    return ", ".join(words)
+
+
+def _centimeters(vector: NDArray[np.float64]) -> str:
+    """Returns the horizontal length of a vector (3 or more,) in meters."""
+    return f"{padded(f'{100 * math.hypot(vector[0], vector[1]):.1f}', 4)} cm"
+
+
+def padded(number: str, width: int) -> str:
+    """Returns a number with figure spaces before it, which are as wide as digits."""
+    return number.rjust(width, "\N{FIGURE SPACE}")

@@ -103,7 +103,7 @@ def _train(
     from jbench.training import sb3_run
 
     (run,) = runs
-    final_episodes = request["options"]["final_episodes"]
+    final_episodes = request["options"].get("final_episodes")
     sb3_run.run(run, results, encoders[run.encoder], send, final_episodes=final_episodes)
     return failures
 

@@ -8,8 +8,10 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, schema
-from jbench.sweeps import comparisons, deciding
-from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.sweeps import deciding
+from jbench.sweeps.cell import matrix_cells, run_with_seed
+from jbench.sweeps.comparisons import comparisons
+from jbench.sweeps.matrix import read_comparisons, read_matrix
 from tests.command_line import succeed
 
 MATRIX = """
@@ -86,46 +88,45 @@ def finish(results, run, returns, evaluations=2):
 
 def fill(results, cell, numbers):
     for seed, number in enumerate(numbers):
-        finish(results, deciding.run_with_seed(cell, seed), [number - 10, number + 10])
+        finish(results, run_with_seed(cell, seed), [number - 10, number + 10])
 
 
 def outcomes_of(results, cells, claims=(), most=30):
-    asked = comparisons.comparisons(cells, claims=claims)
-    return deciding.outcomes(asked, deciding.Numbers(results), results, most)
+    return deciding.outcomes(comparisons(cells, (), claims, most), results, {})
 
 
 def test_final_return_is_mean_of_last_evaluation(results, cells):
-    run = deciding.run_with_seed(cells[0], 0)
+    run = run_with_seed(cells[0], 0)
     assert deciding.compared_return(finish(results, run, [400.0, 500.0])) == 450
     # Without evaluations: the mean of the last quarter of the training episodes, 60 and 70.
-    run = deciding.run_with_seed(cells[0], 1)
+    run = run_with_seed(cells[0], 1)
     assert deciding.compared_return(finish(results, run, [], evaluations=0)) == 65
-    run = deciding.run_with_seed(cells[0], 2)
+    run = run_with_seed(cells[0], 2)
     with pytest.raises(WorkError, match="can't be compared"):
         deciding.compared_return(finish(results, run, [float("nan")]))
 
 
 def test_representations_are_compared_with_full_observation(cells):
-    asked = comparisons.comparisons(cells)
-    assert [one.name for one in asked] == [
+    asked = comparisons(cells, (), (), 30)
+    assert [comparison.name for comparison in asked] == [
         "face_direction td3 pca3 against full",
         "face_direction td3 random2 against full",
     ]
-    assert [one.share for one in asked] == [0.025, 0.025]
-    assert [one.name for one in comparisons.comparisons(cells, claims=["random2/full"])] == [
+    assert [comparison.share for comparison in asked] == [0.025, 0.025]
+    assert [comparison.name for comparison in comparisons(cells, (), ["random2/full"], 30)] == [
         asked[1].name
     ]
     with pytest.raises(RequestError, match=r"Unknown comparison 'pca4'; did you mean pca3\?"):
-        comparisons.comparisons(cells, claims=["pca4"])
+        comparisons(cells, (), ["pca4"], 30)
     with pytest.raises(RequestError, match="there is nothing to decide"):
-        comparisons.comparisons(cells[3:])
+        comparisons(cells[3:], (), (), 30)
 
 
 def test_comparisons_of_question_matrix_share_the_error_rate(results):
     cells = matrix_cells(read_matrix("question"), results)
-    asked = comparisons.comparisons(cells, comparisons.read_comparisons("question"))
-    assert 0 < sum(one.share for one in asked) <= 0.05
-    names = {one.name for one in asked}
+    asked = comparisons(cells, read_comparisons("question"), (), 30)
+    assert 0 < sum(comparison.share for comparison in asked) <= 0.05
+    names = {comparison.name for comparison in asked}
     assert len(names) == len(asked)
     assert "face_direction td3 dae12 against scaled" in names
     assert "move_in_direction td3 planar against full" in names
@@ -156,26 +157,29 @@ def listed(tmp_path, results):
     def read(entries, content=MATRIX):
         file = tmp_path / "listed.toml"
         file.write_text(content + entries)
-        planned = comparisons.read_comparisons(str(file))
-        return comparisons.comparisons(matrix_cells(read_matrix(str(file)), results), planned)
+        planned = read_comparisons(str(file))
+        return comparisons(matrix_cells(read_matrix(str(file)), results), planned, (), 30)
 
     return read
 
 
 def test_listed_comparisons_replace_those_with_baselines(listed, results, cells):
     asked = listed(LISTED)
-    assert [one.name for one in asked] == [
+    assert [comparison.name for comparison in asked] == [
         "face_direction td3 pca3 against random2",
         "face_direction td3 pca3 against full, over the run",
     ]
-    assert [one.share for one in asked] == pytest.approx([0.01, 0.04])
+    assert [comparison.share for comparison in asked] == pytest.approx([0.01, 0.04])
     full, pca, random, _ = cells
     for cell, final in ((full, 300.0), (pca, 100.0), (random, 100.0)):
         for seed in range(5):
-            finish(results, deciding.run_with_seed(cell, seed), [final + seed])
-    found = deciding.outcomes(asked, deciding.Numbers(results), results, 30)
-    assert [one.decision.difference for one in found] == [0, -100]  # (c): the first is -1 for all
-    assert [len(one.needed) for one in found] == [0, 10]  # the first has its maximum
+            finish(results, run_with_seed(cell, seed), [final + seed])
+    outcomes = deciding.outcomes(asked, results, {})
+    assert [outcome.decision.difference for outcome in outcomes] == [
+        0,
+        -100,
+    ]  # (c): the first is -1 for all
+    assert [len(outcome.needed) for outcome in outcomes] == [0, 10]  # the first has its maximum
 
 
 @pytest.mark.parametrize(
@@ -226,24 +230,24 @@ def test_only_undecided_comparisons_get_more_seeds(results, cells):
     fill(results, full, [500, 510, 520, 530, 540])
     fill(results, pca, [100, 110, 120, 130])  # one seed is missing
     fill(results, random, [501, 511, 521, 531, 541])
-    found = outcomes_of(results, cells)
-    assert [(one.decision.verdict, one.decision.seeds) for one in found] == [
+    outcomes = outcomes_of(results, cells)
+    assert [(outcome.decision.verdict, outcome.decision.seeds) for outcome in outcomes] == [
         ("undecided", 0),
         ("undecided", 5),
     ]
     needed = {
         cell.representation: [run.seed for run in cell.runs]
-        for cell in deciding.next_cells(found, {})
+        for cell in deciding.next_cells(outcomes, {})
     }
     assert needed == {"full": [5, 6, 7, 8, 9], "pca3": [4], "random2": [5, 6, 7, 8, 9]}
-    assert outcomes_of(results, cells, ["pca3"])[0].needed == [deciding.run_with_seed(pca, 4)]
+    assert outcomes_of(results, cells, ["pca3"])[0].needed == [run_with_seed(pca, 4)]
 
-    finish(results, deciding.run_with_seed(pca, 4), [140.0])
+    finish(results, run_with_seed(pca, 4), [140.0])
     for cell, start in ((full, 550), (random, 551)):
         for seed in range(5, 10):
-            finish(results, deciding.run_with_seed(cell, seed), [start + seed])
+            finish(results, run_with_seed(cell, seed), [start + seed])
     for seed in range(5, 10):
-        finish(results, deciding.run_with_seed(pca, seed), [100.0 + seed])
+        finish(results, run_with_seed(pca, seed), [100.0 + seed])
     pca_outcome, random_outcome = outcomes_of(results, cells)
     assert (pca_outcome.decision.verdict, pca_outcome.needed) == ("smaller", [])
     assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", [])
@@ -260,12 +264,12 @@ def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(tmp_path, results):
     cells = matrix_cells(read_matrix(str(file)), results)  # of the seeds 0 and 1
     runs = draws(range(10)).runs
     assert len({run.encoder for run in runs}) == 10
-    assert [deciding.run_with_seed(cells[1], run.seed) for run in runs] == runs
+    assert [run_with_seed(cells[1], run.seed) for run in runs] == runs
     for cell in cells:
         fill(results, cell, [100, 900, 200, 800, 500])
-    found = outcomes_of(results, cells, ["pca3/full"])
-    assert [one.decision.seeds for one in found] == [5]
-    _, more = deciding.next_cells(found, {})
+    outcomes = outcomes_of(results, cells, ["pca3/full"])
+    assert [outcome.decision.seeds for outcome in outcomes] == [5]
+    _, more = deciding.next_cells(outcomes, {})
     # A sweep makes the encoders of the new seeds first.
     assert (more.runs, more.encoders) == (runs[5:], draws(range(5, 10)).encoders)
 
@@ -274,15 +278,15 @@ def test_failed_run_stops_only_its_comparisons(results, cells):
     full, pca, random, _ = cells
     for cell in (full, random):
         fill(results, cell, [500, 510, 520, 530, 540])
-    bad = deciding.run_with_seed(pca, 3)
+    bad = run_with_seed(pca, 3)
     results.create("run", bad.id, bad.model_dump(mode="json")).fail("no luck")
-    found = outcomes_of(results, cells)
+    outcomes = outcomes_of(results, cells)
     tried = {bad.id: bad}
-    assert {cell.representation for cell in deciding.next_cells(found, tried)} == {
+    assert {cell.representation for cell in deciding.next_cells(outcomes, tried)} == {
         "full",
         "random2",
     }
-    assert {cell.representation for cell in deciding.next_cells(found, {})} == {
+    assert {cell.representation for cell in deciding.next_cells(outcomes, {})} == {
         *("full", "random2", "pca3")
     }
 
@@ -304,7 +308,7 @@ def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(matrix, results,
     arguments = ("--until-decided", "random2", "--max-seeds", "10", "--jobs", "1", "--json")
     typed = partial(succeed, "sweep", matrix, *arguments, results=results.path, short=True)
     document = json.loads(typed("--dry-run").stdout)
-    assert document["needed"] == [deciding.run_with_seed(cells[2], 4).id]
+    assert document["needed"] == [run_with_seed(cells[2], 4).id]
     assert document["comparisons"][0]["low"] is None
     assert not list((results.path / "encoders").rglob("manifest.json"))
 

@@ -16,7 +16,8 @@ from jbench.cli import app, main
 from jbench.commands import parsing
 from jbench.recording.request import record
 from jbench.store import Results
-from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.sweeps.cell import matrix_cells
+from jbench.sweeps.matrix import read_matrix
 from jbench.training import speed
 from tests.command_line import succeed, wait_until
 from tests.documentation import ROOT

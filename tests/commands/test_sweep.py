@@ -221,7 +221,7 @@ def test_two_concurrent_sweeps_finish_all_runs(tmp_path, results):
 def test_gpu_has_one_process_unless_jobs_are_given(command, jobs, processes, results, monkeypatch):
     given = []
 
-    def local(database, at_a_time, device, options):
+    def local(database, at_a_time, device, **options):
         given.append((at_a_time, device))
         raise RequestError("Nothing is trained here.")
 

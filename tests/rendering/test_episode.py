@@ -9,8 +9,8 @@ from jbench.names import CAMERAS
 from jbench.rendering.episode import Scene, render_episode
 from jbench.simulation.suite_env import SuiteEnv
 from jbench.tasks import features, geometry, resets
+from jbench.tasks.features import goal
 from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.labels import goal
 from tests.rendering.render_policies import PAD, Constant
 
 SMALL = {"width": 96, "height": 64}

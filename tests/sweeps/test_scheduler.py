@@ -10,9 +10,9 @@ import pytest
 from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.store import Results
-from jbench.sweeps.cell import all_runs
+from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.sweeps.cell_status import cell_statuses
-from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.sweeps.matrix import read_matrix
 from jbench.sweeps.scheduler import sweep
 from jbench.training.events import Event
 from tests.command_line import SHORT, short_episodes
@@ -23,7 +23,8 @@ PROGRAM = """
 import json, sys, threading
 from pathlib import Path
 from jbench.sweeps.executors import Local
-from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.sweeps.cell import matrix_cells
+from jbench.sweeps.matrix import read_matrix
 from jbench.sweeps.scheduler import sweep
 from jbench.store import Results
 

@@ -5,9 +5,9 @@ import pytest
 
 from jbench.simulation import find_task
 from jbench.store import Results, schema
-from jbench.sweeps.cell import Cell
+from jbench.sweeps.cell import Cell, matrix_cells
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, seconds_left
-from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.sweeps.matrix import read_matrix
 from jbench.training.status import (
     failures_among,
     is_being_trained,
@@ -59,9 +59,9 @@ def test_each_status_is_reported_with_steps_left(results, cell):
     record = begin(results, failed)
     add_episodes(record, failed, 3)  # without a checkpoint: restarts
     record.fail("no luck")
-    found = [run_status(run, results) for run in cell.runs]
-    assert [each.state for each in found] == ["finished", "partial", "failed", "missing"]
-    assert [each.steps_left for each in found] == [0, 6000, 10_000, 10_000]
+    statuses = [run_status(run, results) for run in cell.runs]
+    assert [status.state for status in statuses] == ["finished", "partial", "failed", "missing"]
+    assert [status.steps_left for status in statuses] == [0, 6000, 10_000, 10_000]
     assert failures_among(run_statuses(cell.runs, results)) == {failed.id: "no luck"}
     (line,) = cell_statuses([cell], results, jobs=2, quick=False)
     assert (line.finished, line.partial, line.failed, line.missing) == (1, 1, 1, 1)
@@ -174,7 +174,8 @@ def test_forecast_sums_steps_and_time_over_cells(tmp_path):
         "2 processes at a time: about 1 min 20 s."
     )
     # 60% and 50% of the same time are 55%.
-    evaluating = [one._replace(evaluating=s) for one, s in zip(statuses, (0.6, 0.5), strict=True)]
+    shares = zip(statuses, (0.6, 0.5), strict=True)
+    evaluating = [status._replace(evaluating=share) for status, share in shares]
     assert "included (most of the time: fewer with --evaluate-ep" in forecast(evaluating, 2)
     assert forecast([statuses[0]._replace(seconds_left=None)], 2) is None
 

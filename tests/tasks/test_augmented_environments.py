@@ -15,11 +15,6 @@ from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.robots import load_model
 
 
-@pytest.fixture(scope="module")
-def plain():
-    return load_model()
-
-
 def bits(robot):
     """A model serialized to bytes."""
     buffer = np.zeros(mujoco.mj_sizeModel(robot), np.uint8)
@@ -94,7 +89,7 @@ def test_gymnasium_environment_has_robot_of_its_seed():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_both_libraries_observe_center_of_mass_of_augmented_robot(plain, seed):
+def test_both_libraries_observe_center_of_mass_of_augmented_robot(robot, seed):
     settings = {"augment": seed, "vary_masses": True}
     theirs = suite.load(
         "augmented_jitterbug",
@@ -104,7 +99,7 @@ def test_both_libraries_observe_center_of_mass_of_augmented_robot(plain, seed):
     ours = JitterbugEnv("move_in_direction", **settings)
     ours.np_random = np.random.RandomState(seed)
     # Other densities move the torso's center of mass.
-    assert np.abs(ours._torso_offset - model.torso_offset(plain)).max() > 1e-5
+    assert np.abs(ours._torso_offset - model.torso_offset(robot)).max() > 1e-5
     # MuJoCo's own sensor measures the velocity on dm_control's side.
     seen = [(np.concatenate(list(theirs.reset().observation.values())), ours.reset()[0])]
     for action in np.random.default_rng(seed).uniform(-1, 1, (100, 1)).astype(np.float32):

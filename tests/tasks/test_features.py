@@ -9,9 +9,8 @@ from hypothesis import assume, given
 from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
-from jbench.tasks import features, geometry, model
+from jbench.tasks import features, geometry, model, rewards
 from jbench.tasks.features import feature_labels
-from jbench.tasks.robots import load_model
 from tests.tasks.robot_states import (
     REST,
     convert,
@@ -131,8 +130,7 @@ def test_speed_in_target_frame_by_hand(yaw, speed):
 
 
 @given(quaternions(), vectors(6, 35.0))
-def test_velocity_of_center_of_mass_equals_mujoco_sensor(quaternion, velocity):
-    robot = load_model()
+def test_velocity_of_center_of_mass_equals_mujoco_sensor(robot, quaternion, velocity):
     data = mujoco.MjData(robot)
     model.place(data, quaternion)
     data.qvel[:6] = velocity
@@ -147,11 +145,7 @@ def test_state_of_splits_mujoco_state():
     state = model.read_state(qpos, qvel, np.zeros(3))
     assert state.position.tolist() == [0, 1, 2, 1, 0, 0, 0]
     assert state.velocity.tolist() == [100, 101, 102, 103, 104, 105]
-    assert state.torso_velocity.tolist() == [
-        100,
-        101,
-        102,
-    ]  # no offset, no contribution of the rotation
+    assert state.torso_velocity.tolist() == [100, 101, 102]  # without offset, none of the rotation
     assert state.motor_position == pytest.approx(15 + PI / 2 - 6 * PI)  # 16.57 rad: 3 turns less
     assert state.motor_velocity == 114
     assert not any(np.shares_memory(part, whole) for part in state for whole in (qpos, qvel))
@@ -211,19 +205,14 @@ def test_denormalize_inverts_normalize(task):
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
-def test_batched_observation_equals_single_observations(task, kind):
-    many, goals = (convert(part, kind) for part in random_states((2, 3)))
-    together = features.observation(task, many, goals)
-    assert tuple(together.shape) == (2, 3, SIZES[task])
+@pytest.mark.parametrize("function", [features.observation, rewards.reward])
+def test_batch_equals_single_robots_and_stays_float32(function, kind, task):
+    many, goals = random_states((2, 3))
+    together = function(task, convert(many, kind), convert(goals, kind))
+    assert tuple(together.shape)[:2] == (2, 3)
     for index in np.ndindex(2, 3):
-        one, goal = (type(part)(*(a[index] for a in part)) for part in (many, goals))
-        close(together[index], features.observation(task, one, goal), 1e-15)
-
-
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("kind", ["numpy", "torch"])
-def test_float32_observation_stays_float32(task, kind):
-    many, goals = random_states((20,))
-    single = features.observation(task, *(convert(p, kind, "float32") for p in (many, goals)))
+        alone = (convert(type(part)(*(x[index] for x in part)), kind) for part in (many, goals))
+        close(together[index], function(task, *alone), 1e-15)
+    single = function(task, convert(many, kind, "float32"), convert(goals, kind, "float32"))
     assert str(single.dtype).endswith("float32")
-    close(single, features.observation(task, many, goals), 1e-5)
+    close(single, together, 1e-5)

@@ -17,25 +17,13 @@ from jbench.names import TASKS
 from jbench.registration import environment_id
 from jbench.tasks.gym import JitterbugEnv
 
-IDS = {
-    "move_from_origin": "Jitterbug/MoveFromOrigin-v0",
-    "face_direction": "Jitterbug/FaceDirection-v0",
-    "move_in_direction": "Jitterbug/MoveInDirection-v0",
-    "move_to_position": "Jitterbug/MoveToPosition-v0",
-    "move_to_pose": "Jitterbug/MoveToPose-v0",
-}
-SIZES = dict(zip(IDS, (15, 16, 19, 18, 19), strict=True))
+_NAMES = ("MoveFromOrigin", "FaceDirection", "MoveInDirection", "MoveToPosition", "MoveToPose")
+IDS = {task: f"Jitterbug/{name}-v0" for task, name in zip(TASKS, _NAMES, strict=True)}
+SIZES = dict(zip(TASKS, (15, 16, 19, 18, 19), strict=True))
 EVERY_TASK = pytest.mark.parametrize("task", TASKS)
 FIRST_TASK = pytest.mark.parametrize(
     "task", [TASKS[0], *(pytest.param(task, marks=pytest.mark.slow) for task in TASKS[1:])]
 )
-
-FRESH_INTERPRETER = """
-import sys, gymnasium
-assert "jbench" not in sys.modules
-env = gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0")
-print(env.unwrapped.task, env.spec.max_episode_steps, env.reset(seed=0)[0].shape)
-"""
 
 PLAIN_IDS = """
 import sys, gymnasium, jbench
@@ -82,12 +70,6 @@ def test_id_and_spaces(task):
     )
     assert env.action_space == gymnasium.spaces.Box(-1, 1, (1,), np.float32)
     assert env.metadata["render_fps"] == 100  # one picture per control step of 0.01 s
-
-
-def test_make_imports_package():
-    command = [sys.executable, "-c", FRESH_INTERPRETER]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.split(maxsplit=2) == ["face_direction", "1000", "(16,)\n"]
 
 
 def test_import_registers_ids_and_imports_no_environment():
@@ -199,8 +181,8 @@ def test_reset_accepts_target(task, target, distance):
 )
 def test_invalid_options_are_refused_and_change_nothing(options, says):
     env, plain = JitterbugEnv("face_direction"), JitterbugEnv("face_direction")
-    for each in (env, plain):
-        each.reset(seed=1)
+    for environment in (env, plain):
+        environment.reset(seed=1)
     with pytest.raises(ValueError, match=says):
         env.reset(seed=2, options=options)
     action = np.ones(1, np.float32)
@@ -208,37 +190,27 @@ def test_invalid_options_are_refused_and_change_nothing(options, says):
 
 
 @pytest.mark.parametrize(
-    ("settings", "known"),
-    [
-        ({"task": "fly"}, "move_to_pose"),
-        ({"task": "face_direction", "camera": "side"}, "overhead"),
-        ({"task": "face_direction", "render_mode": "ascii"}, "rgb_array"),
-    ],
-)
-def test_unknown_setting_is_refused_with_known_ones(settings, known):
-    with pytest.raises(ValueError, match=f"'(fly|side|ascii)' is not one of .*{known}"):
-        JitterbugEnv(**settings)
-
-
-@pytest.mark.parametrize(
     ("settings", "says"),
     [
+        ({"task": "fly"}, "'fly' is not one of .*move_to_pose"),
+        ({"camera": "side"}, "'side' is not one of overhead"),
+        ({"render_mode": "ascii"}, "'ascii' is not one of .*rgb_array"),
         ({"width": 0}, "pixels of at least 1, not 0 and 480"),
         ({"height": "9"}, "pixels of at least 1, not 640 and '9'"),
         ({"augment": 1.5}, "no seed 1.5"),
         ({"augment": "3"}, "no seed '3'"),
     ],
 )
-def test_setting_of_wrong_type_is_refused(settings, says):
-    with pytest.raises(RequestError, match=says):
-        JitterbugEnv("face_direction", **settings)
+def test_wrong_setting_is_refused(settings, says):
+    with pytest.raises(ValueError, match=says):
+        JitterbugEnv(**{"task": "face_direction", **settings})
 
 
 @pytest.mark.parametrize("action", [[0.1, 0.2], [], None, "a", {"a": 1}])
 def test_action_that_is_not_one_number_is_refused_and_changes_nothing(action):
     env, plain = JitterbugEnv("face_direction"), JitterbugEnv("face_direction")
-    for each in (env, plain):
-        each.reset(seed=0)
+    for environment in (env, plain):
+        environment.reset(seed=0)
     with pytest.raises(RequestError, match=r"must be a number, of shape \(1,\), not"):
         env.step(action)
     np.testing.assert_array_equal(env.step([0.5])[0], plain.step(np.float32([0.5]))[0])
@@ -336,8 +308,8 @@ def test_copy_of_rendered_environment_renders_same_image():
     duplicate = copy.deepcopy(env)
     env.step([1.0])
     np.testing.assert_array_equal(duplicate.render(), image)
-    for each in (env, duplicate):
-        each.close()
+    for environment in (env, duplicate):
+        environment.close()
 
 
 @pytest.mark.usefixtures("coarse_pictures")

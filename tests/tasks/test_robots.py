@@ -1,12 +1,12 @@
-"""Tests that the plain robot's explicit pairs of geoms give the states of general collision."""
+"""Tests that the plain robot steps as MuJoCo does, with general collision, bit for bit."""
 
 import mujoco
 import numpy as np
 import pytest
+from dm_control import suite
 
 from jbench.names import PHYSICS_STEPS
 from jbench.tasks import augmented, model
-from jbench.tasks.robots import load_model
 
 EVERYTHING = mujoco.mjtState.mjSTATE_INTEGRATION  # with the solver's warm start
 HINGES = slice(7, 15)  # shoulders and elbows in qpos
@@ -24,17 +24,6 @@ CONTACT = [
     *("geom", "dist", "pos", "frame", "dim", "includemargin", "efc_address"),
     *("friction", "solref", "solreffriction", "solimp", "mu"),
 ]
-
-
-@pytest.fixture(scope="module")
-def general():
-    """The robot of the XML: MuJoCo searches for the pairs of geoms that touch."""
-    return mujoco.MjModel.from_xml_string(model.xml())
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return load_model()
 
 
 def full_state(data):
@@ -136,3 +125,35 @@ def test_augmented_robots_keep_general_collision(general, seed):
     assert robot.opt.disableflags == general.opt.disableflags
     for field in ("geom_contype", "geom_conaffinity"):
         np.testing.assert_array_equal(getattr(robot, field), getattr(general, field))
+
+
+def step_one_by_one(data, control):
+    data.ctrl[0] = control
+    for _ in range(PHYSICS_STEPS):
+        mujoco.mj_step(data.model, data)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_control_step_of_dm_control_is_50_steps_of_mujoco(seed):
+    env = suite.load("jitterbug", "move_from_origin", {"random": seed})
+    env.reset()
+    theirs = env.physics.data.ptr
+    ours = mujoco.MjData(theirs.model)
+    mujoco.mj_setState(theirs.model, ours, full_state(theirs), EVERYTHING)
+    start = theirs.qpos.copy()
+    # Some controls exceed the limits.
+    for control in np.random.default_rng(seed).uniform(-1.2, 1.2, 30):
+        env.step([control])
+        step_one_by_one(ours, control)
+        np.testing.assert_array_equal(ours.qpos, theirs.qpos)
+        np.testing.assert_array_equal(ours.qvel, theirs.qvel)
+    assert not np.any(start[7:] == theirs.qpos[7:])  # every joint has moved
+
+
+def test_place_clears_state_of_last_episode(robot):
+    used, new = mujoco.MjData(robot), mujoco.MjData(robot)
+    step_one_by_one(used, 1.0)
+    for data in (used, new):
+        model.place(data, np.array([0, 0, 0, 1.0]))
+        step_one_by_one(data, 0.5)
+    np.testing.assert_array_equal(full_state(used), full_state(new))

@@ -15,8 +15,9 @@ from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels
 from jbench.store import Results
+from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.comparisons import comparisons
-from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.sweeps.matrix import read_matrix
 from jbench.training.batched_run import run_batch
 from jbench.training.request import request_runs
 from tests.training.small_runs import small_run
@@ -98,7 +99,7 @@ def test_matrix_accepts_ofe_as_representation(tmp_path):
     assert few.encoders == ()
     assert few.runs[0].ofe == OFESettings(units=12, layers=3)
     assert full.runs[0].ofe is None
-    names = [one.name for one in comparisons([full, few])]
+    names = [comparison.name for comparison in comparisons([full, few], (), (), 30)]
     assert names == ["face_direction td3 ofe12 against full"]
     for change, says in (
         ({"option": "layer = 3"}, r"Unknown setting of ofe 'layer'; did you mean layers\?"),

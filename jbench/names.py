@@ -40,7 +40,7 @@ _KINDS = {
     "planar-mirror": ("planar_variants:PlanarMirror", "planar, folded by the mirror symmetry"),
     "forward": ("predictive:ForwardModel", "latents that predict the next states and the reward"),
     "inverse": ("predictive:InverseModel", "latents that predict the action"),
-    "dmd": ("dmd:DynamicModes", "directions of a linear model of the dynamics"),
+    "dmd": ("linear:DynamicModes", "directions of a linear model of the dynamics"),
     "contrastive": (
         "predictive:Contrastive",
         "latents that tell the future of a state from others",

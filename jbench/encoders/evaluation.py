@@ -39,12 +39,7 @@ def error_tables(
     """Returns the rows of an encoder's errors, per feature and over all features.
 
     They are errors on held-out episodes, `test`, and on hand-written ones, `heuristic`, of which
-    other robots have none.
-
-    Args:
-        encoder: its id.
-        weights: numpy arrays in float32.
-        states: the encoder's training data.
+    other robots have none. The weights are numpy arrays in float32.
     """
     data: dict[str, tuple[Iterable[Shard], Moments]] = {"test": (states.test(), states.held_out)}
     if states.task in TASKS:
@@ -110,10 +105,8 @@ def heuristic_episodes(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Returns (10, 1001, size) observations of a task's heuristic, (10, 1000) actions and rewards.
 
-    The seeds are fixed, so the episodes are the same in every process.
-
-    Args:
-        augment: seed of the augmented robot; None for the plain robot.
+    The seeds are fixed, so the episodes are the same in every process. `augment` is the seed of an
+    augmented robot.
     """
     generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
     policy = heuristic(task)

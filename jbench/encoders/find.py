@@ -44,13 +44,23 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
         newest = max(
             matches, key=lambda match: (match.status == "finished", match.manifest.updated)
         )
-        return newest.id if newest.status == "finished" else _find_id(results, newest.id, task)
-    if wanted is None:
-        return _find_id(results, name, task)
-    raise RequestError(
-        f"No {representation} for {task} in {results.name}; type "
-        f"{with_results(wanted.command, results.name)} to make one."
-    )
+        if newest.status == "finished":
+            return newest.id
+        name = newest.id
+    elif wanted is not None:
+        raise RequestError(
+            f"No {representation} for {task} in {results.name}; type "
+            f"{with_results(wanted.command, results.name)} to make one."
+        )
+    id = results.complete_id("encoder", name)
+    _, description = load_encoder(results, id)
+    if description["task"] != task:
+        wanted = EncoderSettings.model_construct(**{"options": {}, **description, "task": task})
+        raise RequestError(
+            f"The encoder {id} is for {description['task']}, not for {task}; type "
+            f"{with_results(wanted.command, results.name)} to make one."
+        )
+    return id
 
 
 def find_draws(
@@ -109,23 +119,6 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
         return SavedEncoder.from_files(description, record.read_file(WEIGHTS)), description
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
-
-
-def _find_id(results: Results, name: str, task: str) -> str:
-    """Returns the id that a name or its beginning stands for.
-
-    Raises:
-        RequestError: if there is none, or it encodes the observations of another task.
-    """
-    id = results.complete_id("encoder", name)
-    _, description = load_encoder(results, id)
-    if description["task"] != task:
-        wanted = EncoderSettings.model_construct(**{"options": {}, **description, "task": task})
-        raise RequestError(
-            f"The encoder {id} is for {description['task']}, not for {task}; type "
-            f"{with_results(wanted.command, results.name)} to make one."
-        )
-    return id
 
 
 def _has_plain_robot(results: Results, record: Record) -> bool:

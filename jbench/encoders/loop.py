@@ -35,7 +35,6 @@ _CHECKED = 8  # rows
 _PREPARED = 16  # batches gathered and corrupted at once
 _ADAM = ("exp_avg", "exp_avg_sq", "step")
 _RANDOM = "random.cpu"  # state of the generator in checkpoints
-_RANDOM_ON_GPU = "random.cuda"  # in checkpoints that older versions wrote on a GPU
 
 _Item = TypeVar("_Item")
 
@@ -91,26 +90,17 @@ class EncoderLearner:
     def to_bytes(self) -> bytes:
         """Returns the state of the training as safetensors."""
         state = self._adam.state[self._flat]
-        return bytes(
-            safetensors.torch.save(
-                {
-                    "weights": self._flat,
-                    **{name: state[name] for name in _ADAM},
-                    _RANDOM: self.random.get_state(),
-                }
-            )
-        )
+        tensors = {"weights": self._flat, **{name: state[name] for name in _ADAM}}
+        return bytes(safetensors.torch.save({**tensors, _RANDOM: self.random.get_state()}))
 
     def restore(self, content: bytes) -> None:
         """Restores a state that `to_bytes` returned, on this device or another.
 
         Raises:
-            WorkError: if it can't be read, or an older jbench wrote it on a GPU.
+            WorkError: if it can't be read, such as one that an older jbench wrote on a GPU.
         """
         try:
             saved = safetensors.torch.load(content)
-            if _RANDOM_ON_GPU in saved:
-                raise ValueError("an older jbench drew its random numbers on a GPU")
             with torch.no_grad():
                 self._flat.copy_(saved["weights"])
             self.random.set_state(saved[_RANDOM])

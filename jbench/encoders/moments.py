@@ -63,8 +63,7 @@ class Moments(NamedTuple):
     def regression(self, inputs: int) -> tuple[FloatArray, FloatArray]:
         """Returns the least squares slopes (inputs, others) and offset (others,).
 
-        Args:
-            inputs: number of the columns from which the others are predicted.
+        The first `inputs` columns predict the others.
         """
         within, across = self.covariance[:inputs, :inputs], self.covariance[:inputs, inputs:]
         slopes = np.linalg.pinv(within, rcond=1e-12, hermitian=True) @ across
@@ -90,13 +89,7 @@ def linear_decoder(
 
 
 def affine_errors(matrix: FloatArray, shift: FloatArray, moments: Moments) -> FloatArray:
-    """Returns the (size,) mean squared errors of reconstructing rows as matrix @ row + shift.
-
-    Args:
-        matrix: (size, size).
-        shift: (size,).
-        moments: of the rows.
-    """
+    """Returns the (size,) mean squared errors of reconstructing rows as matrix @ row + shift."""
     difference = matrix - np.eye(len(matrix))
     bias = difference @ moments.mean + shift
     errors: FloatArray = (

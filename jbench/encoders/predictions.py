@@ -47,11 +47,8 @@ class _Rows(NamedTuple):
 def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, Any]]:
     """Returns a row of `encoder_predictions` for each target, without the encoder.
 
-    A probe is trained and evaluated; the result is deterministic.
-
-    Args:
-        weights: numpy arrays in float32.
-        states: the encoder's training data.
+    A probe is trained and evaluated; the result is deterministic. The weights are numpy arrays in
+    float32.
     """
     learned = _rows(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
     test = _rows(kind, weights, states, next(states.test()), _TEST_ROWS)
@@ -137,11 +134,7 @@ def _rows(kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: 
 
 
 def _regression(rows: _Rows, latents: int) -> tuple[Callable[[Tensor], Tensor], Tensor]:
-    """Returns a linear regression of the targets on the inputs, and its amplitudes (columns,).
-
-    Args:
-        latents: number of inputs before the actions.
-    """
+    """Returns a linear regression of the targets on the inputs, and its amplitudes (columns,)."""
     inputs, targets = (part.double() for part in rows)
     moments = Moments.of(torch.cat([inputs, targets], 1).numpy())
     slopes, offset = moments.regression(inputs.shape[1])

@@ -45,10 +45,8 @@ class States:
     Attributes:
         task: the states are observations of this task.
         seed: of the choice of held-out episodes.
-        scale: of the features.
         size: number of features.
         action_size: number of actuators.
-        device: of the states.
         scaling: of the observations; available after `read`, like the following ones.
         learned: moments of the scaled training states.
         held_out: moments of the scaled held-out states.

@@ -71,7 +71,7 @@ def train_encoder(
             if weights is None and isinstance(kind, Learned):
                 weights = learn(kind, states, record, settings.latents, progress, commit_every)
             elif weights is None:
-                weights = _fitted(kind, states, settings.latents)
+                weights = fitted(kind, states, settings.latents)
                 progress(1)
             if kind.rescale is not None:
                 weights |= rescaling(kind.rescale, _latents(kind, weights, states))
@@ -108,7 +108,7 @@ def _trained_without_rescale(
     return safetensors.numpy.load(trained.read_file(WEIGHTS))
 
 
-def _fitted(kind: Kind, states: States, latents: int) -> WeightArrays:
+def fitted(kind: Kind, states: States, latents: int) -> WeightArrays:
     """Returns the weights of a kind without a training loop."""
     if isinstance(kind, Fitted):
         weights = kind.fit(states, latents)

@@ -81,11 +81,7 @@ def _constant(name: str) -> float:
 
 
 def find_trained_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
-    """Returns the id of a run and its trained agent.
-
-    Args:
-        results: where the run is, unless it is a shipped one.
-        name: the id of a run, or "reference/" and the id of a shipped run.
+    """Returns the id of a run and its trained agent, also for "reference/" and a shipped run's id.
 
     Raises:
         RequestError: if there is no such run, or it has no policy.

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pyarrow as pa
+import torch
 
 from jbench.datasets import Dataset, layout
 from jbench.encoders.kinds.planar import planar_weights
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
+from jbench.encoders.states import States
+from jbench.encoders.training import fitted
 from jbench.store import schema
 from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import State
@@ -55,6 +58,19 @@ def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
         )
     record.finish({}, compact=False)
     return Dataset(record)
+
+
+def read_states(dataset, task="face_direction", seed=2, **more):
+    """The scaled states of a dataset, which have been read."""
+    states = States(dataset, task, seed, **more)
+    states.read(torch.device("cpu"))
+    return states
+
+
+def fitted_encoder(kind, states, latents=None):
+    """An encoder of a kind without a training loop."""
+    latents = latents or kind.latent_sizes(states.task)[0]
+    return SavedEncoder(kind, fitted(kind, states, latents), states.scaling, latents)
 
 
 def observations_of(dataset, task="face_direction"):

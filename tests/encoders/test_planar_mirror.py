@@ -10,7 +10,7 @@ from jbench.encoders import action_signs
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.planar_variants import PlanarMirror
 from jbench.encoders.predictions import predictions
-from jbench.encoders.states import States
+from jbench.encoders.training import fitted
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, geometry
 from jbench.tasks.geometry import State, Target
@@ -18,6 +18,7 @@ from tests.encoders.encoder_data import (
     make_dataset,
     planar_encoder,
     random_states,
+    read_states,
 )
 from tests.encoders.test_planar import at_origin, robots, tasks
 
@@ -72,10 +73,7 @@ def test_state_and_mirror_image_have_equal_latents_and_opposite_actions(task, fo
 def test_probe_predicts_mirrored_robot(results):
     # States that last for ten control steps, so that the next rates follow from the latents.
     state = State(*(np.repeat(part[:, ::10], 10, axis=1)[:, :1001] for part in random_states(5)))
-    states = States(make_dataset(results, state=state), "face_direction", 2)
-    states.read(torch.device("cpu"))
+    states = read_states(make_dataset(results, state=state))
     for kind in (PlanarReduction(), PlanarMirror()):
-        weights = kind.fit(states, 12)
-        kept = {name: value.astype(np.float32) for name, value in weights.items()}
-        for row in predictions(kind, kept, states):
+        for row in predictions(kind, fitted(kind, states, 12), states):
             assert row["r2"] > 0.6 or row["target"] == "reward"

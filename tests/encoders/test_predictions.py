@@ -11,20 +11,16 @@ from jbench.commands.display import show_encoders
 from jbench.commands.output import Output
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
-from jbench.encoders.kinds.dmd import DynamicModes
-from jbench.encoders.kinds.linear import RandomFeatures, Scaled
+from jbench.encoders.kinds.linear import DynamicModes, RandomFeatures, Scaled
 from jbench.encoders.kinds.predictive import Contrastive, ForwardModel, angle_periods, state_changes
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.pairs import Shard, StatePairs
 from jbench.encoders.predictions import TARGETS, effective_rank, predictions
 from jbench.encoders.registry import make_kind
-from jbench.encoders.settings import encoder_settings
-from jbench.encoders.states import States
-from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from jbench.store.query import load
-from tests.encoders.encoder_data import observations_of
+from tests.encoders.encoder_data import observations_of, read_states
 from tests.encoders.test_training import rows, train
 
 CPU = torch.device("cpu")
@@ -35,9 +31,7 @@ def simulated(tmp_path_factory):
     """The states of eight simulated episodes."""
     results = Results(tmp_path_factory.mktemp("simulated") / "results")
     collect(DatasetSettings(seed=1, steps=8000), results, threads=2)
-    states = States(find_dataset(results), "face_direction", 0)
-    states.read(CPU)
-    return states
+    return read_states(find_dataset(results), seed=0)
 
 
 def learned(kind, states, latents=12):
@@ -261,11 +255,3 @@ def test_many_random_features_reconstruct_almost_all(trained):
     rebuilt = kind.decode(weights, latents)
     assert ((rebuilt - seen) ** 2).mean() < 0.05 * seen.var(0).mean()
     assert effective_rank(latents) > 16
-
-
-def test_only_random_features_may_outnumber_features():
-    shared = {"dataset": "random/a", "latents": 240}
-    settings = encoder_settings("random-features", {}, **shared)
-    assert settings.representation == "random-features240"
-    with pytest.raises(RequestError, match="has 1 to 16 latents, not 240"):
-        encoder_settings("random", {}, **shared)

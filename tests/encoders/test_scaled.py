@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
-import torch
 
 from jbench.encoders import find_encoder, load_encoder
 from jbench.encoders.kinds.linear import Raw, Scaled
 from jbench.encoders.kinds.planar import PlanarReduction
-from jbench.encoders.saved import SavedEncoder
-from jbench.encoders.states import MEMORY, States
+from jbench.encoders.states import MEMORY
 from jbench.errors import RequestError
 from jbench.tasks.features import denormalize
-from tests.encoders.encoder_data import observations_of
+from tests.encoders.encoder_data import fitted_encoder, observations_of, read_states
 from tests.encoders.test_training import rows, train
 
 # Number of features and of planar numbers, by task.
@@ -24,16 +22,10 @@ SIZES = {
 }
 
 
-def states_of(trained, task, memory=MEMORY):
-    states = States(trained.dataset, task, 2, memory)
-    states.read(torch.device("cpu"))
-    return states
-
-
 @pytest.mark.parametrize("task", SIZES)
 def test_scaled_maps_extremes_of_each_feature_to_one(trained, task):
-    states = states_of(trained, task)
-    encoder = SavedEncoder(Scaled(), {}, states.scaling, SIZES[task][0])
+    encoder = fitted_encoder(Scaled(), read_states(trained.dataset, task))
+    assert encoder.latent_size == SIZES[task][0]
     seen = observations_of(trained.dataset, task).astype(np.float64)
     low, high = seen.min((0, 1)), seen.max((0, 1))
     expected = 2 * (seen - low) / np.where(high > low, high - low, np.inf) - (high > low)
@@ -45,14 +37,21 @@ def test_scaled_maps_extremes_of_each_feature_to_one(trained, task):
 @pytest.mark.parametrize("memory", [MEMORY, 300_000])
 @pytest.mark.parametrize("task", SIZES)
 def test_planar_latents_range_from_minus_one_to_one(trained, task, memory):
-    states = states_of(trained, task, memory)
+    states = read_states(trained.dataset, task, memory=memory)
     assert states.in_memory == (memory == MEMORY)
-    weights = PlanarReduction().fit(states, SIZES[task][1])
-    kept = {name: value.astype(np.float32) for name, value in weights.items()}
-    encoder = SavedEncoder(PlanarReduction(), kept, states.scaling, SIZES[task][1])
-    latents = encoder.encode(observations_of(trained.dataset, task))
+    latents = fitted_encoder(PlanarReduction(), states).encode(
+        observations_of(trained.dataset, task)
+    )
+    assert latents.shape[-1] == SIZES[task][1]
     np.testing.assert_allclose(latents.min((0, 1)), -1, atol=1e-4)
     np.testing.assert_allclose(latents.max((0, 1)), 1, atol=1e-4)
+
+
+@pytest.mark.parametrize("task", SIZES)
+def test_raw_is_observation_in_si_units(trained, task):
+    encoder = fitted_encoder(Raw(), read_states(trained.dataset, task))
+    seen = observations_of(trained.dataset, task)
+    np.testing.assert_allclose(encoder.encode(seen), denormalize(task, seen), rtol=1e-3, atol=1e-3)
 
 
 def test_kind_of_fixed_size_is_found_by_name(trained, results):
@@ -77,16 +76,6 @@ def test_kind_of_fixed_size_is_found_by_name(trained, results):
 def test_invalid_size_is_refused_with_option_to_type(results, expected, message):
     with pytest.raises(RequestError, match=message):
         find_encoder(results, expected, "face_direction")
-
-
-@pytest.mark.parametrize("task", SIZES)
-def test_raw_is_observation_in_si_units(trained, task):
-    states = states_of(trained, task)
-    size = SIZES[task][0]
-    weights = {n: v.astype(np.float32) for n, v in Raw().fit(states, size).items()}
-    encoder = SavedEncoder(Raw(), weights, states.scaling, size)
-    seen = observations_of(trained.dataset, task)
-    np.testing.assert_allclose(encoder.encode(seen), denormalize(task, seen), rtol=1e-3, atol=1e-3)
 
 
 def test_dae_with_yaw_rate_appends_scaled_yaw_rate(trained, results):

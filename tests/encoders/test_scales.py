@@ -13,8 +13,7 @@ from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError
 from jbench.store import Results
-from jbench.store.shipped import shipped
-from tests.encoders.encoder_data import observations_of
+from tests.encoders.encoder_data import observations_of, read_states
 
 TASK = "face_direction"
 CHEAP = {"epochs": 2, "batch": 500}
@@ -47,8 +46,7 @@ def latents_of(results, record, data):
     ],
 )
 def test_features_have_requested_scale(trained, scale, expected):
-    states = States(trained.dataset, TASK, 2, scale=scale)
-    states.read(torch.device("cpu"))
+    states = read_states(trained.dataset, scale=scale)
     seen = observations_of(trained.dataset).reshape(-1, 16).astype(np.float64)
     varies = np.ptp(seen, axis=0) > 1e-3
     scaled = states.scaled(seen.astype(np.float32))
@@ -101,16 +99,6 @@ def test_scales_are_part_of_name_and_defaults_are_not(trained, results):
     assert find_encoder(results, "dae:3-observation-whitened", TASK) == other.id
     with pytest.raises(RequestError, match=r"No dae3-sd for .*--kind dae .*--set scale=sd"):
         find_encoder(results, "dae3-sd", TASK)
-
-
-def test_ids_of_default_options_are_those_of_older_versions():
-    settings = encoder_settings("dae", {}, task=TASK, dataset="random/s00-00000000", latents=12)
-    assert settings.options == {
-        "epochs": 200, "batch": 8192, "learning_rate": 1e-3, "noise": 0.1
-    }  # fmt: skip
-    assert settings.id == "face_direction/dae12/s00-" + settings.hash
-    for record in Results(shipped()).scan("encoder")[0]:
-        assert encoder_settings(**record.settings).id == record.id
 
 
 def test_noise_of_a_batch_is_one_vector(trained):

@@ -12,6 +12,7 @@ from tests.encoders.encoder_data import (
     observations_of,
     random_actions,
     random_states,
+    read_states,
 )
 
 CPU = torch.device("cpu")
@@ -20,12 +21,6 @@ SMALL = 3 * 2 * 1001 * 16 * 4  # bytes of memory, enough for two episodes
 
 def generator(seed=0):
     return torch.Generator().manual_seed(seed)
-
-
-def read(dataset, seed=0, **more):
-    states = States(dataset, "face_direction", seed, **more)
-    states.read(CPU)
-    return states
 
 
 def gathered(shards):
@@ -69,7 +64,7 @@ def test_split_depends_only_on_seed():
 
 
 def test_states_are_scaled_by_extremes_of_dataset(dataset, scaled):
-    states = read(dataset)
+    states = read_states(dataset, seed=0)
     observations = observations_of(dataset)
     np.testing.assert_array_equal(states.scaling.minimum, observations.min(axis=(0, 1)))
     np.testing.assert_array_equal(states.scaling.maximum, observations.max(axis=(0, 1)))
@@ -82,7 +77,7 @@ def test_states_are_scaled_by_extremes_of_dataset(dataset, scaled):
 
 
 def test_moments_equal_those_of_scaled_states(dataset, scaled):
-    states = read(dataset)
+    states = read_states(dataset, seed=0)
     for found, chosen in zip((states.learned, states.held_out), split_episodes(10, 0), strict=True):
         expected = Moments.of(scaled[chosen])
         assert found.rows == expected.rows == 1001 * len(chosen)
@@ -91,7 +86,7 @@ def test_moments_equal_those_of_scaled_states(dataset, scaled):
 
 
 def test_large_dataset_is_streamed_by_file_in_random_order(dataset):
-    whole, streamed = read(dataset), read(dataset, memory=SMALL)
+    whole, streamed = read_states(dataset, seed=0), read_states(dataset, seed=0, memory=SMALL)
     assert (whole.in_memory, streamed.in_memory) == (True, False)
     of_whole, orders = gathered(whole.learn(generator()))[0], []
     for seed in range(5):
@@ -110,7 +105,7 @@ def test_large_dataset_is_streamed_by_file_in_random_order(dataset):
 
 @pytest.mark.parametrize("ahead", [0, 1, 40])
 def test_pairs_have_given_distance_within_episode(dataset, ahead):
-    (shard,) = read(dataset).learn(generator())
+    (shard,) = read_states(dataset, seed=0).learn(generator())
     pairs = 8 * (1001 - ahead)
     assert shard.pairs(ahead) == pairs
     for kind in (torch.int32, torch.int64):
@@ -130,7 +125,7 @@ def test_pairs_have_given_distance_within_episode(dataset, ahead):
 
 def test_dataset_is_read_once(results):
     dataset = make_dataset(results)
-    states = read(dataset)
+    states = read_states(dataset, seed=0)
     for path in dataset.record.path.glob("*.parquet"):
         path.unlink()
     states.read(CPU)
@@ -144,7 +139,7 @@ def test_dataset_with_non_finite_values_is_refused(results, number):
     state.velocity[1, 400, 3] = number
     dataset = make_dataset(results, state=state)
     with pytest.raises(WorkError, match=r"random/a holds .*NaN or infinite"):
-        read(dataset)
+        read_states(dataset, seed=0)
 
 
 def test_dataset_of_single_episode_is_refused(results):

@@ -1,6 +1,5 @@
 """Tests of the training of encoders: learning, saved files and resuming."""
 
-import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +18,7 @@ from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
-from jbench.errors import RequestError, WorkError
+from jbench.errors import WorkError
 from jbench.store import Results, encoder_schema
 from jbench.tasks.features import feature_labels
 from tests.encoders.encoder_data import make_dataset, observations_of, random_states
@@ -72,23 +71,6 @@ def of_rank_two(size=6):
     shard = Shard(states, *torch.zeros(2, 2, 1000))
     about = {"size": size, "action_size": 1, "seed": 0, "device": CPU}
     return SimpleNamespace(learn=lambda generator: iter([shard]), **about), states.view(-1, size)
-
-
-def learned(kind, epochs, latents=2):
-    states, rows = of_rank_two()
-    learner = EncoderLearner(kind, states, latents)
-    losses = [learner.epoch() for _ in range(epochs)]
-    weights = {name: value.detach() for name, value in learner.weights.items()}
-    rebuilt = kind.decode(weights, kind.encode(weights, rows))
-    explained = 1 - (rebuilt - rows).square().sum() / (rows - rows.mean(0)).square().sum()
-    return losses, float(explained)
-
-
-def test_reconstruction_target_is_free_of_noise():
-    losses, _ = learned(DenoisingAutoencoder(noise=0.5, batch=64, learning_rate=1e-2), 30)
-    # Otherwise the noise in the four directions that two latents cannot reconstruct would remain:
-    # 4 / 6 of its variance of 0.25.
-    assert losses[-1] < 4 / 6 * 0.25 / 2
 
 
 def test_every_row_is_used_once_per_epoch():
@@ -177,24 +159,18 @@ def test_errors_are_not_committed_twice_after_interruption(trained, tmp_path):
     assert files(done) == files(uninterrupted)
 
 
-def of_gpu(content):
-    """A checkpoint as older versions wrote it on a GPU."""
+def without_random_state(content):
+    """A checkpoint without the state of the generator on the CPU, as of an old one of a GPU."""
     kept = safetensors.numpy.load(content)
-    return safetensors.numpy.save(kept | {"random.cuda": kept["random.cpu"]})
+    return safetensors.numpy.save({"random.cuda": kept.pop("random.cpu"), **kept})
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda content: b"no tensors", "checkpoint can't be used"),
-        (of_gpu, r"drew its random numbers on a GPU.*delete the directory"),
-    ],
-)
-def test_invalid_checkpoint_is_refused(trained, results, change, message):
+@pytest.mark.parametrize("change", [lambda content: b"no tensors", without_random_state])
+def test_invalid_checkpoint_is_refused(trained, results, change):
     train_until(2, trained.states, results)
     (begun,) = results.scan("encoder")[0]
     begun.append({}, {CHECKPOINT: change(begun.read_file(CHECKPOINT))})
-    with pytest.raises(WorkError, match=message):
+    with pytest.raises(WorkError, match=r"checkpoint can't be used .*delete the directory"):
         train(trained.states, results)
 
 
@@ -296,44 +272,6 @@ def test_unfinished_encoder_without_checkpoint_restarts(trained, results):
     again = train_encoder(trained.settings, trained.states, results)
     assert rows(again)["epoch"].tolist() == [1, 2, 3, 4]
     assert files(again) == files(trained.record)
-
-
-@pytest.mark.parametrize(
-    ("task", "latents", "message"),
-    [
-        ("face_direction", 17, "A dae encoder of face_direction has 1 to 16 latents, not 17"),
-        ("move_from_origin", 16, "has 1 to 15 latents, not 16"),
-        ("move_to_pose", 100, "has 1 to 19 latents, not 100"),
-        ("bogus", 3, "Unknown task 'bogus'; choose move_from_origin"),
-        ("face_direction", 0, "latents of the encoder can't be 0"),
-        ("face_direction", -1, "greater than or equal to 1"),
-    ],
-)
-def test_invalid_number_of_latents_is_refused(task, latents, message):
-    with pytest.raises(RequestError, match=message):
-        encoder_settings("dae", {}, dataset="random/a", task=task, latents=latents)
-
-
-@pytest.mark.parametrize(
-    ("kind", "options", "message"),
-    [
-        *(("dae", {"noise": value}, "noise of dae can't be") for value in (-0.1, math.nan, "x")),
-        ("dae", {"epochs": 0}, "epochs of dae can't be 0"),
-        ("dae", {"epochs": object}, "epochs of dae can't be \"<class 'object'>\""),
-        ("dae", {"epochs": 1.5}, "epochs of dae can't be 1.5"),
-        ("ae", {"batch": 0}, "batch of ae can't be 0"),
-        ("vae", {"learning_rate": math.inf}, "learning_rate of vae can't be inf"),
-        ("ddae", {"horizon": 0}, "horizon of ddae can't be 0"),
-        ("ddae", {"horizon": 1000}, "horizon of ddae can't be 1000"),
-        ("dae", {"horizon": 2}, "dae has no option horizon; it has batch, epochs,"),
-        ("ae", {"noise": 0.1}, "ae has no option noise; it has batch, epochs, initial_weights"),
-        ("pca", {"epochs": 3}, "pca has no option epochs; it has rescale, scale"),
-        ("daee", {}, "Unknown kind of encoder 'daee'; did you mean dae"),
-    ],
-)
-def test_invalid_options_are_refused(kind, options, message):
-    with pytest.raises(RequestError, match=message):
-        encoder_settings(kind, options, dataset="random/a")
 
 
 def test_invalid_dataset_creates_no_encoder(results):

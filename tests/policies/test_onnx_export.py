@@ -11,10 +11,9 @@ import torch
 
 from jbench.cli import main
 from jbench.datasets.layout import observations_schema
-from jbench.encoders.kind import ClosedForm, Learned
+from jbench.encoders.kind import Learned
 from jbench.encoders.registry import kind_names, latent_sizes, make_kind
 from jbench.encoders.saved import SavedEncoder
-from jbench.encoders.states import States
 from jbench.errors import RequestError
 from jbench.policies.network import (
     SavedLayer,
@@ -29,7 +28,12 @@ from jbench.settings.base import settings_hash
 from jbench.simulation import find_task, rollout
 from jbench.store import Results
 from jbench.tasks import features, resets
-from tests.encoders.encoder_data import make_dataset, observations_of
+from tests.encoders.encoder_data import (
+    fitted_encoder,
+    make_dataset,
+    observations_of,
+    read_states,
+)
 from tests.training.small_runs import EPISODE, shorten_episodes
 
 TASK = "face_direction"
@@ -99,9 +103,7 @@ def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
 def states(tmp_path_factory):
     """Random states of a synthetic dataset, scaled."""
     results = Results(tmp_path_factory.mktemp("onnx") / "results")
-    states = States(make_dataset(results), TASK, 2)
-    states.read(torch.device("cpu"))
-    return states
+    return read_states(make_dataset(results))
 
 
 def make_encoder(name, states):
@@ -109,13 +111,10 @@ def make_encoder(name, states):
     kind = make_kind(name, {})
     sizes = latent_sizes(name, TASK)
     latents = sizes[0] if len(sizes) == 1 else 3
-    if isinstance(kind, Learned):
-        weights = kind.initial(states.size, latents, torch.Generator().manual_seed(0))
-    elif isinstance(kind, ClosedForm):
-        weights = kind.fit(states.learned, latents, 0)
-    else:
-        weights = kind.fit(states, latents)
-    weights = {name: np.asarray(value, np.float32) for name, value in weights.items()}
+    if not isinstance(kind, Learned):
+        return fitted_encoder(kind, states, latents)
+    weights = kind.initial(states.size, latents, torch.Generator().manual_seed(0))
+    weights = {name: value.numpy() for name, value in weights.items()}
     return SavedEncoder(kind, weights, states.scaling, latents)
 
 

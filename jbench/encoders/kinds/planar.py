@@ -19,7 +19,6 @@ takes the target's place: only rotations about the origin are symmetries of this
 import itertools
 from collections.abc import Iterable
 from functools import reduce
-from typing import TYPE_CHECKING
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -27,14 +26,12 @@ from numpy.typing import NDArray
 
 from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.scaling import Scaling, physical_scaling
+from jbench.encoders.states import States
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks import geometry, model
 from jbench.tasks.features import features, observation_size, split
 from jbench.tasks.geometry import Array, State, Target
 from jbench.tasks.robots import load_model
-
-if TYPE_CHECKING:
-    from jbench.encoders.states import States
 
 SIGNS = {
     "height": 1,  # m
@@ -157,7 +154,7 @@ class PlanarReduction(Fitted):
         values = features(task, *self.robot(task, numbers, center_of_mass))
         return array_namespace(latents).concat(list(values.values()), axis=-1)
 
-    def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
         gain, offset = physical_scaling(states.task, states.scaling)
         shards = itertools.chain(states.learn(), states.test())
         seen = (shard.states.cpu().double().numpy() * gain + offset for shard in shards)

@@ -1,7 +1,7 @@
 """Kinds that predict: the next state, the actions in between, or which state follows."""
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -11,13 +11,11 @@ from torch import Tensor
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.encoders.moments import Moments
 from jbench.encoders.pairs import StatePairs
+from jbench.encoders.states import States
 from jbench.names import EPISODE_STEPS
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.features import by_dimension
 from jbench.tasks.geometry import Array
-
-if TYPE_CHECKING:
-    from jbench.encoders.states import States
 
 
 class Predictive(Learned):
@@ -86,7 +84,7 @@ class ForwardModel(Predictive):
             "reward": (1, hidden),
         }
 
-    def constants(self, states: "States") -> dict[str, Tensor]:
+    def constants(self, states: States) -> dict[str, Tensor]:
         periods = angle_periods(states)
         change_moments, reward_moments = Moments.none(states.size), Moments.none(1)
         for shard in states.learn():
@@ -174,7 +172,7 @@ def state_changes(batch: StatePairs, periods: Tensor) -> Tensor:
     return change - periods * torch.where(periods > 0, change / periods, 0).round()
 
 
-def angle_periods(states: "States") -> Tensor:
+def angle_periods(states: States) -> Tensor:
     """Returns the (size,) scaled periods of the features: a full turn of an angle, otherwise 0.
 
     Which features of another robot are angles is not known.

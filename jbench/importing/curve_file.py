@@ -6,14 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from jbench.errors import RequestError
-from jbench.importing.reader import MAX_STEPS, numbers, read_table
-from jbench.importing.request import ImportedFile, open_file, parse_seed
+from jbench.importing.csv_files import numbers, read_seeds, read_table
+from jbench.importing.request import MAX_STEPS, ImportedFile, open_file, parse_seed
 from jbench.names import ReturnsName
-from jbench.store import schema
-from jbench.store.parquet import to_table
 
 RUN = ["task", "method", "seed"]
 COLUMNS = [*RUN, "steps", "return"]
@@ -45,8 +42,8 @@ def read_curves(path: Path) -> pd.DataFrame:
     return points[COLUMNS]
 
 
-def as_imports(points: pd.DataFrame, returns: ReturnsName) -> dict[str, pa.Table]:
-    """Returns curves as the tables of imports, with the method as algorithm.
+def as_imports(points: pd.DataFrame, returns: ReturnsName) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Returns curves as rows of `imports` and `import_points`, with the method as algorithm.
 
     Args:
         points: see `read_curves`.
@@ -70,10 +67,7 @@ def as_imports(points: pd.DataFrame, returns: ReturnsName) -> dict[str, pa.Table
         format="csv",
         provenance="{}",
     )
-    return {
-        "imports": to_table(imports, schema.IMPORTS),
-        "import_points": to_table(numbered, schema.IMPORT_POINTS),
-    }
+    return imports, numbered
 
 
 def to_json(points: pd.DataFrame) -> str:
@@ -97,12 +91,8 @@ def _from_csv(file: ImportedFile) -> pd.DataFrame:
                 f"{file.path} has no column {name!r}; it needs the columns method, task, seed, "
                 "steps and return."
             )
-    seeds = [
-        parse_seed(text, f"{file.path}, line {line}: seed is")
-        for line, text in table["seed"].items()
-    ]
     values = {name: numbers(table, name, file) for name in ("steps", "return")}
-    return table[["task", "method"]].assign(seed=seeds, **values)
+    return table[["task", "method"]].assign(seed=read_seeds(table, "seed", file), **values)
 
 
 def _from_json(file: ImportedFile) -> pd.DataFrame:

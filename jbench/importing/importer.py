@@ -1,44 +1,42 @@
 """Reads all files of an import, then writes a record for each seed."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.importing import columns, sb3, tensorboard
-from jbench.importing.reader import Series
-from jbench.importing.request import ImportedFile, ImportRequest, open_file
-from jbench.names import ImportFormat
+from jbench.importing import binary_files, csv_files
+from jbench.importing.request import (
+    MAX_STEPS,
+    ImportedFile,
+    ImportRequest,
+    Series,
+    open_file,
+)
+from jbench.names import EPISODE_STEPS, ImportFormat
 from jbench.settings.base import validated
 from jbench.settings.records import ImportSettings
 from jbench.store import Results, schema
 from jbench.store.manifest import check_settings
 from jbench.store.parquet import to_table
 
-
-class _Format(NamedTuple):
-    """How files of a format are read.
-
-    Attributes:
-        read: returns the learning curves of a file.
-        join: returns the points of a seed's several files; None if it may have only one.
-        order: column whose first value orders the files.
-    """
-
-    read: Callable[[ImportedFile, ImportRequest], list[Series]]
-    join: Callable[[Sequence[Series]], pd.DataFrame] | None = None
-    order: str = ""
-
-
-_FORMATS: dict[ImportFormat, _Format] = {
-    "sb3-monitor": _Format(sb3.read_monitor, sb3.join_environments, "wall_time"),
-    "sb3-evaluations": _Format(sb3.read_evaluations),
-    "tensorboard": _Format(tensorboard.read, tensorboard.join_trainings, "control_steps"),
-    "wandb-csv": _Format(columns.read_wandb),
-    "csv": _Format(columns.read_csv),
+_READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series]]] = {
+    "sb3-monitor": csv_files.read_monitor,
+    "sb3-evaluations": binary_files.read_evaluations,
+    "tensorboard": binary_files.read_events,
+    "wandb-csv": csv_files.read_wandb,
+    "csv": csv_files.read_csv,
 }
+
+_ORDER: dict[ImportFormat, str] = {"sb3-monitor": "wall_time", "tensorboard": "control_steps"}
+"""Formats of which a seed may have several files, and the column whose first value orders them."""
+
+_ROUNDING = 0.01  # of rewards that were summed in single precision
+_MAX = {"control_steps": MAX_STEPS, "length": (1 << 31) - 1}  # the column of lengths is int32
 
 
 class Imported(NamedTuple):
@@ -80,13 +78,46 @@ def import_curves(
             same = by_hash[file.sha256].path
             raise RequestError(f"{same} and {path} have the same content; name one of them.")
         by_hash[file.sha256] = file
-    read = _FORMATS[request.format].read
     by_seed: dict[int, list[Series]] = {}
     for file in by_hash.values():
-        for series in read(file, request):
+        for series in _READERS[request.format](file, request):
+            _check_points(series.points, file)
             by_seed.setdefault(series.seed, []).append(series)
     curves = [_curve(parts, request) for _, parts in sorted(by_seed.items())]
     return [_write(results, *curve) for curve in curves]
+
+
+def _check_points(points: pd.DataFrame, file: ImportedFile) -> None:
+    """Raises a RequestError if returns, control steps or lengths can't be those of a task."""
+
+    def refusal(row: int, reason: str) -> RequestError:
+        return RequestError(f"{file.path}, {points.index.name} {points.index[row]}: {reason}")
+
+    if points.empty:
+        raise RequestError(f"{file.path} has no episode; leave the file out.")
+    returns = points["episode_return"].to_numpy(np.float64)
+    bad = np.flatnonzero(~((returns >= -_ROUNDING) & (returns <= EPISODE_STEPS + _ROUNDING)))
+    if len(bad):
+        raise refusal(
+            bad[0],
+            f"the return is {returns[bad[0]]:g}, but that of an episode is from 0 to "
+            f"{EPISODE_STEPS}; import returns of the task's own rewards, not scaled ones or those "
+            "of another environment.",
+        )
+    for name in _MAX.keys() & points.columns:
+        counts = points[name].to_numpy(np.float64)
+        bad = np.flatnonzero(~((counts >= 0) & (counts % 1 == 0) & (counts <= _MAX[name])))
+        if len(bad):
+            raise refusal(bad[0], f"{counts[bad[0]]:g} is no number of control steps.")
+    steps = points["control_steps"].to_numpy(np.float64)
+    back = np.flatnonzero(np.diff(steps) < 0)
+    if len(back):
+        after = back[0] + 1
+        raise refusal(
+            after,
+            f"the control steps go back from {steps[back[0]]:,.0f} to {steps[after]:,.0f}, so "
+            "there is more than one training in the file; split it.",
+        )
 
 
 def _curve(
@@ -97,10 +128,10 @@ def _curve(
     Raises:
         RequestError: if its parts are not parts of one curve, or a name can't be recorded.
     """
-    how = _FORMATS[request.format]
-    if how.join is not None:
+    order = _ORDER.get(request.format)
+    if order is not None:
         # The id must not depend on the order in which the files are named.
-        parts = sorted(parts, key=lambda part: (part.points[how.order].iloc[0], part.file.sha256))
+        parts = sorted(parts, key=lambda part: (part.points[order].iloc[0], part.file.sha256))
     elif len(parts) > 1:
         where = " and ".join(dict.fromkeys(str(part.file.path) for part in parts))
         raise RequestError(
@@ -108,7 +139,6 @@ def _curve(
             "or import one of them."
         )
     first = parts[0]
-    points = first.points if how.join is None else how.join(parts)
     settings = validated(
         ImportSettings,
         "the import",
@@ -125,25 +155,40 @@ def _curve(
         check_settings(settings.values)
     except ValueError as error:
         raise RequestError(f"{first.file.path}: {error}; rename the column in the file.") from None
-    return settings, points, [_printable(str(part.file.path)) for part in parts]
+    names = (str(part.file.path) for part in parts)
+    printable = ["".join(c if c.isprintable() else "_" for c in name) for name in names]
+    return settings, _joined(parts, order), printable
 
 
-def _printable(name: str) -> str:
-    """Returns the name of a file as a manifest allows it."""
-    return "".join(c if c.isprintable() else "_" for c in name)
+def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:
+    """Returns the points of a seed's files.
+
+    Those of several environments are in the order in which their episodes ended; a training may
+    have been continued in further files.
+    """
+    points = pd.concat([part.points for part in parts], ignore_index=True)
+    if order == "wall_time":
+        points = points.sort_values("wall_time", kind="stable", ignore_index=True)
+        return points.assign(control_steps=points["length"].cumsum())
+    for earlier, later in itertools.pairwise(parts):
+        first = later.points["control_steps"].iloc[0]
+        if first <= earlier.points["control_steps"].iloc[-1]:
+            raise RequestError(
+                f"{earlier.file.path} and {later.file.path} are both of seed {later.seed} and both "
+                f"have values at {first:,.0f} control steps: they are two trainings; import one of "
+                "them."
+            )
+    return points
 
 
 def _write(
-    results: Results, settings: ImportSettings, points: pd.DataFrame, names: list[str]
+    results: Results, settings: ImportSettings, rows: pd.DataFrame, names: list[str]
 ) -> Imported:
-    rows = points.reset_index(drop=True)
     if "wall_time" in rows:
         rows["wall_time"] -= rows["wall_time"].min()
-    rows["import"] = settings.id
     if "point" not in rows:
-        rows["point"] = rows.index
-    if "episode" not in rows:
-        rows["episode"] = 0
+        rows = rows.assign(point=rows.index, episode=0)
+    rows["import"] = settings.id
     last = {
         "points": int(rows["point"].iloc[-1]) + 1,
         "control_steps": int(rows["control_steps"].iloc[-1]),

@@ -2,12 +2,19 @@
 
 import re
 from codecs import BOM_UTF8
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.names import FULL, MAX_SEED, ImportFormat, ReturnsName, in_prose
 from jbench.store.files import sha256
+
+MAX_STEPS = 1 << 53
+"""Largest number of control steps; float64 counts no further."""
 
 _USED_BY = {
     "tag": ("tensorboard",),
@@ -21,19 +28,7 @@ _USED_BY = {
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """What to import.
-
-    Attributes:
-        algo: label of the algorithm.
-        seed_from: regular expression that finds the seed in the path of a file, or in the name of a
-            run of W&B: its first group, or the whole match.
-        representation: label of what the agent observes.
-        tag: tag of TensorBoard with the returns; None: a known one.
-        steps_column: column with the control steps.
-        return_column: column with the returns; of W&B the metric.
-        seed_column: column with the seed, instead of `seed_from`; CSV files without either have a
-            column "seed".
-        returns: kind of return; None: evaluation if the column or tag begins with "eval".
+    """What to import; the options of `jbench import` describe the fields.
 
     Raises:
         RequestError: if a value is invalid.
@@ -112,13 +107,30 @@ def parse_seed(text: str, where: str) -> int:
     return int(digits)
 
 
-@dataclass(frozen=True)
-class ImportedFile:
+class ImportedFile(NamedTuple):
     """A file to import, read at once."""
 
     path: Path
     content: bytes
     sha256: str
+
+
+class Series(NamedTuple):
+    """The learning curve of a seed, or a part of it, in one file.
+
+    Attributes:
+        returns: kind of return.
+        points: control_steps and episode_return, and if known episode, length and wall_time, a row
+            per point; of several episodes in one evaluation with the column point. Messages call a
+            row by the name of the index and its value, such as `line 3`.
+        columns: columns or tags that were read.
+    """
+
+    file: ImportedFile
+    seed: int
+    returns: ReturnsName
+    points: pd.DataFrame
+    columns: Mapping[str, str] = {}
 
 
 def open_file(path: Path) -> ImportedFile:

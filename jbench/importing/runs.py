@@ -37,18 +37,17 @@ class ImportedRuns(NamedTuple):
     problems: list[str]
 
 
-def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
+def as_runs(imports: pd.DataFrame, points: pd.DataFrame) -> ImportedRuns:
     """Returns imported curves as runs.
 
     The training and the evaluation returns of a seed become one run. Of several curves of the same
     kind, the longest is used.
 
     Args:
-        imports: the table of that name.
-        points: the table `import_points`.
+        imports: rows of the table of that name.
+        points: rows of the table `import_points`.
     """
-    frame: pd.DataFrame = imports.to_pandas(use_threads=False)
-    frame = frame[frame["status"] == "finished"]
+    frame = imports[imports["status"] == "finished"]
     # A manifest that jbench has not written may lack any of these.
     incomplete = frame[[*_SEED, "returns", "points", "control_steps"]].isna().any(axis=1)
     problems = [
@@ -63,8 +62,7 @@ def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
     )
     frame["run"] = frame.groupby(_SEED)["import"].transform("first")
     chosen = frame.drop_duplicates([*_SEED, "returns"])
-    named: pd.DataFrame = points.to_pandas(use_threads=False)
-    named = named.merge(chosen[["import", "run", "returns"]])
+    named = points.merge(chosen[["import", "run", "returns"]], on="import")
     named = named.assign(evaluation=named["point"], processor_time=np.nan)
     named.loc[named["returns"] == "training", "episode"] = named["point"]
     tables = {"runs": to_table(_runs(chosen), schema.RUNS)}

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from jbench.errors import NothingYetError
 from jbench.importing.curve_file import as_imports, read_curves
@@ -84,11 +83,13 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
     They have no date of a beginning.
     """
     tables, problems = query.load(results, ("imports", "import_points"))
-    imports = tables["imports"]
+    imports, points = (
+        tables[name].to_pandas(use_threads=False) for name in ("imports", "import_points")
+    )
     for label, value in (("task", request.task), ("algo", request.algo)):
         if value is not None:
-            imports = imports.filter(pc.equal(imports[label], value))
-    runs = as_runs(imports, tables["import_points"])
+            imports = imports[imports[label] == value]
+    runs = as_runs(imports, points)
     read = query.Tables(runs.tables, problems + runs.problems)
     source = _source(read, replace(request, since=None), name, strict=False)
     source.notes += runs.notes if source.configurations else []
@@ -112,8 +113,7 @@ def from_file(request: Request, path: Path) -> Source:
     Raises:
         RequestError: if the file is no file of curves, or none passes the filters.
     """
-    tables = as_imports(read_curves(path), request.returns)
-    runs = as_runs(tables["imports"], tables["import_points"])
+    runs = as_runs(*as_imports(read_curves(path), request.returns))
     return _source(query.Tables(runs.tables, runs.problems), request, FILE)
 
 

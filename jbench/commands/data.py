@@ -12,7 +12,7 @@ from jbench.settings.records import DatasetSettings
 from jbench.wording import counted, progress_text, with_results
 
 if TYPE_CHECKING:
-    from jbench.datasets.reader import Listed
+    from jbench.datasets import Dataset
 
 
 @options.with_settings(DatasetSettings, "steps", "seed", "augment")
@@ -78,7 +78,7 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
         display.described(
             dataset.record,
             status=dataset.record.status,
-            steps=dataset.steps,
+            steps=dataset.episodes * names.EPISODE_STEPS,
             bytes=dataset.record.size,
         )
         for dataset in listed
@@ -87,14 +87,14 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
     output.warn_of_damage(problems)
 
 
-def _row(listed: "Listed") -> tuple[str, ...]:
-    augment, robot = listed.settings.augment, listed.settings.robot
-    plain = "plain" if listed.settings.specs is None else robot
+def _row(dataset: "Dataset") -> tuple[str, ...]:
+    record, settings = dataset.record, dataset.settings
+    plain = "plain" if settings.specs is None else settings.robot
     return (
-        listed.record.id,
-        listed.record.status,
-        progress_text(listed.steps, listed.settings.steps),
-        plain if augment is None else f"--augment {augment}",
-        f"{listed.record.size / 1e6:.1f}",
-        listed.record.manifest.updated[:16].replace("T", " "),
+        record.id,
+        record.status,
+        progress_text(dataset.episodes * names.EPISODE_STEPS, settings.steps),
+        plain if settings.augment is None else f"--augment {settings.augment}",
+        f"{record.size / 1e6:.1f}",
+        record.manifest.updated[:16].replace("T", " "),
     )

@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +12,7 @@ import pyarrow as pa
 from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.records import JITTERBUG, DatasetSettings
-from jbench.simulation import Task, Worlds, find_task, simulate
+from jbench.simulation import find_task, simulate
 from jbench.simulation.find import check_specs
 from jbench.store import Record, Results
 from jbench.tasks import model as robot
@@ -105,52 +104,48 @@ def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
 def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
     """Yields a function that simulates episodes of the Jitterbug."""
     model = load_model(settings.augment)
+
+    def simulate_part(episodes: range) -> dict[str, pa.Table]:
+        quaternions, targets, actions = [], [], []
+        for episode in episodes:
+            random = resets.episode_generator(settings.seed, episode)
+            quaternions.append(resets.draw_quaternion(random))
+            targets.append({task: resets.draw_target(task, random) for task in TASKS})
+            actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
+        stacked = np.stack(actions)
+        trajectories = simulate(model, np.stack(quaternions), stacked, simulators)
+        state = robot.read_state(*trajectories, robot.torso_offset(model))
+        return {
+            "steps": layout.steps_table(episodes.start, state, stacked),
+            "dataset_episodes": layout.episodes_table(episodes.start, targets),
+        }
+
     with _pool(threads) as simulators:
-        yield lambda episodes: _part(model, settings.seed, episodes, simulators)
+        yield simulate_part
 
 
 @contextmanager
 def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
-    """Yields a function that steps episodes of another robot, in the thread that calls it."""
+    """Yields a function that steps episodes of another robot, one after another."""
     check_specs(settings.robot, settings.specs)
     task = find_task(settings.robot)
+
+    def simulate_part(episodes: range) -> dict[str, pa.Table]:
+        count = len(episodes)
+        observations = np.empty((count, EPISODE_STEPS + 1, task.observation_size), np.float32)
+        actions = np.empty((count, EPISODE_STEPS, task.action_size), np.float32)
+        rewards, seeds = np.empty((count, EPISODE_STEPS), np.float32), np.empty(count, np.int64)
+        for i, episode in enumerate(episodes):
+            random = resets.episode_generator(settings.seed, episode)
+            (observations[i, 0],) = worlds.reset([random])
+            (seeds[i],) = worlds.state(slice(0, 1))["seeds"]
+            actions[i] = random.uniform(-1, 1, actions[i].shape)
+            for step, action in enumerate(actions[i]):
+                (observations[i, step + 1],), (rewards[i, step],) = worlds.step(action[None])
+        columns = {"episode": list(episodes), "seed": seeds}
+        names = layout.tables(task.name)
+        steps = layout.observations_table(task, episodes.start, observations, actions, rewards)
+        return {names[0]: steps, names[1]: pa.table(columns, schema=layout.SEEDS)}
+
     with task.worlds(1) as worlds:
-        yield lambda episodes: _part_of_task(task, worlds, settings.seed, episodes)
-
-
-def _part(
-    model: Any, seed: int, episodes: range, simulators: ThreadPoolExecutor
-) -> dict[str, pa.Table]:
-    """Simulates some episodes and returns their rows."""
-    quaternions, targets, actions = [], [], []
-    for episode in episodes:
-        random = resets.episode_generator(seed, episode)
-        quaternions.append(resets.draw_quaternion(random))
-        targets.append({task: resets.draw_target(task, random) for task in TASKS})
-        actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
-    stacked = np.stack(actions)
-    trajectories = simulate(model, np.stack(quaternions), stacked, simulators)
-    state = robot.read_state(*trajectories, robot.torso_offset(model))
-    return {
-        "steps": layout.steps_table(episodes.start, state, stacked),
-        "dataset_episodes": layout.episodes_table(episodes.start, targets),
-    }
-
-
-def _part_of_task(task: Task, worlds: Worlds, seed: int, episodes: range) -> dict[str, pa.Table]:
-    """Steps some episodes of another robot, one after another, and returns their rows."""
-    count = len(episodes)
-    observations = np.empty((count, EPISODE_STEPS + 1, task.observation_size), np.float32)
-    actions = np.empty((count, EPISODE_STEPS, task.action_size), np.float32)
-    rewards, seeds = np.empty((count, EPISODE_STEPS), np.float32), np.empty(count, np.int64)
-    for i, episode in enumerate(episodes):
-        random = resets.episode_generator(seed, episode)
-        (observations[i, 0],) = worlds.reset([random])
-        (seeds[i],) = worlds.state(slice(0, 1))["seeds"]
-        actions[i] = random.uniform(-1, 1, actions[i].shape)
-        for step, action in enumerate(actions[i]):
-            (observations[i, step + 1],), (rewards[i, step],) = worlds.step(action[None])
-    columns = {"episode": list(episodes), "seed": seeds}
-    names = layout.tables(task.name)
-    steps = layout.observations_table(task, episodes.start, observations, actions, rewards)
-    return {names[0]: steps, names[1]: pa.table(columns, schema=layout.SEEDS)}
+        yield simulate_part

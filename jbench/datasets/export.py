@@ -5,34 +5,28 @@ import importlib.util
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import gymnasium
 import numpy as np
 
-from jbench.datasets.reader import Block, Dataset
+from jbench.datasets.reader import Dataset
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.registration import environment_id
-from jbench.settings.base import validated
-from jbench.settings.records import JITTERBUG, DatasetSettings
+from jbench.settings.records import JITTERBUG
 from jbench.simulation import find_task
 from jbench.store import locks
 from jbench.store.files import make_directory
 
-_STORAGE = "hdf5"  # Minari's default
 _OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured
 
 
 class ExportedDataset(NamedTuple):
-    """An exported dataset.
-
-    Attributes:
-        bytes: on disk.
-    """
+    """An exported dataset: its path, Minari's id, and bytes on disk."""
 
     path: Path
     id: str
@@ -80,57 +74,35 @@ def export_minari(
     dataset.check_task(task)
     id = minari_id(dataset, task)
     path = root / id
+    temporary = path.with_name(f".writing-{path.name}")
     if path.exists():
-        _remove(_temporary(path))  # an export whose last step failed
+        _remove(temporary)  # of an export whose last step failed
         raise RequestError(
             f"{path} exists already and is not overwritten; name another directory with --out."
         )
-    make_directory(path.parent)
+    make_directory(temporary)
     about = find_task(task)
     # Of a control step: observation, action and reward in float32, and two flags.
-    size = 4 * (about.observation_size + about.action_size + 1) + 2
-    size_bound = dataset.episodes * (EPISODE_STEPS + 1) * size * _OVERHEAD
-    with _writing(path, round(size_bound)) as directory:
-        _write(dataset, task, id, directory / "data", progress)
-        written = sum(file.stat().st_size for file in directory.rglob("*") if file.is_file())
-        directory.rename(path)
-    return ExportedDataset(path, id, written)
-
-
-@contextmanager
-def _writing(path: Path, size: int) -> Iterator[Path]:
-    """Yields an empty directory in a locked, hidden one beside a path.
-
-    Args:
-        path: final path of its content.
-        size: bytes that it will need.
-
-    Raises:
-        WorkError: if another process has locked it, or the disk is too full.
-    """
-    directory = _temporary(path)
-    make_directory(directory)
-    with locks.hold(directory, str(path)):
+    step_size = 4 * (about.observation_size + about.action_size + 1) + 2
+    size = round(dataset.episodes * (EPISODE_STEPS + 1) * step_size * _OVERHEAD)
+    with locks.hold(temporary, str(path)):
+        content = temporary / "content"  # without the lock
         try:
-            for leftover in directory.iterdir():
-                if leftover.name != locks.LOCK:
-                    shutil.rmtree(leftover)
-            _check_space(directory, size)
-            # The lock stays outside of what is renamed.
-            content = directory / "content"
+            if content.exists():
+                shutil.rmtree(content)
+            _check_space(temporary, size)
             content.mkdir()
-            yield content
+            _write(dataset, task, id, content / "data", progress)
+            written = sum(file.stat().st_size for file in content.rglob("*") if file.is_file())
+            content.rename(path)
         except OSError as error:
             raise WorkError(
                 f"{path} can't be written ({error.strerror}); "
                 f"it needs {size / 1e6:.1f} MB of space."
             ) from None
         finally:
-            _remove(directory)
-
-
-def _temporary(path: Path) -> Path:
-    return path.with_name(f".writing-{path.name}")
+            _remove(temporary)
+    return ExportedDataset(path, id, written)
 
 
 def _remove(directory: Path) -> None:
@@ -155,38 +127,35 @@ def _write(
     from minari.data_collector.episode_buffer import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
 
-    settings = validated(DatasetSettings, f"the dataset {dataset.id}", **dataset.record.settings)
+    augment = dataset.settings.augment
     # A copy, since Gymnasium returns its registry's object.
-    spec = copy.deepcopy(gymnasium.spec(environment_id(task, settings.augment is not None)))
-    if settings.augment is not None:
-        spec.kwargs["augment"] = settings.augment
+    spec = copy.deepcopy(gymnasium.spec(environment_id(task, augment is not None)))
+    if augment is not None:
+        spec.kwargs["augment"] = augment
     # Minari 0.5.4 fails on relative paths.
-    storage = MinariStorage.new(directory.resolve(), env_spec=spec, data_format=_STORAGE)
+    storage = MinariStorage.new(directory.resolve(), env_spec=spec, data_format="hdf5")
     storage.update_metadata(
         {
             "dataset_id": id,
             "minari_version": minari.__version__,
-            "algorithm_name": settings.policy,
+            "algorithm_name": dataset.settings.policy,
             "description": f"The jbench dataset {dataset.id} for {task}.",
             "requirements": ["jbench"],
         }
     )
-    for episodes, block in zip(dataset.parts, dataset.blocks(task), strict=True):
-        storage.update_episodes(EpisodeBuffer(**fields) for fields in _episodes(episodes, block))
-        progress(episodes.stop)
-
-
-def _episodes(episodes: range, block: Block) -> Iterator[dict[str, Any]]:
-    """Yields the episodes of a block with Minari's field names."""
     # Episodes are truncated at the time limit and never terminate.
-    never = np.zeros(EPISODE_STEPS, bool)
-    truncations = np.arange(1, EPISODE_STEPS + 1) == EPISODE_STEPS
-    for number, observations, actions, rewards in zip(episodes, *block, strict=True):
-        yield {
-            "id": number,
-            "observations": observations,
-            "actions": actions.reshape(EPISODE_STEPS, -1),
-            "rewards": rewards,
-            "terminations": never,
-            "truncations": truncations,
-        }
+    never, last = np.zeros((2, EPISODE_STEPS), bool)
+    last[-1] = True
+    for episodes, block in zip(dataset.parts, dataset.blocks(task), strict=True):
+        storage.update_episodes(
+            EpisodeBuffer(
+                id=number,
+                observations=observations,
+                actions=actions.reshape(EPISODE_STEPS, -1),
+                rewards=rewards,
+                terminations=never,
+                truncations=last,
+            )
+            for number, observations, actions, rewards in zip(episodes, *block, strict=True)
+        )
+        progress(episodes.stop)

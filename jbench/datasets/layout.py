@@ -46,18 +46,8 @@ def observations_table(
         actions: (episodes, steps, action_size).
         rewards: (episodes, steps).
     """
-    episodes, steps, _ = actions.shape
     made = np.concatenate([actions, rewards[..., None]], axis=-1)
-    padded = np.concatenate([made, np.zeros_like(made[:, :1])], axis=1)
-    step = np.tile(np.arange(steps + 1), episodes)
-    columns = [
-        np.repeat(np.arange(first_episode, first_episode + episodes), steps + 1),
-        step,
-        *observations.reshape(-1, observations.shape[-1]).T,
-        *(pa.array(column, mask=step == steps) for column in padded.reshape(len(step), -1).T),
-    ]
-    schema = observations_schema(task)
-    return pa.table(dict(zip(schema.names, columns, strict=True)), schema=schema)
+    return _table(first_episode, observations, made, observations_schema(task))
 
 
 def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) -> pa.Table:
@@ -67,18 +57,34 @@ def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) 
         state: with leading axes (episodes, steps + 1).
         actions: (episodes, steps).
     """
-    episodes, steps = actions.shape
-    columns: dict[str, Any] = {
-        "episode": np.repeat(np.arange(first_episode, first_episode + episodes), steps + 1),
-        "step": np.tile(np.arange(steps + 1), episodes),
-    }
-    for part, names in STATE_COLUMNS.items():
-        values = getattr(state, part).astype(np.float32).reshape(-1, len(names))
-        columns |= {name: values[:, i] for i, name in enumerate(names)}
-    padded = np.concatenate([actions, np.zeros((episodes, 1), np.float32)], axis=1)
-    last = columns["step"] == steps
-    columns["action"] = pa.array(padded.reshape(-1), pa.float32(), mask=last)
-    return pa.table(columns, schema=STEPS)
+    parts = (
+        np.reshape(getattr(state, part), (*state.motor_position.shape, len(names)))
+        for part, names in STATE_COLUMNS.items()
+    )
+    states = np.concatenate([part.astype(np.float32) for part in parts], axis=-1)
+    return _table(first_episode, states, actions[..., None], STEPS)
+
+
+def _table(
+    first_episode: int,
+    states: NDArray[np.float32],
+    made: NDArray[np.float32],
+    columns: pa.Schema,
+) -> pa.Table:
+    """Returns rows of states (episodes, steps + 1, size) and what follows (episodes, steps, size).
+
+    The latter is null in the last state of an episode.
+    """
+    episodes, steps, _ = made.shape
+    step = np.tile(np.arange(steps + 1), episodes)
+    padded = np.concatenate([made, np.zeros_like(made[:, :1])], axis=1)
+    values = [
+        np.repeat(np.arange(first_episode, first_episode + episodes), steps + 1),
+        step,
+        *states.reshape(len(step), -1).T,
+        *(pa.array(column, mask=step == steps) for column in padded.reshape(len(step), -1).T),
+    ]
+    return pa.table(dict(zip(columns.names, values, strict=True)), schema=columns)
 
 
 def episodes_table(first_episode: int, targets: Sequence[Mapping[str, Target]]) -> pa.Table:

@@ -6,15 +6,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from jbench.datasets import layout
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS
-from jbench.settings.records import JITTERBUG, DatasetSettings, Specs
-from jbench.simulation import Task, find_task
+from jbench.settings.base import validated
+from jbench.settings.records import JITTERBUG, DatasetSettings
+from jbench.simulation import find_task
 from jbench.simulation.find import check_specs
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
@@ -47,10 +46,13 @@ class Dataset:
     """
 
     def __init__(self, record: Record) -> None:
-        """Opens the dataset of a record."""
+        """Opens the dataset of a record; raises a RequestError if its settings are invalid."""
         self.record = record
         self.id = record.id
-        self.robot = str(record.settings.get("robot", JITTERBUG))
+        self.settings = validated(
+            DatasetSettings, f"the dataset {record.id} in {record.path}", **record.settings
+        )
+        self.robot = self.settings.robot
         self._tables = layout.tables(self.robot)
         self.episodes = record.rows(self._tables[1])
         counts = (entry.rows for entry in record.parts(self._tables[1]))
@@ -95,7 +97,7 @@ class Dataset:
                 f"--dataset, or type jbench collect --task {task}."
             )
         if self.robot != JITTERBUG:
-            check_specs(task, Specs.model_validate(self.record.settings.get("specs")))
+            check_specs(task, self.settings.specs)
 
     def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
         is_jitterbug = self.robot == JITTERBUG
@@ -110,17 +112,20 @@ class Dataset:
                 f"deleting {self.record.path}."
             )
         if not is_jitterbug:
-            return _block_of_task(find_task(task), rows)
+            values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
+            values = values.reshape(-1, EPISODE_STEPS + 1, values.shape[-1])
+            observations, made = np.split(values, [find_task(task).observation_size], axis=-1)
+            actions = np.ascontiguousarray(made[:, :-1, :-1])
+            return Block(np.ascontiguousarray(observations), actions, made[:, :-1, -1].copy())
         state = layout.read_state(rows, EPISODE_STEPS)
-        targets_of_task = layout.read_target(task, targets)
+        drawn = layout.read_target(task, targets)
         target = geometry.Target(
-            np.broadcast_to(targets_of_task.position, (*state.position.shape[:-1], 3)),
-            np.broadcast_to(targets_of_task.yaw, state.position.shape[:-1]),
+            np.broadcast_to(drawn.position, (*state.position.shape[:-1], 3)),
+            np.broadcast_to(drawn.yaw, state.position.shape[:-1]),
         )
-        actions = rows["action"].to_numpy().reshape(-1, EPISODE_STEPS + 1)[:, :-1]
         return Block(
             features.observation(task, state, target),
-            actions,
+            rows["action"].to_numpy().reshape(-1, EPISODE_STEPS + 1)[:, :-1],
             rewards.reward(task, state, target)[:, 1:],
         )
 
@@ -132,16 +137,6 @@ def recorded_robot(task: str) -> str:
         RequestError, WorkError: see `find_task`.
     """
     return JITTERBUG if find_task(task).specs is None else task
-
-
-def _block_of_task(task: Task, rows: pa.Table) -> Block:
-    """Returns the episodes of another robot."""
-    values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
-    values = values.reshape(-1, EPISODE_STEPS + 1, values.shape[-1])
-    size = task.observation_size
-    made = values[:, :-1, size:]
-    observations = np.ascontiguousarray(values[..., :size])
-    return Block(observations, np.ascontiguousarray(made[..., :-1]), made[..., -1].copy())
 
 
 def find_dataset(
@@ -195,27 +190,13 @@ def find_dataset(
     return Dataset(max(plain, key=lambda record: record.manifest.updated))
 
 
-class Listed(NamedTuple):
-    """A finished or unfinished dataset, with its committed control steps."""
-
-    record: Record
-    settings: DatasetSettings
-    steps: int
-
-
-def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
-    """Returns all datasets, oldest first, and an error for each unreadable one."""
+def list_datasets(results: Results) -> tuple[list[Dataset], list[str]]:
+    """Returns all datasets, finished or not, oldest first, and an error for each unreadable one."""
     records, problems = results.scan("dataset")
     datasets = []
     for record in records:
         try:
-            settings = DatasetSettings.model_validate(record.settings)
-        except ValidationError as error:
-            problems.append(
-                f"The dataset {record.id} has invalid settings "
-                f"({error.errors()[0]['msg']}); delete {record.path} to make it again."
-            )
-            continue
-        steps = record.rows(layout.tables(settings.robot)[1]) * EPISODE_STEPS
-        datasets.append(Listed(record, settings, steps))
+            datasets.append(Dataset(record))
+        except RequestError as error:
+            problems.append(str(error))
     return datasets, problems

@@ -96,9 +96,9 @@ def test_empty_directory_reports_command_to_type(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"schema_version": 0}, "manifest.json is of schema version 0, and this jbench reads from"),
-        ({"schema_version": 99}, "manifest.json is of schema version 99, and this jbench reads up"),
-        ({"settings": {"steps": "many"}}, "has invalid settings (Input should be a valid"),
+        ({"schema_version": 0}, "manifest.json is of schema version 0, and this jbench reads 1"),
+        ({"schema_version": 99}, "manifest.json is of schema version 99, and this jbench reads 1"),
+        ({"settings": {"steps": "many"}}, "can't be 'many'"),
         ({"kind": "poem"}, "is not a manifest that can be read"),
     ],
 )
@@ -150,7 +150,7 @@ def test_export_refuses_damaged_dataset_and_other_schema_version(results, refuse
     part.write_bytes(whole)
     alter_manifest(newest, schema_version=0)
     output = refused("export", "--dataset", newest.id, results=results, code=1)
-    assert "is of schema version 0, and this jbench reads from 1; read it with the jbench" in output
+    assert "is of schema version 0, and this jbench reads 1 to 5; install the jbench" in output
     assert not list(results.glob("minari/**/*.hdf5"))
 
 

@@ -104,18 +104,6 @@ def test_states_equal_simulation_of_augmented_robot(augmented):
     np.testing.assert_allclose(block.rewards, rewards, atol=1e-5)
 
 
-def test_invalid_augment_seed_is_refused(tmp_path, capsys):
-    results = tmp_path / "results"
-    command = ["collect", "--steps", "1000", "--augment", "-1", "--results", str(results)]
-    assert cli.main(command) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.startswith("Error: augment of the dataset can't be -1: it should be greater")
-    assert printed.err.endswith(".\n")
-    assert printed.err.count("\n") == 1
-    assert not results.exists()
-
-
 def test_command_collects_with_requested_robot(tmp_path, augmented):
     command = ["collect", "--steps", str(STEPS), "--seed", str(SEED), "--augment", str(AUGMENT)]
     assert cli.main([*command, "--results", str(tmp_path)]) == 0

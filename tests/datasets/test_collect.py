@@ -2,7 +2,6 @@
 
 import hashlib
 import importlib
-import json
 import tracemalloc
 
 import pyarrow
@@ -37,11 +36,7 @@ def checksums(record):
     ("settings", "message"),
     [
         ({"steps": 1500}, "steps must be a multiple, such as 2000"),
-        ({"steps": 1}, "such as 1000"),
         ({"steps": 0}, "greater than 0"),
-        ({"steps": -1000}, "greater than 0"),
-        ({"steps": 1000.5}, "integer"),
-        ({"seed": -1}, "greater than or equal to 0"),
         ({"step": 1000}, "Extra inputs are not permitted"),
     ],
 )
@@ -55,12 +50,6 @@ def test_default_settings_equal_paper_and_are_frozen():
     assert (settings.steps, settings.policy, settings.seed) == (5_000_000, "random", 0)
     with pytest.raises(ValidationError, match="frozen"):
         settings.steps = 1000
-
-
-def test_id_is_hash_of_settings():
-    text = json.dumps({"policy": "random", "robot": "jitterbug", "seed": 7, "steps": 2000})
-    digest = hashlib.sha256(text.replace(" ", "").encode()).hexdigest()
-    assert DatasetSettings(seed=7, steps=2000).id == f"random/s07-{digest[:8]}"
 
 
 @pytest.mark.usefixtures("short_episodes")

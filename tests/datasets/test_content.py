@@ -122,22 +122,6 @@ def test_observations_precede_actions(task, dataset):
 
 
 @EVERY_TASK
-def test_targets_are_within_range_of_task(task, targets):
-    x, y, yaw = targets[task].T
-    radius = np.hypot(x, y)
-    if task in ("move_to_position", "move_to_pose"):
-        assert np.all((radius >= 0.05 - 1e-12) & (radius <= 0.2))
-        assert len(np.unique(np.arctan2(y, x))) == len(np.unique(radius)) == 6
-    else:
-        assert not radius.any()
-    if task in ("face_direction", "move_in_direction", "move_to_pose"):
-        assert np.all((yaw >= 0) & (yaw < 2 * math.pi))
-        assert len(np.unique(yaw)) == 6
-    else:
-        assert not yaw.any()
-
-
-@EVERY_TASK
 def test_targets_equal_those_drawn_by_task(task, targets):
     model = load_model()
     for episode in range(6):
@@ -151,8 +135,3 @@ def test_episodes_have_different_initial_states(steps):
     heights = [steps[name][:, 0] for name in ("position_x", "position_y", "position_z")]
     np.testing.assert_array_equal(heights, np.float32([[0] * 6, [0] * 6, [0.035] * 6]))
     assert len(np.unique(steps["quaternion_w"][:, 0])) == 6
-
-
-def test_size_on_disk_is_below_twice_size_of_arrays(six_episodes):
-    numbers = 6 * 1001 * 19 * 4  # 18 of the state and the action, float32
-    assert sum(entry.bytes for entry in six_episodes.manifest.files) < 2 * numbers

@@ -3,14 +3,11 @@
 import json
 import shutil
 
-import numpy as np
-import pyarrow as pa
 import pytest
 
-from jbench.datasets import Dataset, find_dataset, layout
+from jbench.datasets import find_dataset
 from jbench.errors import RequestError, WorkError
-from jbench.store import Results, schema
-from jbench.tasks.geometry import State
+from jbench.store import Results
 
 
 def add(results, id, updated="2020", finished=True, **settings):
@@ -57,28 +54,24 @@ def test_augmented_dataset_is_selected_only_by_id(results):
     assert find_dataset(results, "random/augmented").id == "random/augmented"
 
 
-def test_missing_dataset_error_names_command(results):
-    for id in (None, "random/a"):
-        assert f"run jbench collect --results {results.path} first" in refusal(results, id)
-    assert str(results.path) in refusal(results)
-    assert "--steps 100000 makes a small one" in refusal(results)
-
-
-def test_only_unfinished_datasets_are_refused(results):
-    add(results, "random/a", finished=False)
-    assert refusal(results).startswith("No finished dataset")
-
-
-def test_unknown_id_is_refused_with_known_ids(results):
-    add(results, "random/a")
-    add(results, "random/b")
-    assert refusal(results, "random/c") == (
-        f"No dataset random/c in {results.path}; there are random/a, random/b."
-    )
+@pytest.mark.parametrize(
+    ("there", "id", "says"),
+    [
+        ((), None, "run jbench collect --results {path} first (--steps 100000 makes a small one)"),
+        ((), "random/a", "run jbench collect --results {path} first"),
+        (("random/a",), "random/c", "No dataset random/c in {path}; there are random/a."),
+        ((), "../a", "is not an id"),
+    ],
+)
+def test_missing_dataset_is_refused_with_command_or_known_ids(results, there, id, says):
+    for known in there:
+        add(results, known)
+    assert says.format(path=results.path) in refusal(results, id)
 
 
 def test_unfinished_dataset_is_refused_with_command_to_resume(results):
     add(results, "random/a", finished=False)
+    assert refusal(results).startswith("No finished dataset")
     assert refusal(results, "random/a") == (
         "The dataset random/a is unfinished; type the jbench collect command that started it "
         "to resume it."
@@ -90,10 +83,6 @@ def test_only_dataset_with_damaged_manifest_is_reported(results):
     path = results.path / "datasets" / "random" / "a" / "manifest.json"
     path.write_text("{")
     assert f"({path} is not a manifest" in refusal(results)
-
-
-def test_invalid_id_is_refused(results):
-    assert "is not an id" in refusal(results, "../a")
 
 
 @pytest.mark.parametrize("table", ["steps", "dataset_episodes"])
@@ -114,22 +103,3 @@ def test_missing_file_is_reported_when_it_is_read(copied):
     assert next(blocks).rewards.shape == (2, 1000)
     with pytest.raises(WorkError, match="No such file"):
         next(blocks)
-
-
-@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
-def test_dataset_with_non_finite_values_is_refused(results, number):
-    position = np.zeros((1, 1001, 7))
-    position[0, 500, 2] = number
-    zeros = np.zeros((1, 1001))
-    state = State(position, np.zeros((1, 1001, 6)), zeros, zeros, np.zeros((1, 1001, 3)))
-    record = results.create("dataset", "random/a", {})
-    targets = [{f"{name}": 0.0 for name in schema.DATASET_EPISODES.names}]
-    record.append(
-        {
-            "steps": layout.steps_table(0, state, np.zeros((1, 1000), np.float32)),
-            "dataset_episodes": pa.Table.from_pylist(targets).cast(schema.DATASET_EPISODES),
-        }
-    )
-    record.finish({}, compact=False)
-    with pytest.raises(WorkError, match="random/a holds NaN or infinite values; collect it again"):
-        Dataset(record).observations("move_from_origin")

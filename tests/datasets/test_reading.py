@@ -70,11 +70,6 @@ def test_unknown_task_is_refused(dataset):
             read("face_directoin")
 
 
-def test_missing_part_raises_index_error(dataset):
-    with pytest.raises(IndexError):
-        next(dataset.blocks(TASK, parts=[3]))
-
-
 def test_only_one_file_is_in_memory_at_a_time(dataset):
     # Observations, actions and rewards of two episodes.
     block = 4 * 2 * (1001 * 19 + 1000 + 1000)
@@ -86,11 +81,6 @@ def test_only_one_file_is_in_memory_at_a_time(dataset):
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 10 * block  # 15 blocks are read; one needs less than this
-
-
-def test_unaltered_rows_are_read(altered, dataset):
-    (block,) = altered().blocks(TASK)
-    np.testing.assert_array_equal(block.observations, next(dataset.blocks(TASK)).observations)
 
 
 ALTERATIONS = {
@@ -126,13 +116,10 @@ def test_invalid_rows_are_refused(altered, tables, alteration):
         assert str(error.value).endswith(f"; collect it again after deleting {found.record.path}.")
 
 
-def test_incomplete_episode_is_refused(altered, tables):
+def test_incomplete_episode_or_missing_file_is_refused(altered, tables):
     found = altered(steps=tables["steps"].slice(0, 1500))
     with pytest.raises(WorkError, match="holds other rows than those of whole episodes"):
         found.observations(TASK)
-
-
-def test_missing_file_of_one_table_is_refused(altered, tables):
     found = altered(steps=tables["steps"].slice(0, 0))
     with pytest.raises(WorkError, match="The manifest of the dataset random/a lacks files"):
         list(found.blocks(TASK))
@@ -144,11 +131,8 @@ def test_missing_file_of_one_table_is_refused(altered, tables):
 )
 def test_dataset_without_column_is_refused(altered, tables, table, column):
     found = altered(**{table: tables[table].drop_columns(column)})
-    with pytest.raises(WorkError) as error:
+    with pytest.raises(WorkError, match=f"is damaged .it has no column {column}: another version"):
         list(found.blocks(TASK))
-    message = f"it has no column {column}: another version of jbench wrote it"
-    assert message in str(error.value)
-    assert "is damaged" in str(error.value)
 
 
 def test_column_of_wrong_type_is_refused(altered, tables):

@@ -131,7 +131,7 @@ def check(run: Record, source: Results) -> None:
     """
     if run.status != "finished":
         raise ValueError(f"it is {run.status}")
-    damage = [found for found in examine(source, "run", run.id) if found.sort != "leftover"]
+    damage = [found for found in examine(source, "run", run.id)[1] if found.sort != "leftover"]
     if damage:
         raise ValueError(str(damage[0]).removesuffix("."))
     public(run.manifest)

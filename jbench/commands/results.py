@@ -14,7 +14,7 @@ from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.wording import are, counted, duration, progress_text, repair_hint, with_results
 
-_FILES = Option(0, min=0, help="Number of files read at a time (0: one per core).")
+_FILES = Option(0, min=0, help="Number of records checked at a time (0: one per core).")
 
 
 def runs(
@@ -48,17 +48,19 @@ def runs(
     lines, problems = list_runs(database, filters, returns, what)
     rows = [
         {
-            what: line.run,
-            "status": line.status,
-            "points" if imports else "episodes": f"{line.episodes:,}",
-            "steps": progress_text(line.steps_done, line.steps),
-            "wall time": None if line.wall_time is None else duration(line.wall_time),
-            "created": line.created[:16].replace("T", " "),
-            "returns": line.returns if imports else None,
-            "variant": line.variant,
-            "error": line.error if status == "failed" else None,
-            "training return": _rounded(None if line.returns == "evaluation" else line.last_return),
-            "evaluation return": _rounded(line.evaluation_return),
+            what: line["run"],
+            "status": line["status"],
+            "points" if imports else "episodes": f"{line['episodes']:,}",
+            "steps": progress_text(line["steps_done"], line["steps"]),
+            "wall time": None if line["wall_time"] is None else duration(line["wall_time"]),
+            "created": line["created"][:16].replace("T", " "),
+            "returns": line["returns"],
+            "variant": line["variant"],
+            "error": line["error"],
+            "training return": _rounded(
+                None if line["returns"] == "evaluation" else line["last_return"]
+            ),
+            "evaluation return": _rounded(line["evaluation_return"]),
         }
         for line in lines
     ]
@@ -69,7 +71,7 @@ def runs(
         output.table(counted(len(rows), what), filled, cells)
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
-    output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})
+    output.document({f"{what}s": lines, "problems": problems})
     output.warn_of_damage(problems, repair_hint(results))
 
 
@@ -109,8 +111,7 @@ def query(
 
 def _cut(cell: Any) -> Any:
     """Cuts a long text, such as the JSON of settings, so that its row stays one of a table."""
-    text = str(cell)
-    return f"{text[: _LONGEST - 1]}…" if len(text) > _LONGEST else cell
+    return cell if len(str(cell)) <= _LONGEST else f"{str(cell)[: _LONGEST - 1]}…"
 
 
 def verify(
@@ -132,7 +133,7 @@ def verify(
     from jbench.store.verify import verify as check
 
     output, database = Output(json), parsing.existing_results(results)
-    progress = partial(output.progress, "verify", unit="bytes")
+    progress = partial(output.progress, "verify", unit="folders")
     checked = check(database, parsing.all_cores(threads), progress)
     record = None
     for finding in checked.findings:
@@ -191,7 +192,7 @@ def repair(
 
     parsing.results_to_write(results)
     output, database = Output(json), parsing.existing_results(results)
-    progress = partial(output.progress, "repair", unit="bytes")
+    progress = partial(output.progress, "repair", unit="folders")
     checked = check(database, parsing.all_cores(threads), progress)
     done = set_aside(database, checked.findings, dry_run)
     for moved, to in done.moved:

@@ -80,7 +80,9 @@ def _last(rows: list["Row"], episodes: int) -> list["Row"]:
 
 def _json_lines(change: "Change") -> Iterator[str]:
     """Yields the rows; before them the run if it is new, after them if its status has changed."""
-    state = [("runs", change.run._asdict())]
+    from jbench.store.listing import make_line
+
+    state = [("runs", make_line(change.record))]
     rows = [*state, *change.rows] if change.is_new else change.rows
     ended = state if change.status_changed and not change.is_new else []
     for table, row in (*rows, *ended):
@@ -91,22 +93,21 @@ def _text_lines(change: "Change") -> Iterator[str]:
     """Yields a line for each episode, evaluation and logged step, and one for the run's end."""
     from jbench.store.follow import grouped
 
-    run = change.run.run
+    run = change.record
     for table, rows in grouped(change.rows):
         if table == "episodes":
-            yield f"{run}: {_episode(rows[0])}"
+            yield f"{run.id}: {_episode(rows[0])}"
         elif table == "metrics":
             values = ", ".join(f"{row['name']} {_value(row['value'])}" for row in rows)
-            yield f"{run}: {rows[0]['control_steps']:,} control steps, {values}"
+            yield f"{run.id}: {rows[0]['control_steps']:,} control steps, {values}"
         else:
             yield (
-                f"{run}: evaluation {rows[0]['evaluation']} after {rows[0]['control_steps']:,} "
+                f"{run.id}: evaluation {rows[0]['evaluation']} after {rows[0]['control_steps']:,} "
                 f"control steps, mean return {_mean([row['episode_return'] for row in rows])} of "
                 + counted(len(rows), "episode")
             )
-    if change.status_changed and change.run.status != "unfinished":
-        error = change.run.error
-        yield f"{run}: {change.run.status}{f': {error}' if error else ''}"
+    if change.status_changed and run.status != "unfinished":
+        yield f"{run.id}: {run.status}{f': {run.error}' if run.error else ''}"
 
 
 def _episode(row: Mapping[str, Any]) -> str:

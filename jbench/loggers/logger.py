@@ -77,7 +77,7 @@ def points(change: Change) -> list[Point]:
     The time is that of the run's creation plus the wall time of its training, so the time between
     the processes of a resumed run is left out.
     """
-    created = datetime.fromisoformat(change.run.created).timestamp()
+    created = datetime.fromisoformat(change.record.manifest.created).timestamp()
     made = []
     for table, rows in grouped(change.rows):
         values = dict(_VALUES[table](rows))

@@ -54,11 +54,11 @@ def _copy(
         if isinstance(change, str):
             warn(change)
             continue
-        run = change.run.run
+        run = change.record.id
         if change.is_new:
             logger.start(run, change.record.settings)
             started.add(run)
         logger.log(run, points(change))
-        if change.run.status == "finished":
+        if change.record.status == "finished":
             logger.end(run)
             started.discard(run)

@@ -1,17 +1,55 @@
 """A results directory and its records; `docs/database.md` describes the layout."""
 
 import contextlib
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from jbench.errors import RequestError, WorkError
-from jbench.store.flaws import RecordError
+from jbench.store import files
+from jbench.store.flaws import DamagedError, RecordError, UnreadableError
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.record import Record
-from jbench.store.scan import ID, walk
 
+# A part of an id becomes a directory: no separators and no leading dot.
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9][A-Za-z0-9_.-]{0,99})*")
 _MAX_SHOWN = 5  # ids in a message
+
+
+class Folder(NamedTuple):
+    """A folder below a results directory.
+
+    Attributes:
+        id: path below the folder of the kind; the id of its record if it has one.
+        names: of its files and symlinks; the manifest's name is included even if it is a folder.
+        problem: why it can't be read, as a clause to follow the path, or None.
+    """
+
+    kind: Kind
+    id: str
+    path: Path
+    names: tuple[str, ...] = ()
+    problem: str | None = None
+
+    def check(self) -> None:
+        """Raises an `UnreadableError` if the folder can't be read."""
+        if self.problem is not None:
+            raise UnreadableError(self.path, self.problem)
+
+    def read(self) -> Record | None:
+        """Returns its record; None if it has no manifest, or no longer.
+
+        Raises:
+            RecordError: if the folder or the manifest can't be read, or is damaged.
+        """
+        self.check()
+        if MANIFEST not in self.names:
+            return None
+        if not _ID.fullmatch(self.id):
+            raise DamagedError(self.path / MANIFEST, f"is in {self.id!r}, which is not an id")
+        record = Record(self.path, self.kind, self.id)
+        return record if record.load() else None
 
 
 class Results:
@@ -44,7 +82,7 @@ class Results:
         Raises:
             RequestError: if the id is invalid.
         """
-        if not ID.fullmatch(id):  # it could lead out of the results directory
+        if not _ID.fullmatch(id):  # it could lead out of the results directory
             raise RequestError(
                 f"{id!r} is not an id; an id looks like face_direction/dae12/s00-1f9a2c4e."
             )
@@ -63,12 +101,7 @@ class Results:
         return record
 
     def find(self, kind: Kind, id: str) -> Record | None:
-        """Returns the record of that id, or None.
-
-        Raises:
-            RequestError: if the id is invalid.
-            WorkError: if its manifest can't be read.
-        """
+        """Returns the record of that id, or None; raises as `record` and `Record.load`."""
         record = self.record(kind, id)
         return record if record.load() else None
 
@@ -102,8 +135,7 @@ class Results:
         Files that an interrupted writer left uncommitted are removed.
 
         Raises:
-            RequestError: if the id is invalid.
-            WorkError: if another process holds the lock, or the manifest can't be read.
+            WorkError: if another process holds the lock; else as `find`.
         """
         with self.record(kind, id).lock():
             record = self.find(kind, id)
@@ -125,7 +157,7 @@ class Results:
         Only records whose id has this beginning are read.
         """
         records, problems = [], []
-        for folder in walk(self.path, kind, beginning.rpartition("/")[0]):
+        for folder in self.walk(kind, beginning.rpartition("/")[0]):
             try:
                 record = folder.read() if folder.id.startswith(beginning) else None
             except RecordError as error:
@@ -134,6 +166,35 @@ class Results:
                 records += [] if record is None else [record]
         return sorted(records, key=lambda record: (record.manifest.created, record.id)), problems
 
+    def walk(self, kind: Kind, id: str = "") -> Iterator[Folder]:
+        """Yields a folder of a kind and all folders below it, sorted; nothing if it does not exist.
+
+        Symlinks are not followed. Iterative, since folders may be nested deeper than Python's
+        stack.
+        """
+        top = self.path / f"{kind}s"
+        stack = [top / id]
+        if not self._holds(stack[0]):
+            problem = "leads out of the results directory; it is not used"
+            yield Folder(kind, id, stack.pop(), problem=problem)
+        while stack:
+            path = stack.pop()
+            id = path.relative_to(top).as_posix()
+            try:
+                entries = files.entries(path)
+            except FileNotFoundError:
+                continue
+            except OSError as error:
+                yield Folder(kind, id, path, problem=f"can't be read ({error.strerror})")
+                continue
+            below = {e.name for e in entries if e.is_dir(follow_symlinks=False)} - {MANIFEST}
+            stack.extend(path / name for name in sorted(below, reverse=True))
+            yield Folder(kind, id, path, tuple(e.name for e in entries if e.name not in below))
+
+    def look(self, kind: Kind, id: str) -> Folder:
+        """Returns one folder; an empty one if it does not exist."""
+        return next(self.walk(kind, id), Folder(kind, id, self.path / f"{kind}s" / id))
+
     def inside(self, name: str) -> Path:
         """Returns a path below the results directory.
 
@@ -141,6 +202,9 @@ class Results:
             WorkError: if a symlink leads out of it.
         """
         path = self.path / name
-        if not path.resolve().is_relative_to(self.path.resolve()):
+        if not self._holds(path):
             raise WorkError(f"{path} leads out of the results directory; it is not used.")
         return path
+
+    def _holds(self, path: Path) -> bool:
+        return path.resolve().is_relative_to(self.path.resolve())

@@ -16,22 +16,14 @@ class RecordError(WorkError):
 
     Attributes:
         problem: clause to follow the path in a sentence.
-        advice: what to do, as a clause; may be empty.
     """
 
     sort: Sort = "damaged"
 
     def __init__(self, path: Path, problem: str, advice: str = "") -> None:
-        super().__init__(path, problem, advice)
-        self.path, self.problem, self.advice = path, problem, advice
-
-    @property
-    def problem_with_advice(self) -> str:
-        """Clause to follow the path in a sentence."""
-        return f"{self.problem}{self.advice and '; '}{self.advice}"
-
-    def __str__(self) -> str:
-        return f"{self.path} {self.problem_with_advice}."
+        """Says what is wrong, and may add what to do, as a clause."""
+        super().__init__(f"{path} {problem}{advice and '; '}{advice}.")
+        self.path, self.problem = path, problem
 
 
 class DamagedError(RecordError):

@@ -1,9 +1,7 @@
 """Following runs: their rows as they are committed."""
 
 import contextlib
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,11 +10,10 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.store import schema
-from jbench.store.database import Results
-from jbench.store.listing import RunLine, make_line, matches
+from jbench.store.database import Folder, Results
+from jbench.store.listing import finite, make_line, matches
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
-from jbench.store.scan import Folder, walk
 
 LOOK_EVERY = 2.0
 """Seconds between two looks at the results."""
@@ -29,7 +26,6 @@ class Change(NamedTuple):
     """What a commit has changed in a run.
 
     Attributes:
-        run: the run as `jbench runs` lists it.
         is_new: whether the run is seen for the first time or has started over. Rows of it that
             were yielded before are then void.
         status_changed: whether its status is another one than before, or it is new.
@@ -37,20 +33,10 @@ class Change(NamedTuple):
             steps; numbers that are not finite are None.
     """
 
-    run: RunLine
     record: Record
     is_new: bool
     status_changed: bool
     rows: list[Row]
-
-
-@dataclass
-class _Seen:
-    """What has been yielded of a run."""
-
-    created: str
-    status: str = ""
-    rows: dict[str, int] = field(default_factory=lambda: dict.fromkeys(schema.LOG_TABLES, 0))
 
 
 class Follower:
@@ -63,16 +49,17 @@ class Follower:
         """Follows the runs that match the filters when they are seen for the first time.
 
         Args:
-            filters: allowed values by field of `RunLine`.
+            filters: allowed values by field of a run's line; see `listing.make_line`.
         """
         self._results, self._filters = results, filters
-        self._seen: dict[str, _Seen] = {}
+        # By id: the record whose rows were yielded, and what each of its commits changes.
+        self._seen: dict[str, Record] = {}
         self._stamps: dict[str, tuple[int, ...] | None] = {}
         self._reported: set[str] = set()
 
     def look(self) -> Iterator[Change | str]:
         """Yields the changes since the last look, and a sentence for each damaged run, once."""
-        for folder in walk(self._results.path, "run"):
+        for folder in self._results.walk("run"):
             try:
                 change = self._look_at(folder)
             except WorkError as error:
@@ -99,18 +86,17 @@ class Follower:
         if seen is None and not matches(make_line(record), self._filters):
             return None
         while True:
-            is_new = seen is None or _starts_over(record, seen)
-            before = _Seen(record.manifest.created) if is_new or seen is None else seen
+            before = None if seen is None or _starts_over(record, seen) else seen
             try:
-                rows = _rows_after(record, before.rows)
+                rows = _rows_after(record, before)
                 break
             except WorkError:
                 # A writer may have joined the files since the manifest was read.
                 if not record.refresh():
                     raise
-        counts = {table: record.rows(table) for table in schema.LOG_TABLES}
-        self._seen[record.id] = _Seen(record.manifest.created, record.status, counts)
-        return Change(make_line(record), record, is_new, record.status != before.status, rows)
+        self._seen[record.id] = record
+        status_changed = before is None or record.status != before.status
+        return Change(record, before is None, status_changed, rows)
 
 
 def grouped(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
@@ -132,35 +118,22 @@ def _stamp(manifest: Path) -> tuple[int, ...] | None:
     return None
 
 
-def _starts_over(record: Record, seen: _Seen) -> bool:
+def _starts_over(record: Record, seen: Record) -> bool:
     """Returns whether rows that were yielded no longer belong to the run."""
-    has_fewer = any(record.rows(table) < count for table, count in seen.rows.items())
-    return has_fewer or record.manifest.created != seen.created
+    has_fewer = any(record.rows(table) < seen.rows(table) for table in schema.LOG_TABLES)
+    return has_fewer or record.manifest.created != seen.manifest.created
 
 
-def _rows_after(record: Record, counts: Mapping[str, int]) -> list[Row]:
-    """Returns the rows of a run but the first `counts` ones of each table."""
-    rows = [
-        (table, _finite(row))
-        for table, count in counts.items()
-        for row in _table_after(record, table, count).to_pylist()
-    ]
+def _rows_after(record: Record, before: Record | None) -> list[Row]:
+    """Returns the rows that a run did not have before; reads only the files that have them."""
+    rows: list[Row] = []
+    for table, columns in schema.LOG_TABLES.items():
+        known, first = 0 if before is None else before.rows(table), 0
+        parts = [columns.empty_table()]
+        for entry in record.parts(table):
+            if first + entry.rows > known:
+                part = record.read_part(entry, columns)
+                parts.append(part.slice(max(0, known - first)))
+            first += entry.rows
+        rows += [(table, finite(row)) for row in pa.concat_tables(parts).to_pylist()]
     return sorted(rows, key=lambda row: row[1]["control_steps"] or 0)
-
-
-def _table_after(record: Record, table: str, count: int) -> pa.Table:
-    """Returns the rows of a table but the first `count`; reads only the files that have them."""
-    columns = schema.LOG_TABLES[table]
-    parts, before = [columns.empty_table()], 0
-    for entry in record.parts(table):
-        if before + entry.rows > count:
-            parts.append(record.read_part(entry, columns).slice(max(0, count - before)))
-        before += entry.rows
-    return pa.concat_tables(parts)
-
-
-def _finite(row: dict[str, Any]) -> dict[str, Any]:
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in row.items()
-    }

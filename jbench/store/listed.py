@@ -14,8 +14,6 @@ from jbench.store import files, parquet
 from jbench.store.flaws import DamagedError, UnreadableError
 from jbench.store.manifest import FileEntry
 
-_OTHER_SUM = "its checksum differs"
-
 _RENAMED = {"encoder_epochs": {"train_mse": "train_loss"}}
 """Columns with another name in version 1, by table.
 
@@ -63,8 +61,7 @@ def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
     """
     with _opened(directory, entry, advice) as file:
         content = file.read()
-    if files.sha256(content) != entry.sha256:
-        raise _damaged(directory, entry, _OTHER_SUM, advice)
+        _check_digest(files.sha256(content), entry)
     return content
 
 
@@ -77,32 +74,25 @@ def read_rows(
         columns: to return; None for those that it has.
         is_old: whether it was written with an older schema version.
     """
-    content = read(directory, entry, advice)
-    source = pa.BufferReader(content)
-    try:
-        metadata = pq.read_metadata(source)
-        names = metadata.schema.names
-        if metadata.num_rows != entry.rows:
-            raise ValueError(f"{metadata.num_rows} rows, not {entry.rows}")
+    with _opened(directory, entry, advice) as file:
+        content = file.read()
+        _check_digest(files.sha256(content), entry)
+        source = pa.BufferReader(content)
+        footer = pq.read_metadata(source)
         wanted = () if columns is None else columns
-        missing = [field.name for field in wanted if field.name not in names]
-        if missing and not is_old:
-            raise ValueError(f"it has no column {missing[0]}: another version of jbench wrote it")
+        _check_footer(footer, entry, () if is_old else [field.name for field in wanted])
+        names = footer.schema.names
         coded = [f.name for f in wanted if f.name in names and pa.types.is_dictionary(f.type)]
         # pyarrow 26 aborts processes that exit soon after it has started threads; only this way of
         # reading starts none.
-        file = pq.ParquetFile(source, metadata=metadata, read_dictionary=coded, pre_buffer=False)
+        table = pq.ParquetFile(source, metadata=footer, read_dictionary=coded, pre_buffer=False)
         selected = None if columns is None or is_old else columns.names
-        rows = file.read(selected, use_threads=False)
-        if columns is None:
-            return rows
-        if is_old:
+        rows = table.read(selected, use_threads=False)
+        if columns is not None and is_old:
             rows = _upgrade(entry.table or "", rows, columns)
-        if rows.schema.equals(columns, check_metadata=True):
+        if columns is None or rows.schema.equals(columns, check_metadata=True):
             return rows  # a cast takes a sixth of the time of reading
         return rows.select(columns.names).cast(columns)
-    except (ValueError, OSError, pa.ArrowException) as error:
-        raise _damaged(directory, entry, str(error).splitlines()[0], advice) from None
 
 
 def _upgrade(table: str, rows: pa.Table, columns: pa.Schema) -> pa.Table:
@@ -118,38 +108,38 @@ def _upgrade(table: str, rows: pa.Table, columns: pa.Schema) -> pa.Table:
 def check(directory: Path, entry: FileEntry, columns: Sequence[str]) -> None:
     """Checks a file in chunks, and that it has the columns; raises the errors of `read`."""
     with _opened(directory, entry) as file:
-        if hashlib.file_digest(file, "sha256").hexdigest() != entry.sha256:
-            raise _damaged(directory, entry, _OTHER_SUM)
-        if entry.table is None:
-            return
-        try:
-            footer = pq.read_metadata(file)
-            names = footer.schema.to_arrow_schema().names
-        except pa.ArrowException as error:
-            raise _damaged(directory, entry, str(error).splitlines()[0]) from None
+        _check_digest(hashlib.file_digest(file, "sha256").hexdigest(), entry)
+        if entry.table is not None:
+            _check_footer(pq.read_metadata(file), entry, columns)
+
+
+def _check_digest(sha256: str, entry: FileEntry) -> None:
+    if sha256 != entry.sha256:
+        raise ValueError("its checksum differs")
+
+
+def _check_footer(footer: pq.FileMetaData, entry: FileEntry, columns: Sequence[str]) -> None:
     if footer.num_rows != entry.rows:
-        raise _damaged(directory, entry, f"{footer.num_rows} rows, not {entry.rows}")
+        raise ValueError(f"{footer.num_rows} rows, not {entry.rows}")
     for name in columns:
-        if name not in names:
-            raise _damaged(directory, entry, f"it has no column {name}")
+        if name not in footer.schema.names:
+            raise ValueError(f"it has no column {name}: another version of jbench wrote it")
 
 
 @contextlib.contextmanager
 def _opened(directory: Path, entry: FileEntry, advice: str = "") -> Iterator[io.BufferedReader]:
-    """Opens a file of the listed size."""
+    """Opens a file of the listed size; errors in the block are those of `read`."""
     path = directory / entry.name
     try:
         with files.open_plain(path) as file:
             size = os.fstat(file.fileno()).st_size
             if size != entry.bytes:
-                raise _damaged(directory, entry, f"{size} bytes, not {entry.bytes}", advice)
+                raise ValueError(f"{size} bytes, not {entry.bytes}")
             yield file
-    except OSError as error:
-        reason = str(error.strerror or error).splitlines()[0]
-        if files.is_missing(error) or error.errno is None:  # pyarrow found it to be damaged
-            raise _damaged(directory, entry, reason, advice) from None
-        raise UnreadableError(path, f"can't be read ({reason})") from None
-
-
-def _damaged(directory: Path, entry: FileEntry, reason: str, advice: str = "") -> DamagedError:
-    return DamagedError(directory / entry.name, f"is damaged ({reason})", advice)
+    except (ValueError, OSError, pa.ArrowException) as error:
+        reason = str(getattr(error, "strerror", None) or error).splitlines()[0]
+        # pyarrow's errors have no number.
+        passes = isinstance(error, OSError) and error.errno and not files.is_missing(error)
+        if passes:
+            raise UnreadableError(path, f"can't be read ({reason})") from None
+        raise DamagedError(path, f"is damaged ({reason})", advice) from None

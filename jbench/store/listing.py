@@ -2,57 +2,18 @@
 
 import math
 from collections.abc import Collection, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
 from jbench.errors import WorkError
-from jbench.names import EPISODE_STEPS, RETURNS, ReturnsName
+from jbench.names import EPISODE_STEPS
 from jbench.returns import final_evaluation, final_return
-from jbench.settings.alike import variant
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.variants import variant_words
 from jbench.store.database import Results
 from jbench.store.record import Record
-
-
-class RunLine(NamedTuple):
-    """A run in a list of runs; values that its manifest lacks or that have a wrong type are None.
-
-    Attributes:
-        run: id of the run.
-        status: unfinished, finished or failed.
-        episodes: number of committed episodes; of an import, its points.
-        steps_done: control steps of these episodes, or of the finished run.
-        steps: requested control steps.
-        wall_time: s; of a finished run, or up to its last episode if returns are requested.
-        last_return: final training return (`jbench.returns`) if requested; of an import, the final
-            return of its kind.
-        created, updated: UTC, ISO 8601.
-        returns: kind of return of an import; None for a run.
-        error: why a failed run failed; None for other runs.
-        variant: the settings in which the listed runs of the same task, algorithm and
-            representation differ, as in legends; empty for a single variant.
-        evaluation_return: final evaluation return (`jbench.returns`) if requested.
-    """
-
-    run: str
-    task: str | None
-    algo: str | None
-    representation: str | None
-    seed: int | float | None
-    status: str
-    episodes: int
-    steps_done: int | float
-    steps: int | float | None
-    wall_time: float | None
-    last_return: float | None
-    created: str
-    updated: str
-    returns: ReturnsName | None = None
-    error: str | None = None
-    variant: str = ""
-    evaluation_return: float | None = None
+from jbench.store.rows import Row, make_row
 
 
 def list_runs(
@@ -60,45 +21,78 @@ def list_runs(
     filters: Mapping[str, Collection[Any]],
     returns: bool = False,
     kind: Literal["run", "import"] = "run",
-) -> tuple[list[RunLine], list[str]]:
-    """Returns the runs, oldest first, and an error for each unreadable one.
+) -> tuple[list[Row], list[str]]:
+    """Returns the lines of the runs, oldest first, and an error for each unreadable one.
 
     Args:
-        filters: allowed values by field of `RunLine`.
+        filters: allowed values by field of a line.
         returns: whether to read the episodes for the final returns.
+
+    Returns:
+        Lines as by `make_line`, but `variant` names the settings in which the listed runs of the
+        same algorithm and representation differ, as in legends.
     """
     records, problems = results.scan(kind)
-    lines: list[tuple[RunLine, Record]] = []
+    lines: list[Row] = []
+    cells: dict[tuple[str, str], dict[str, Run]] = {}  # settings by variant, by cell
     for record in records:
-        line = make_line(record)
-        if matches(line, filters):
-            try:
-                lines.append((_with_returns(line, record) if returns else line, record))
-            except WorkError as error:
-                problems.append(str(error))
-    return _with_variants(lines), problems
+        try:
+            line = make_line(record)
+            if matches(line, filters):
+                lines.append(line | _final_returns(record, line) if returns else line)
+                run, cell = read_run(record.settings), (line["algo"], line["representation"])
+                if not isinstance(run, Unreadable):
+                    cells.setdefault(cell, {})[line["variant"]] = run
+        except WorkError as error:
+            problems.append(str(error))
+    words = {cell: variant_words(variants) for cell, variants in cells.items()}
+    for line in lines:
+        cell = line["algo"], line["representation"]
+        line["variant"] = words.get(cell, {}).get(line["variant"], "")
+    return lines, problems
 
 
-def _with_variants(lines: list[tuple[RunLine, Record]]) -> list[RunLine]:
-    """Returns the lines with the variants of their records, if their settings are readable."""
-    cells: dict[tuple[str | None, ...], dict[str, Run]] = {}
-    keys = [((line.algo, line.representation), variant(record.settings)) for line, record in lines]
-    for (cell, key), (_, record) in zip(keys, lines, strict=True):
-        run = read_run(record.settings)
-        if not isinstance(run, Unreadable):
-            cells.setdefault(cell, {})[key] = run
-    words = {
-        (cell, key): text
-        for cell, variants in cells.items()
-        for key, text in variant_words(variants).items()
+def make_line(record: Record) -> Row:
+    """Returns the line of a run or an import; null is what is unknown.
+
+    Its fields are columns of the table `runs` and: `steps_done`, control steps of the committed
+    episodes, or of the finished run; `returns`, the kind of return of an import, whose points are
+    its `episodes`; `error`, why a failed run failed; and the final returns `last_return`, that of
+    training, or of an import that of its kind, and `evaluation_return`.
+
+    Raises:
+        DamagedError: if a value of its manifest does not fit into its column.
+    """
+    row, is_import = make_row(record), record.kind == "import"
+    episodes = (row["points"] or 0) if is_import else row["episodes"]
+    done = record.manifest.summary.get("control_steps" if is_import else "steps_done")
+    if not isinstance(done, int | float) or not math.isfinite(done):
+        done = 0 if is_import else episodes * EPISODE_STEPS
+    line = {
+        "run": record.id,
+        **{name: row[name] for name in ("task", "algo", "representation", "seed", "status")},
+        "episodes": episodes,
+        "steps_done": done,
+        **{name: row.get(name) for name in ("steps", "wall_time", "created", "updated")},
+        "returns": row.get("returns"),
+        "error": record.error,
+        "variant": row.get("variant"),
+        **{"last_return": None, "evaluation_return": None},
     }
-    named = zip(lines, keys, strict=True)
-    return [line._replace(variant=words.get(key, "")) for (line, _), key in named]
+    return finite(line)
 
 
-def matches(line: RunLine, filters: Mapping[str, Collection[Any]]) -> bool:
+def finite(row: Row) -> Row:
+    """Returns a row with null for numbers that are not finite, which JSON does not have."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in row.items()
+    }
+
+
+def matches(line: Row, filters: Mapping[str, Collection[Any]]) -> bool:
     """Returns whether each field that is filtered has one of the allowed values."""
-    return all(getattr(line, name) in values for name, values in filters.items())
+    return all(line[name] in values for name, values in filters.items())
 
 
 def setting_values(results: Results, setting: str) -> set[str]:
@@ -108,59 +102,25 @@ def setting_values(results: Results, setting: str) -> set[str]:
     return {value for value in values if isinstance(value, str)}
 
 
-def make_line(record: Record) -> RunLine:
-    """Returns the line of a run or an import, without its final returns."""
-    settings, manifest = read_run(record.settings), record.manifest
-    is_import = record.kind == "import"
-    summary = {name: _number(value) for name, value in manifest.summary.items()}
-    episodes = int(summary.get("points") or 0) if is_import else record.rows("episodes")
-    done = summary.get("control_steps" if is_import else "steps_done")
-    returns = record.settings.get("returns") if is_import else None
-    return RunLine(
-        run=record.id,
-        task=settings.task,
-        algo=settings.algo,
-        representation=settings.representation,
-        seed=settings.seed,
-        status=manifest.status,
-        episodes=episodes,
-        steps_done=(0 if is_import else episodes * EPISODE_STEPS) if done is None else done,
-        steps=settings.steps,
-        wall_time=None if is_import else summary.get("wall_time"),
-        last_return=None,
-        created=manifest.created,
-        updated=manifest.updated,
-        returns=returns if returns in RETURNS else None,
-        error=record.error,
-    )
-
-
-def _with_returns(line: RunLine, record: Record) -> RunLine:
-    if record.kind == "import":
-        points = record.read("import_points").to_pandas()
-        returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
-        if line.returns == "evaluation":
-            final = final_return(returns[-1:])
-            return line._replace(last_return=final, evaluation_return=final)
-        return line._replace(last_return=final_return(returns))
-    rows = record.read("episodes")
-    if not len(rows):
-        return line
-    final = final_return(rows["episode_return"].to_numpy())
-    time = line.wall_time if line.wall_time is not None else rows["wall_time"][-1].as_py()
-    return line._replace(
-        last_return=final, evaluation_return=evaluation_return(record), wall_time=_number(time)
-    )
-
-
 def evaluation_return(record: Record) -> float | None:
     """Returns the final evaluation return of a run; see `jbench.returns`."""
     rows = record.read("evaluations")
     return final_evaluation(rows["evaluation"].to_numpy(), rows["episode_return"].to_numpy())
 
 
-def _number(value: Any) -> int | float | None:
-    """Returns a value of an untrusted manifest if it is a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return None
-    return value
+def _final_returns(record: Record, line: Row) -> Row:
+    if record.kind == "import":
+        points = record.read("import_points").to_pandas()
+        returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
+        if line["returns"] == "evaluation":
+            final = final_return(returns[-1:])
+            return {"last_return": final, "evaluation_return": final}
+        return {"last_return": final_return(returns)}
+    rows = record.read("episodes")
+    if not len(rows):
+        return {}
+    time = rows["wall_time"][-1].as_py() if line["wall_time"] is None else line["wall_time"]
+    last = final_return(rows["episode_return"].to_numpy())
+    return finite(
+        {"last_return": last, "evaluation_return": evaluation_return(record), "wall_time": time}
+    )

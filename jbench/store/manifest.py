@@ -162,8 +162,7 @@ class Manifest(BaseModel):
         """Reads a manifest; returns None if the file does not exist.
 
         Raises:
-            UnreadableError: if reading it fails, perhaps temporarily, or this jbench can't read its
-                schema version.
+            UnreadableError: if reading it fails, perhaps temporarily, or it is of another version.
             DamagedError: if it is no manifest.
         """
         try:
@@ -179,13 +178,11 @@ class Manifest(BaseModel):
         try:
             # The version is read first, since newer manifests may have other fields.
             version = _Versioned.model_validate_json(content).schema_version
-            this = f"is of schema version {version}, and this jbench reads"
-            if version > SCHEMA_VERSION:
-                problem = f"{this} up to {SCHEMA_VERSION}"
-                raise UnreadableError(path, problem, "install a newer jbench")
-            if version < OLDEST_SCHEMA_VERSION:
-                advice = "read it with the jbench that wrote it, or delete it and make it again"
-                raise UnreadableError(path, f"{this} from {OLDEST_SCHEMA_VERSION}", advice)
+            if not OLDEST_SCHEMA_VERSION <= version <= SCHEMA_VERSION:
+                readable = f"{OLDEST_SCHEMA_VERSION} to {SCHEMA_VERSION}"
+                advice = "install the jbench that wrote it"
+                problem = f"is of schema version {version}, and this jbench reads {readable}"
+                raise UnreadableError(path, f"{problem}; {advice}")
             return cls.model_validate_json(content)
         except ValidationError as error:
             problem = f"is not a manifest that can be read ({_reason(error)})"

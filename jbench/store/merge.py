@@ -4,19 +4,18 @@ A record is committed as usual, its files first and its manifest last, so an int
 be repeated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose
-from jbench.store import parquet
-from jbench.store.database import Results
-from jbench.store.manifest import KINDS
+from jbench.store import parquet, schema
+from jbench.store.database import Folder, Results
+from jbench.store.manifest import KINDS, MANIFEST
 from jbench.store.record import Record
 from jbench.store.repair import Quarantine
-from jbench.store.scan import look
 from jbench.store.verify import Progress, examine, no_progress
 
 TIMES = ("wall_time", "processor_time")
@@ -31,7 +30,7 @@ class Merged(NamedTuple):
     """Outcome for one record of a source.
 
     Attributes:
-        record: kind and id; or the path of a source that can't be read.
+        record: kind and id.
         reason: why it was refused, as a sentence; otherwise empty.
     """
 
@@ -50,22 +49,23 @@ def merge(
     """
     for source in sources:
         _check_source(results, source)
+    folders = [
+        (source, folder)
+        for kind in KINDS  # dependencies first
+        for source in sources
+        for folder in source.walk(kind)
+        if MANIFEST in folder.names or folder.problem is not None
+    ]
     merged: list[Merged] = []
-    records: list[tuple[Results, Record]] = []
-    for kind in KINDS:  # dependencies first
-        for source in sources:
-            readable, problems = source.scan(kind)
-            records += [(source, record) for record in readable]
-            merged += [Merged(str(source.path), "refused", problem) for problem in problems]
     quarantine = Quarantine(results)
-    with progress(len(records)) as show:
-        for done, (source, record) in enumerate(records, 1):
-            name = f"{record.kind} {record.id}"
+    with progress(len(folders)) as show:
+        for source, folder in folders:
+            name = f"{folder.kind} {folder.id}"
             try:
-                merged.append(Merged(name, _merge_record(results, source, record, quarantine)))
+                merged.append(Merged(name, _merge_record(results, source, folder, quarantine)))
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
-            show(done)
+            show(len(merged))
     return merged
 
 
@@ -80,19 +80,20 @@ def _check_source(results: Results, source: Results) -> None:
 
 
 def _merge_record(
-    results: Results, source: Results, other: Record, quarantine: Quarantine
+    results: Results, source: Results, folder: Folder, quarantine: Quarantine
 ) -> Outcome:
-    """Copies a record if it is intact and needed."""
-    faults = [flaw for flaw in examine(source, other.kind, other.id) if flaw.sort != "leftover"]
-    if faults:
-        raise WorkError(str(faults[0]))
-    other.refresh()
-    with results.locked(other.kind, other.id) as existing:
+    """Copies the record of a folder if it is intact and needed."""
+    kind, id = folder.kind, folder.id
+    other, flaws = examine(source, kind, id)
+    faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
+    if faults or other is None:
+        raise WorkError(str(faults[0]) if faults else f"{folder.path} has disappeared.")
+    with results.locked(kind, id) as existing:
         outcome = "copied" if existing is None else _choose(existing, other)
         if outcome == "replaced":
-            quarantine.take_record(look(results.path, other.kind, other.id))
+            quarantine.take_record(results.look(kind, id))
         if outcome in ("copied", "replaced"):
-            results.record(other.kind, other.id).copy_from(other)
+            results.record(kind, id).copy_from(other)
     return outcome
 
 
@@ -146,22 +147,32 @@ def _other_files(mine: Record, other: Record) -> str | None:
 
 def _difference(mine: Record, other: Record, table: str) -> str | None:
     """Returns where the common rows of a table differ, except for times, or None."""
-    parts = mine.parts(table), other.parts(table)
-    if parts[0] == parts[1] or not all(parts):
+    if mine.parts(table) == other.parts(table):
         return None
-    ours, theirs = (
-        pa.concat_tables(map(record.read_part, record.parts(table)), promote_options="default")
-        for record in (mine, other)
-    )
-    if set(ours.column_names) != set(theirs.column_names):
-        return f"other columns of {table}"
-    common = min(len(ours), len(theirs))
-    for name in ours.column_names:
-        # Equal values have equal bytes, also NaN, which equals nothing.
-        contents = {
-            parquet.to_bytes(pa.table({name: rows[name][:common].combine_chunks()}))
-            for rows in (ours, theirs)
-        }
-        if name not in TIMES and len(contents) > 1:
-            return f"{name} of {table}"
+    for ours, theirs in _common_rows(mine, other, table):
+        if set(ours.column_names) != set(theirs.column_names):
+            return f"other columns of {table}"
+        for name in ours.column_names:
+            # Equal values have equal bytes, also NaN, which equals nothing.
+            contents = {
+                parquet.to_bytes(pa.table({name: rows[name].combine_chunks()}))
+                for rows in (ours, theirs)
+            }
+            if name not in TIMES and len(contents) > 1:
+                return f"{name} of {table}"
     return None
+
+
+def _common_rows(mine: Record, other: Record, table: str) -> Iterator[tuple[pa.Table, pa.Table]]:
+    """Yields the rows that both have, piece by piece: a file of each is in memory at a time."""
+
+    def read(record: Record) -> Iterator[pa.Table]:
+        return (record.read_part(e, schema.FILES.get(table)) for e in record.parts(table))
+
+    ours, theirs = read(mine), read(other)
+    left, right = next(ours, None), next(theirs, None)
+    while left is not None and right is not None:
+        count = min(len(left), len(right))
+        yield left[:count], right[:count]
+        left = left[count:] if len(left) > count else next(ours, None)
+        right = right[count:] if len(right) > count else next(theirs, None)

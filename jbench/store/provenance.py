@@ -92,17 +92,6 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, 
     }
 
 
-def resumed(
-    before: Mapping[str, Any], where: Mapping[str, Any], made_on: Mapping[str, Any]
-) -> tuple[dict[str, Any], dict[str, list[Any]]]:
-    """Returns the provenance of work that is resumed now, and `differences` since its start."""
-    changed = differences(before, {**provenance(), **made_on})
-    notes = before.get("continued")
-    note = {"at": utc_now(), **where, "changed": changed}
-    continued = [*(notes if isinstance(notes, list) else []), note]
-    return {**before, "continued": continued}, changed
-
-
 def utc_now() -> str:
     """Returns the time as manifests record it."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -20,7 +20,7 @@ from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.record import Record
-from jbench.store.rows import KINDS, Row, make_row
+from jbench.store.rows import KIND_TABLES, Row, make_row
 from jbench.wording import not_formula
 
 
@@ -57,7 +57,7 @@ def load(
     problems: list[str] = []
     if "published" in names:
         tables["published"] = published()
-    for kind, (table, _, file_tables) in KINDS.items():
+    for kind, (table, file_tables) in KIND_TABLES.items():
         schemas = {
             name: _select_columns(fields, selected.get(name, fields.names), coded)
             for name, fields in file_tables.items()

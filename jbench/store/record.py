@@ -15,7 +15,7 @@ from jbench.errors import WorkError
 from jbench.store import files, listed, locks, schema
 from jbench.store.flaws import DamagedError
 from jbench.store.manifest import MANIFEST, FileEntry, Kind, Manifest, Status
-from jbench.store.provenance import resumed
+from jbench.store.provenance import differences, provenance, utc_now
 from jbench.wording import with_results
 
 
@@ -29,12 +29,7 @@ class Record:
         self.path, self.kind, self.id = path, kind, id
 
     def load(self) -> bool:
-        """Reads the manifest; returns whether it exists.
-
-        Raises:
-            UnreadableError: if reading it fails, perhaps temporarily.
-            DamagedError: if it is damaged or of another record.
-        """
+        """Reads the manifest, see `Manifest.read`; returns whether it exists."""
         path = self.path / MANIFEST
         manifest = Manifest.read(path)
         if manifest is None:
@@ -68,7 +63,7 @@ class Record:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings that produced the record."""
+        """What produced the record."""
         return self.manifest.settings
 
     @property
@@ -89,13 +84,10 @@ class Record:
         return [entry.role for entry in self.manifest.files if entry.role is not None]
 
     def read(self, table: str, columns: pa.Schema | None = None) -> pa.Table:
-        """Returns all committed rows of a table, checked against the manifest.
-
-        Args:
-            columns: to return; None for all columns of `jbench.store.schema.FILES`.
+        """Returns the committed rows of a table, by default with all columns of `schema.FILES`.
 
         Raises:
-            WorkError: if a file is missing or damaged, or lacks a column.
+            RecordError: see `listed.read`, or if a file lacks a column.
         """
         columns = schema.FILES[table] if columns is None else columns
         parts = [self.read_part(entry, columns) for entry in self.parts(table)]
@@ -106,21 +98,29 @@ class Record:
         return listed.read_rows(self.path, entry, self.advice, columns, self.manifest.is_old)
 
     def read_file(self, name: str) -> bytes:
-        """Returns the content of a committed file by its name or role.
-
-        Raises:
-            WorkError: if the file does not exist or is damaged.
-        """
+        """Returns the content of a committed file by its name or role; see `listed.read`."""
         for entry in self.manifest.files:
             if name in (entry.name, entry.role):
                 return listed.read(self.path, entry, self.advice)
         raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
+
+    def check(self, entry: FileEntry) -> None:
+        """Checks a file in chunks; raises the errors of `listed.read`."""
+        columns = None if self.manifest.is_old else schema.FILES.get(entry.table or "")
+        listed.check(self.path, entry, () if columns is None else columns.names)
 
     @property
     def advice(self) -> str:
         """What to do if a file is damaged, as a clause."""
         results = self.path.parents[len(Path(self.id).parts)]
         return f"restore it, or set it aside with `{with_results('jbench repair', results)}`"
+
+    @contextlib.contextmanager
+    def lock(self) -> Iterator[None]:
+        """Locks the record during the block; see `locks.hold`."""
+        files.make_directory(self.path)
+        with locks.hold(self.path, f"the {self.kind} {self.id}"):
+            yield
 
     def create(self, settings: Mapping[str, Any], made_on: Mapping[str, Any] | None = None) -> None:
         """Creates the record, or restarts an unfinished one without its data.
@@ -130,7 +130,7 @@ class Record:
 
         Raises:
             RequestError: if the settings are invalid, or the directory is not writable.
-            WorkError: if the disk is full or fails.
+            WorkError: if the disk is full or fails, as do all methods that write.
         """
         manifest = Manifest.new(self.kind, self.id, settings, made_on or {})
         files.make_directory(self.path)
@@ -150,7 +150,6 @@ class Record:
         Args:
             checkpoints: content by role, a file name such as `checkpoint.safetensors`; the state
                 needed to resume after these rows. It replaces the previous file of the role.
-                `read_file` finds it by its role; `finish` removes it.
             drop: roles of checkpoints to remove.
             replace: tables whose existing rows are dropped.
         """
@@ -169,14 +168,19 @@ class Record:
         """Records in the provenance that unfinished or failed work is resumed.
 
         Args:
-            where: progress as JSON values; time and changes of provenance are added.
+            where: progress as JSON values.
             made_on: more provenance, as in `create`.
 
         Returns:
-            Changes of versions, processor and device: value at the start, and now.
+            `differences` of the provenance since the start.
         """
-        continued, changed = resumed(self.manifest.provenance, where, made_on or {})
-        self._update(status="unfinished", summary={}, provenance=continued)
+        before = self.manifest.provenance
+        changed = differences(before, {**provenance(), **(made_on or {})})
+        notes = before.get("continued")
+        note = {"at": utc_now(), **where, "changed": changed}
+        continued = [*(notes if isinstance(notes, list) else []), note]
+        made = {**before, "continued": continued}
+        self._update(status="unfinished", summary={}, provenance=made)
         return changed
 
     def finish(
@@ -198,11 +202,14 @@ class Record:
         parts = [entry for entry in before if entry.table is not None]
         if compact:
             parts = [self._join(table) for table in dict.fromkeys(e.table or "" for e in parts)]
-        kept += parts
-        for name, content in (new_files or {}).items():
-            kept.append(listed.write(self.path, name, content))
-        self._update(status="finished", summary=dict(summary), files=tuple(kept))
+        added = [listed.write(self.path, *item) for item in (new_files or {}).items()]
+        entries = (*kept, *parts, *added)
+        self._update(status="finished", summary=dict(summary), files=entries)
         self.clean()
+
+    def fail(self, error: str, details: Mapping[str, Any] | None = None) -> None:
+        """Marks the work as failed, by a sentence and details for the summary; keeps its data."""
+        self._update(status="failed", summary={"error": error, **(details or {})})
 
     def copy_from(self, source: "Record") -> None:
         """Copies an intact record of other results; call it while holding the lock."""
@@ -215,17 +222,6 @@ class Record:
         """Removes uncommitted files; call it while holding the lock. Errors are ignored."""
         with contextlib.suppress(OSError):
             files.remove(self.uncommitted())
-
-    def fail(self, error: str, details: Mapping[str, Any] | None = None) -> None:
-        """Marks the work as failed, by a sentence and details for the summary; keeps its data."""
-        self._update(status="failed", summary={"error": error, **(details or {})})
-
-    @contextlib.contextmanager
-    def lock(self) -> Iterator[None]:
-        """Locks the record during the block; see `locks.hold`."""
-        files.make_directory(self.path)
-        with locks.hold(self.path, f"the {self.kind} {self.id}"):
-            yield
 
     def uncommitted(self) -> list[Path]:
         """Returns the files that an interrupted writer left uncommitted; see `files.unlisted`."""

@@ -16,13 +16,10 @@ from typing import NamedTuple
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import files, locks
-from jbench.store.database import Results
+from jbench.store.database import Folder, Results
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.provenance import shell_command
-from jbench.store.scan import Folder, look
 from jbench.store.verify import Flaw, examine
-
-SET_ASIDE = "set-aside"
 
 
 class Repaired(NamedTuple):
@@ -40,26 +37,25 @@ class Repaired(NamedTuple):
 
 
 class Quarantine:
-    """Quarantine directory, created on first use."""
+    """A new quarantine directory, created on first use."""
 
     def __init__(self, results: Results, dry_run: bool = False) -> None:
-        """Chooses a new directory; in a dry run nothing is moved."""
+        """Chooses the directory; in a dry run nothing is moved."""
         self.moved: dict[Path, Path] = {}
         self.dry_run = dry_run
         self._results = results
-        root, now = results.inside(SET_ASIDE), datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
+        root, now = results.inside("set-aside"), datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
         # The clock may have been set back.
         names = itertools.chain((now,), (f"{now}-{n}" for n in itertools.count(2)))
-        self.path = next(root / name for name in names if not (root / name).exists())
+        self._path = next(root / name for name in names if not (root / name).exists())
 
     def take(self, path: Path) -> None:
         """Moves a file or directory, keeping its path relative to the results."""
-        to = self.path / path.relative_to(self._results.path)
-        if path in self.moved:
-            return
-        if not self.dry_run:
-            files.move(path, to)
-        self.moved[path] = to
+        if path not in self.moved:
+            to = self._path / path.relative_to(self._results.path)
+            if not self.dry_run:
+                files.move(path, to)
+            self.moved[path] = to
 
     def take_record(self, folder: Folder) -> None:
         """Moves the files of a folder, its manifest first, except for its lock.
@@ -83,45 +79,36 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
     quarantine, left, commands = Quarantine(results, dry_run), [], []
     faults = [flaw for flaw in findings if flaw.sort != "warning"]
     for kind, id in dict.fromkeys((flaw.kind, flaw.id) for flaw in faults):
-        command = _made_by(results, kind, id)
         try:
-            if _repair_folder(results, kind, id, quarantine) and command:
-                commands.append(command)
+            commands += _repair_folder(results, kind, id, quarantine)
         except (WorkError, RequestError) as error:
             left.append(str(error))
     return Repaired(list(quarantine.moved.items()), left, list(dict.fromkeys(commands)))
 
 
-def _made_by(results: Results, kind: Kind, id: str) -> str | None:
-    """Returns the command that made a record, or None if its manifest does not tell."""
-    with contextlib.suppress(WorkError, RequestError):
-        record = results.find(kind, id)
-        if record and isinstance(record.manifest.provenance.get("command"), list):
-            return shell_command(record.manifest.provenance)
-    return None
-
-
-def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> bool:
-    """Repairs one folder, unless another process is writing there.
+def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
+    """Repairs a folder, unless another process is writing there.
 
     Returns:
-        Whether there was a damaged record, which no longer exists.
+        The command that makes its damaged record again; empty if it has none, or its manifest does
+        not tell.
     """
-    folder = look(results.path, kind, id)
+    folder = results.look(kind, id)
     folder.check()
     with _locked(folder, quarantine.dry_run):
-        flaws = examine(results, kind, id)
+        record, flaws = examine(results, kind, id)
         for flaw in flaws:
             if flaw.sort == "foreign":
                 raise WorkError(f"{flaw} It is left alone.")
         is_damaged = any(flaw.sort == "damaged" for flaw in flaws)
         if is_damaged:
-            quarantine.take_record(look(results.path, kind, id))
+            quarantine.take_record(results.look(kind, id))
         # Problems that `take_record` has not moved, such as a directory with the name of a file.
         for flaw in flaws:
             if os.path.lexists(flaw.path):
                 quarantine.take(flaw.path)
-        return is_damaged
+    made = {} if record is None or not is_damaged else record.manifest.provenance
+    return [shell_command(made)] if isinstance(made.get("command"), list) else []
 
 
 def _locked(folder: Folder, dry_run: bool) -> contextlib.AbstractContextManager[None]:

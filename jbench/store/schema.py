@@ -71,7 +71,6 @@ METRICS = columns(f"""
 """What a training loop passed to `Recording.log`, a row for each value."""
 
 EPISODE_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS}
-"""Tables with a row for each episode of a run."""
 
 LOG_TABLES = {**EPISODE_TABLES, "metrics": METRICS}
 """Tables to which a run in progress adds rows."""
@@ -93,7 +92,6 @@ RUNS = columns(f"""
     diverged: string, JSON; null unless the run diverged
     {_MANIFEST}
 """)
-"""One row per run, from its manifest."""
 
 ENCODERS = columns(f"""
     encoder task kind representation: string
@@ -105,7 +103,6 @@ ENCODERS = columns(f"""
     wall_time: float64, s
     {_MANIFEST}
 """)
-"""One row for each encoder, from its manifest."""
 
 DATASETS = columns(f"""
     dataset: string
@@ -116,7 +113,6 @@ DATASETS = columns(f"""
     bytes: int64, bytes on disk
     {_MANIFEST}
 """)
-"""One row for each dataset, from its manifest."""
 
 POLICY_EVALUATIONS = columns(f"""
     evaluation task policy: string
@@ -125,7 +121,6 @@ POLICY_EVALUATIONS = columns(f"""
     median q10 q90: float64, sum of rewards
     {_MANIFEST}
 """)
-"""One row for each evaluation of a policy by `jbench evaluate`, from its manifest."""
 
 POLICY_EPISODES = columns(f"""
     evaluation: string
@@ -135,7 +130,6 @@ POLICY_EPISODES = columns(f"""
     target_x target_y: float64, m
     target_yaw: float64, rad
 """)
-"""Episodes of a policy that was evaluated by `jbench evaluate`."""
 
 POLICY_STATES = columns("""
     episode: int32
@@ -192,7 +186,6 @@ IMPORTS = columns(f"""
     status: string
     {_MANIFEST}
 """)
-"""One row for each learning curve that `jbench import` read, from its manifest."""
 
 IMPORT_POINTS = columns(f"""
     import: string
@@ -216,7 +209,6 @@ PUBLISHED = columns(f"""
     {_RETURN}
     source: string
 """)
-"""The learning curves of the paper, read from its figures."""
 
 TABLES = {
     "runs": RUNS,

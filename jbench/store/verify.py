@@ -1,10 +1,10 @@
 """Checking a results directory: manifests, the files that they list, and unlisted files.
 
-Files are read in chunks by several threads, so memory use does not depend on their size or number.
-Nothing is changed, and concurrent writers are not disturbed.
+Files are read in chunks, so memory use does not depend on their size or number. Nothing is changed,
+and concurrent writers are not disturbed.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime, timedelta
@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jbench.settings.base import settings_hash
-from jbench.store import listed, locks, schema
-from jbench.store.database import Results
-from jbench.store.flaws import DamagedError, RecordError, Sort, UnreadableError
-from jbench.store.manifest import KINDS, MANIFEST, FileEntry, Kind
+from jbench.store import locks
+from jbench.store.database import Folder, Results
+from jbench.store.flaws import DamagedError, RecordError, Sort
+from jbench.store.manifest import KINDS, MANIFEST, Kind
 from jbench.store.record import Record
 from jbench.store.rows import make_row
-from jbench.store.scan import Folder, look, walk
 
 Progress = Callable[[int], AbstractContextManager[Callable[[int], None]]]
 """Takes the total of some work; during the work, yields a function that takes how much is done."""
@@ -56,7 +55,7 @@ class Verified(NamedTuple):
 
     Attributes:
         records: number of readable manifests.
-        files: number of listed files.
+        files: number of the files that they list.
         bytes: total size of these files.
         findings: record by record.
     """
@@ -78,65 +77,69 @@ def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
 
 
 def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
-    """Checks a results directory; each thread reads a file, and the progress is in bytes."""
-    folders = [folder for kind in KINDS for folder in walk(results.path, kind)]
-    checked = [_check_folder(folder) for folder in folders]
+    """Checks a results directory; each thread checks a record, and the progress is in folders."""
+    folders = [folder for kind in KINDS for folder in results.walk(kind)]
+    checked: list[tuple[Record | None, list[Flaw]]] = []
+    with progress(len(folders)) as show, ThreadPoolExecutor(threads) as pool:
+        for outcome in pool.map(lambda folder: _check_beside_writers(results, folder), folders):
+            checked.append(outcome)
+            show(len(checked))
     records = [record for record, _ in checked if record is not None]
-    suspects = {(flaw.kind, flaw.id) for _, flaws in checked for flaw in flaws}
-    suspects |= {(flaw.kind, flaw.id) for flaw in _check_files(records, threads, progress)}
-    faults = {(kind, id): _check_again(results, kind, id) for kind, id in suspects}
-    damaged = {key for key, flaws in faults.items() if any(f.sort == "damaged" for f in flaws)}
+    findings = [flaw for _, flaws in checked for flaw in flaws]
+    damaged = {(flaw.kind, flaw.id) for flaw in findings if flaw.sort == "damaged"}
     intact = {(record.kind, record.id) for record in records} - damaged
-    findings: list[Flaw] = []
-    for folder, (record, _) in zip(folders, checked, strict=True):
-        findings += faults.get((folder.kind, folder.id), ())
-        findings += () if record is None else _warnings(record, intact)
+    for record, flaws in checked:
+        flaws += () if record is None else _warnings(record, intact)
     sizes = [entry.bytes for record in records for entry in record.manifest.files]
+    findings = [flaw for _, flaws in checked for flaw in flaws]
     return Verified(len(records), len(sizes), sum(sizes), findings)
 
 
-def examine(results: Results, kind: Kind, id: str) -> list[Flaw]:
-    """Checks one record, or a folder where one should be; without warnings.
+def examine(results: Results, kind: Kind, id: str) -> tuple[Record | None, list[Flaw]]:
+    """Returns a record, if it can be read, and what is wrong with its folder; without warnings.
 
     Unlisted files are reported even if the record is locked, since the caller may hold the lock.
     """
     for _ in range(_MAX_TRIES):
-        record, flaws = _check_folder(look(results.path, kind, id))
-        if record is not None:
-            flaws += _check_files([record], 1, no_progress)
+        record, flaws = _check(results.look(kind, id))
         if not flaws or record is None or not record.refresh():
-            return flaws
-    return []  # the record changes faster than it can be checked
+            return record, flaws
+    return record, []  # it changes faster than it can be checked
 
 
-def _check_again(results: Results, kind: Kind, id: str) -> list[Flaw]:
-    """Examines a record that a writer may have changed during the first check."""
-    path = results.path / f"{kind}s" / id
-    is_written = locks.is_held(path)
-    flaws = examine(results, kind, id)
-    if is_written or locks.is_held(path):  # the writer will list or remove its files
-        return [flaw for flaw in flaws if flaw.sort != "leftover"]
-    return flaws
+def _check_beside_writers(results: Results, folder: Folder) -> tuple[Record | None, list[Flaw]]:
+    """Examines a folder, in which another process may be writing."""
+    record, flaws = _check(folder)
+    if flaws:
+        was_held = locks.is_held(folder.path)
+        record, flaws = examine(results, folder.kind, folder.id)
+        if was_held or locks.is_held(folder.path):  # the writer will list or remove its files
+            flaws = [flaw for flaw in flaws if flaw.sort != "leftover"]
+    return record, flaws
 
 
-def _check_folder(folder: Folder) -> tuple[Record | None, list[Flaw]]:
-    """Returns the record of a folder, and what is wrong with all but the files that it lists."""
-    kind, id = folder.kind, folder.id
-    record, flaws = None, []
+def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
+    """Returns the record of a folder, and what is wrong with it, its files and unlisted ones."""
+    record, errors = None, list[RecordError]()
     try:
         record = folder.read()
         if record is not None:
             _check_settings(record)
     except RecordError as error:
-        foreign = isinstance(error, UnreadableError)
-        problem = error.problem_with_advice if foreign else error.problem
-        flaws.append(Flaw(error.sort, kind, id, error.path, problem))
+        errors.append(error)
+    listed: set[str] = set()
+    if record is not None:
+        listed |= {entry.name for entry in record.manifest.files}
+        for entry in record.manifest.files:
+            try:
+                record.check(entry)
+            except RecordError as error:
+                errors.append(error)
+    flaws = [Flaw(e.sort, folder.kind, folder.id, e.path, e.problem) for e in errors]
     if record is not None or MANIFEST not in folder.names:
-        entries = () if record is None else record.manifest.files
-        unlisted = {*folder.names} - {MANIFEST, locks.LOCK, *(entry.name for entry in entries)}
-        for name in sorted(unlisted):
+        for name in sorted({*folder.names} - listed - {MANIFEST, locks.LOCK}):
             path = folder.path / name
-            flaws.append(Flaw("leftover", kind, id, path, "is listed by no manifest"))
+            flaws.append(Flaw("leftover", folder.kind, folder.id, path, "is listed by no manifest"))
     return record, flaws
 
 
@@ -147,29 +150,6 @@ def _check_settings(record: Record) -> None:
     if not record.id.endswith(f"-{expected}"):
         problem = f"has settings of the hash {expected}, not those that its id was made of"
         raise DamagedError(record.path / MANIFEST, problem)
-
-
-def _check_files(records: Sequence[Record], threads: int, progress: Progress) -> list[Flaw]:
-    """Returns what is wrong with the files that records list."""
-    entries = [(record, entry) for record in records for entry in record.manifest.files]
-    flaws, done = [], 0
-    total = sum(entry.bytes for _, entry in entries)
-    with progress(total) as show, ThreadPoolExecutor(threads) as pool:
-        for (_, entry), flaw in zip(entries, pool.map(_check_file, entries), strict=True):
-            flaws += [] if flaw is None else [flaw]
-            done += entry.bytes
-            show(done)
-    return flaws
-
-
-def _check_file(listed_file: tuple[Record, FileEntry]) -> Flaw | None:
-    record, entry = listed_file
-    columns = None if record.manifest.is_old else schema.FILES.get(entry.table or "")
-    try:
-        listed.check(record.path, entry, () if columns is None else columns.names)
-    except RecordError as error:
-        return Flaw(error.sort, record.kind, record.id, error.path, error.problem)
-    return None
 
 
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
@@ -201,9 +181,8 @@ def _is_self_contained(record: Record, named: str) -> bool:
 def _check_date(text: str) -> str | None:
     """Returns a problem of a date of a manifest, or None."""
     try:
-        date = datetime.fromisoformat(text)
         # Clocks of different machines differ a little.
-        if date > datetime.now(UTC) + timedelta(hours=1):
+        if datetime.fromisoformat(text) > datetime.now(UTC) + timedelta(hours=1):
             return "in the future, so that its clock or this one is wrong"
     except (ValueError, TypeError):
         return "no date with a time zone"

@@ -16,7 +16,6 @@ from tests.store.store_rows import (
     listed,
     manifest_of,
     numbers,
-    put_in_place,
     read,
 )
 
@@ -69,15 +68,6 @@ def test_damaged_part_is_reported_with_its_record(results, record, part, damage,
             use()
         repair = f"set it aside with `jbench repair --results {results.path}`."
         assert str(error.value).endswith(repair)
-
-
-def test_broken_parquet_footer_with_correct_checksum_is_reported(results, record):
-    record.append({"t": numbers(1)})
-    content = bytearray((record.path / listed(record)[0]).read_bytes())
-    content[-8 - int.from_bytes(content[-8:-4], "little")] ^= 0xFF  # first byte of the footer
-    put_in_place(record, bytes(content))
-    with pytest.raises(WorkError, match=f"{listed(record)[0]} is damaged"):
-        read(results.find("run", "a/b"))
 
 
 BROKEN_MANIFESTS = {

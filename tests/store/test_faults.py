@@ -3,8 +3,6 @@
 import pytest
 
 from jbench.errors import RequestError, WorkError
-from jbench.store import Results
-from jbench.store.listing import list_runs
 from tests.store.store_faults import Script, run_script
 from tests.store.store_rows import (
     add_run,
@@ -111,21 +109,6 @@ def test_runs_directory_that_is_file_is_refused(results):
     assert results.scan("run")[1] == [f"{results.path}/runs can't be read (Not a directory)."]
     with pytest.raises(RequestError, match="is a file, or lies in one; name a directory"):
         results.create("run", "a/b", {})
-
-
-def test_clock_set_back_during_writing_changes_only_dates(results, record):
-    record.append({"t": numbers(1)})
-    # The dates on the disk after a clock years ahead has been corrected.
-    alter_manifest(record, created="2999-01-01T00:00:00+00:00", updated="2999-01-02T00:00:00+00:00")
-    again = results.find("run", "a/b")
-    for n in (2, 3):
-        again.append({"t": numbers(n)})
-    again.finish({"n": 3})
-    found = Results(results.path).find("run", "a/b")
-    assert (read(found), found.status) == ([1, 2, 3], "finished")
-    assert found.manifest.updated < found.manifest.created
-    (line,), problems = list_runs(results, {})
-    assert (line.created, problems) == ("2999-01-01T00:00:00+00:00", [])
 
 
 def test_two_writers_of_one_record_are_serialized(results):

@@ -3,21 +3,10 @@
 import pytest
 
 from jbench.errors import RequestError, WorkError
-from jbench.store import Results
 from jbench.store.files import make_directory, write_atomic
-from tests.store.store_faults import run_script
 from tests.store.store_rows import names
 
 OLD, NEW = b"old" * 100, b"new" * 10_000
-
-WITHOUT_ROOM = """
-from jbench.store.files import write_atomic
-store_faults.limit_file_size(4096)
-try:
-    write_atomic(results.path / "file", b"new" * 10_000)
-except WorkError as error:
-    print(error)
-"""
 
 
 @pytest.mark.parametrize("before", [None, OLD, NEW * 2])
@@ -33,20 +22,6 @@ def test_write_replaces_file_and_leaves_no_temporary(tmp_path, before):
 def test_file_is_readable_by_other_users(tmp_path):
     write_atomic(tmp_path / "file", NEW)
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
-
-
-@pytest.mark.parametrize("before", [None, OLD])
-def test_write_on_full_disk_keeps_old_file_and_is_reported(tmp_path, before):
-    path = tmp_path / "file"
-    if before is not None:
-        path.write_bytes(before)
-    (printed,) = run_script(Results(tmp_path), WITHOUT_ROOM)
-    assert printed == (
-        f"No room left to write file in {tmp_path}; what was finished is kept: "
-        "free some space and type the command again."
-    )
-    assert names(tmp_path) == (set() if before is None else {"file"})
-    assert before is None or path.read_bytes() == before
 
 
 def test_write_into_missing_directory_reports_file(tmp_path):

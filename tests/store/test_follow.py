@@ -1,17 +1,11 @@
 """Tests that a follower yields each committed row once, also when files are compacted meanwhile."""
 
 import pyarrow as pa
-import pytest
 
-from jbench.store import Results, schema
+from jbench.store import schema
 from jbench.store.follow import Follower
 from tests.store.store_rows import episodes, listed
 from tests.store.store_whole import add_whole_run, restart
-
-
-@pytest.fixture
-def results(tmp_path):
-    return Results(tmp_path / "results")
 
 
 def append(record, *returns, first):
@@ -44,7 +38,7 @@ def test_each_row_is_yielded_once_despite_compaction(results):
     assert len(listed(run)) == 1
     (change,) = follower.look()
     assert (change.rows, change.is_new, change.status_changed) == ([], False, True)
-    assert change.run.status == "finished"
+    assert change.record.status == "finished"
 
 
 def test_rows_committed_and_compacted_between_looks_are_yielded(results):
@@ -87,7 +81,7 @@ def test_damaged_run_is_reported_once_and_others_are_followed(results):
     follower = Follower(results, {})
     sentence, change = follower.look()
     assert damaged.id in sentence
-    assert change.run.run == other.id
+    assert change.record.id == other.id
     append(other, 3.0, first=1)
     assert returns_of(follower) == [3]
 

@@ -10,12 +10,10 @@ from jbench.cli import main
 from jbench.errors import WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks
-from jbench.store.flaws import UnreadableError
-from jbench.store.repair import Quarantine, repair
-from jbench.store.scan import look
+from jbench.store.repair import repair
 from jbench.store.verify import verify
 from jbench.training.status import plan
-from tests.store.store_rows import add_run, listed
+from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run, snapshot
 
 PASSING = ("EMFILE", "ENFILE", "EIO", "EROFS", "EDQUOT", "ESTALE", "EACCES", "EINTR")
@@ -69,21 +67,6 @@ def test_damaged_record_that_becomes_unreadable_is_kept(results, fail):
     done = repair(results, findings)
     assert (done.moved, snapshot(results.path)) == ([], before)
     assert "Input/output error" in done.left[0]
-
-
-def test_record_whose_directory_cannot_be_listed_is_not_moved(results, fail):
-    run = add_whole_run(results)
-    fail("scandir", run.path, errno.EMFILE)
-    with pytest.raises(WorkError, match=r"can't be read \(Too many open files\)"):
-        Quarantine(results).take_record(look(results.path, "run", run.id))
-
-
-def test_message_about_unreadable_rows_never_suggests_deletion(results, record, fail):
-    run = add_run(results, "c", [1.0])
-    fail("open", run.path / listed(run)[0], errno.EMFILE)
-    with pytest.raises(UnreadableError) as caught:
-        run.read_part(run.parts("episodes")[0])
-    assert "delete" not in str(caught.value)
 
 
 @pytest.mark.parametrize("function", ["scandir", "listdir"])

@@ -7,7 +7,7 @@ import pytest
 
 from jbench.settings.alike import variant
 from jbench.store import encoder_schema, query, schema
-from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed, manifest_of
+from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed
 
 ENCODER = "face_direction/dae12/s00-0000abcd"
 DAE = {"representation": "dae12", "encoder": ENCODER}
@@ -113,32 +113,31 @@ def test_dataset_row_counts_control_steps_not_states(results):
     assert fetch(results, sql) == [("random/s07", 7, 3000, 2000, "unfinished", size)]
 
 
-def test_damaged_run_is_skipped_in_all_tables_and_reported(filled):
-    damaged = filled.find("run", "full/s0")
-    path = damaged.path / listed(damaged)[0]
+def cut(record):
+    path = record.path / listed(record)[0]
     path.write_bytes(path.read_bytes()[:-1])
+
+
+def settings_with(**changes):
+    """Returns a function that alters a record's settings."""
+    return lambda record: alter_manifest(record, settings={**record.settings, **changes})
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        cut,
+        lambda record: (record.path / "manifest.json").write_bytes(b"{"),
+        settings_with(seed="one"),
+        settings_with(seed=2**64),
+        settings_with(algo=5),
+    ],
+)
+def test_damaged_run_is_skipped_in_all_tables_and_reported(filled, damage):
+    damaged = filled.find("run", "full/s0")
+    damage(damaged)
     (problem,) = query.load(filled).problems
-    assert str(path) in problem
-    assert fetch(filled, "select run from runs order by run") == [("dae/s0",), ("full/s1",)]
-    assert fetch(filled, "select distinct run from episodes order by run") == [
-        ("dae/s0",),
-        ("full/s1",),
-    ]
-
-
-def test_run_with_damaged_manifest_is_skipped_and_reported(filled):
-    path = filled.path / "runs" / "full" / "s1" / "manifest.json"
-    path.write_bytes(b"{")
-    (problem,) = query.load(filled).problems
-    assert problem.startswith(f"{path} is not a manifest")
-    assert fetch(filled, "select count(*), sum(episode_return) from episodes") == [(5, 94)]
-
-
-@pytest.mark.parametrize("change", [{"seed": "one"}, {"seed": 2**64}, {"algo": 5}])
-def test_run_with_settings_of_wrong_type_is_skipped_and_reported(filled, change):
-    record = filled.find("run", "full/s0")
-    alter_manifest(record, settings={**manifest_of(record)["settings"], **change})
-    loaded = query.load(filled)
-    assert len(loaded.problems) == 1
-    assert "full/s0" in loaded.problems[0]
-    assert loaded.tables["runs"].num_rows == 2
+    assert problem.startswith(f"{damaged.path}/")
+    for table in ("runs", "episodes"):
+        sql = f"select distinct run from {table} order by run"
+        assert fetch(filled, sql) == [("dae/s0",), ("full/s1",)]

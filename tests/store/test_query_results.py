@@ -28,16 +28,11 @@ def rows(results, sql):
     [
         "SELECT run, sum(episode_return) FROM episodes GROUP BY run ORDER BY run",
         'SELECT RUN, SUM(episode_return) FROM "Episodes" GROUP BY run ORDER BY run',
-        "SELECT r.run, sum(episode_return) FROM runs r JOIN episodes USING (run) GROUP BY 1 "
-        "ORDER BY 1",
         "WITH runs AS (FROM episodes) SELECT run, sum(episode_return) FROM runs GROUP BY 1 "
-        "ORDER BY 1",
-        "WITH episodes AS (FROM episodes) SELECT run, sum(episode_return) FROM episodes GROUP BY 1 "
         "ORDER BY 1",
         "SELECT run, (SELECT sum(episode_return) FROM episodes e WHERE e.run = runs.run) FROM runs "
         "ORDER BY run",
         "SELECT run, sum(episode_return) FROM query_table('epi' || 'sodes') GROUP BY 1 ORDER BY 1",
-        "SELECT run, sum(episode_return) FROM query('FROM epi' || 'sodes') GROUP BY 1 ORDER BY 1",
         "SELECT run, sum(x) FROM (UNPIVOT (SELECT run, episode_return FROM episodes) ON "
         "episode_return INTO NAME n VALUE x) GROUP BY 1 ORDER BY 1",
     ],

@@ -15,7 +15,6 @@ from jbench.errors import RequestError, WorkError
 from jbench.store import Results
 from tests.store.store_rows import (
     alter_manifest,
-    incompressible,
     listed,
     manifest_of,
     names,
@@ -39,13 +38,6 @@ def test_texts_and_gaps_survive_as_values_and_as_dictionary(record):
     coded = rows.schema.set(0, pa.field("run", pa.dictionary(pa.int32(), pa.string())))
     assert record.read_part(part).equals(rows)
     assert record.read_part(part, coded).cast(rows.schema).equals(rows)
-
-
-def test_tables_of_record_are_independent(results, record):
-    record.append({"t": numbers(1), "u": numbers(2, 3)})
-    record.append({"u": numbers(4)})
-    again = results.find("run", "a/b")
-    assert (read(again, "t"), read(again, "u"), read(again, "v")) == ([1], [2, 3, 4], [])
 
 
 def test_file_missing_from_manifest_is_not_read(results, record):
@@ -104,14 +96,6 @@ def test_finish_without_compaction_keeps_files(results, record):
     assert read(results.find("run", "a/b")) == [0, 1, 2]
 
 
-def test_compaction_preserves_rows_exactly(results, record):
-    parts = [incompressible(1000), numbers(), incompressible(10)]
-    for rows in parts:
-        record.append({"t": rows})
-    record.finish({})
-    assert read(results.find("run", "a/b")) == [n for rows in parts for n in rows["n"].to_pylist()]
-
-
 def test_uncommitted_file_cannot_be_read(record):
     (record.path / "policy.json").write_bytes(b"{}")
     with pytest.raises(WorkError, match=r"The run a/b has no file policy.json"):
@@ -127,14 +111,6 @@ def test_create_over_existing_record_removes_its_files(results, record):
     assert read(again) == []
     assert results.find("run", "a/b").settings == {"seed": 2}
     assert names(record.path) == {"manifest.json", "notes.txt"}
-
-
-def test_failed_record_keeps_rows_and_error(results, record):
-    record.append({"t": numbers(1)})
-    record.fail("it diverged")
-    again = results.find("run", "a/b")
-    assert (again.status, again.manifest.summary) == ("failed", {"error": "it diverged"})
-    assert read(again) == [1]
 
 
 def test_manifest_records_provenance(record):

@@ -77,11 +77,7 @@ class Dataset:
             yield self._block(task, self.parts[part], files[0][part], files[1][part])
 
     def observations(self, task: str) -> NDArray[np.float32]:
-        """Returns a task's observations (episodes, 1000, dim(O)) before each action.
-
-        Raises:
-            RequestError, WorkError: see `blocks`.
-        """
+        """Returns a task's observations (episodes, 1000, dim(O)) before each action."""
         self.check_task(task)
         size = find_task(task).observation_size
         observations = np.empty((self.episodes, EPISODE_STEPS, size), np.float32)
@@ -131,11 +127,7 @@ class Dataset:
 
 
 def recorded_robot(task: str) -> str:
-    """Returns the `Dataset.robot` of a task's datasets.
-
-    Raises:
-        RequestError, WorkError: see `find_task`.
-    """
+    """Returns the `Dataset.robot` of a task's datasets; raises as `find_task`."""
     return JITTERBUG if find_task(task).specs is None else task
 
 
@@ -143,9 +135,6 @@ def find_dataset(
     results: Results | Path | str, id: str | None = None, task: str = TASKS[0]
 ) -> Dataset:
     """Returns a dataset by its id, or the newest finished one of a robot that is not augmented.
-
-    Args:
-        task: of the robot.
 
     Raises:
         RequestError: if there is none, or it is not finished.

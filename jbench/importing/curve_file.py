@@ -43,12 +43,7 @@ def read_curves(path: Path) -> pd.DataFrame:
 
 
 def as_imports(points: pd.DataFrame, returns: ReturnsName) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Returns curves as rows of `imports` and `import_points`, with the method as algorithm.
-
-    Args:
-        points: see `read_curves`.
-        returns: their kind.
-    """
+    """Returns curves as rows of `imports` and `import_points`, with the method as algorithm."""
     curves = points.groupby(RUN, sort=False)
     numbered = points.assign(
         point=curves.cumcount(),

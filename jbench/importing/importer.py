@@ -59,10 +59,7 @@ class Imported(NamedTuple):
 def import_curves(
     results: Results, paths: Sequence[Path], request: ImportRequest
 ) -> list[Imported]:
-    """Imports learning curves; nothing is written unless all files can be read.
-
-    Returns:
-        The curve of each seed.
+    """Imports the learning curve of each seed; nothing is written unless all files can be read.
 
     Raises:
         RequestError: if a file can't be read, is cut off, empty, or not of the format, or a seed
@@ -123,11 +120,7 @@ def _check_points(points: pd.DataFrame, file: ImportedFile) -> None:
 def _curve(
     parts: Sequence[Series], request: ImportRequest
 ) -> tuple[ImportSettings, pd.DataFrame, list[str]]:
-    """Returns settings and points of the learning curve of a seed, and the names of its files.
-
-    Raises:
-        RequestError: if its parts are not parts of one curve, or a name can't be recorded.
-    """
+    """Returns settings and points of the learning curve of a seed, and the names of its files."""
     order = _ORDER.get(request.format)
     if order is not None:
         # The id must not depend on the order in which the files are named.

@@ -28,11 +28,7 @@ _USED_BY = {
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """What to import; the options of `jbench import` describe the fields.
-
-    Raises:
-        RequestError: if a value is invalid.
-    """
+    """What to import; the options of `jbench import` describe the fields."""
 
     format: ImportFormat
     task: str
@@ -46,7 +42,7 @@ class ImportRequest:
     returns: ReturnsName | None = None
 
     def __post_init__(self) -> None:
-        """Checks the fields."""
+        """Checks the fields; raises a RequestError if one is invalid."""
         for name, formats in _USED_BY.items():
             if getattr(self, name) is not None and self.format not in formats:
                 option = f"--{name.replace('_', '-')}"
@@ -73,11 +69,7 @@ class ImportRequest:
         )
 
     def seed_in(self, text: str, what: str) -> int:
-        """Returns the seed that `seed_from` finds in a text, which messages call `what`.
-
-        Raises:
-            RequestError: if it finds no whole number.
-        """
+        """Returns the seed that `seed_from` finds in a text, which messages call `what`."""
         match = re.search(self.seed_from or "", text)
         if match is None:
             column = ", or type --seed-column NAME instead" if self.format == "csv" else ""
@@ -94,11 +86,7 @@ class ImportRequest:
 
 
 def parse_seed(text: str, where: str) -> int:
-    """Returns the seed in a text; an error begins with `where`.
-
-    Raises:
-        RequestError: if it is not a whole number.
-    """
+    """Returns the seed in a text, a whole number; an error begins with `where`."""
     digits = text.lstrip("0") or text[:1]
     if not (digits.isascii() and digits.isdigit() and int(digits[:20]) <= MAX_SEED):
         raise RequestError(
@@ -119,7 +107,6 @@ class Series(NamedTuple):
     """The learning curve of a seed, or a part of it, in one file.
 
     Attributes:
-        returns: kind of return.
         points: control_steps and episode_return, and if known episode, length and wall_time, a row
             per point; of several episodes in one evaluation with the column point. Messages call a
             row by the name of the index and its value, such as `line 3`.
@@ -134,11 +121,7 @@ class Series(NamedTuple):
 
 
 def open_file(path: Path) -> ImportedFile:
-    """Returns a file with its content.
-
-    Raises:
-        RequestError: if it can't be read, or is empty.
-    """
+    """Returns a file with its content, which must not be empty."""
     try:
         content = path.read_bytes()
     except IsADirectoryError:

@@ -164,22 +164,14 @@ def close(handle: int) -> None:
 
 
 def entries(directory: Path) -> list[os.DirEntry[str]]:
-    """Returns the entries of a directory, sorted by name.
-
-    Raises:
-        OSError: if it can't be listed; `strerror` has the reason.
-    """
+    """Returns the entries of a directory, sorted by name; raises an OSError if it can't."""
     while True:
         with contextlib.suppress(InterruptedError), os.scandir(directory) as iterator:
             return sorted(iterator, key=lambda entry: entry.name)
 
 
 def unlisted(directory: Path, listed: set[str]) -> list[Path]:
-    """Returns files that an interrupted writer of a record left uncommitted.
-
-    Raises:
-        OSError: if the directory can't be listed.
-    """
+    """Returns files that an interrupted writer of a record left uncommitted; see `entries`."""
     kinds = (".parquet", ".safetensors", ".json")
     return [
         directory / entry.name

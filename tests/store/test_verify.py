@@ -5,8 +5,6 @@ import shutil
 from contextlib import nullcontext
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from jbench.errors import WorkError
 from jbench.settings.base import settings_hash
@@ -267,22 +265,10 @@ print(found.problem, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     assert int(kilobytes) < 50_000
 
 
-TEXT = st.text("abcXYZ0189é|<=^%~-\"'", max_size=20)
-JSON = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers(-(2**63), 2**63 - 1)
-    | st.floats(allow_nan=False, allow_infinity=False)
-    | TEXT,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXT, inner, max_size=3),
-    max_leaves=8,
-)
-
-
-@given(st.dictionaries(TEXT, JSON, max_size=4))
-@settings(max_examples=50)
-def test_settings_keep_hash_through_manifest_round_trip(tmp_path_factory, values):
+def test_settings_keep_hash_through_manifest_round_trip(tmp_path):
+    numbers = [0.1 + 0.2, 1e-300, -1.5e300, 2**63 - 1, -(2**63), True, None]
+    values = {"é|<=^%~-\"'": 'é"', "numbers": numbers, "deep": {"a": [{"b": [[]]}], "c": {}}}
     manifest = Manifest(kind="run", id="a", settings=values, created="", updated="")
-    (path := tmp_path_factory.mktemp("manifest") / "manifest.json").write_bytes(manifest.to_bytes())
-    back = Manifest.read(path)
-    assert settings_hash(back.settings) == settings_hash(values)
+    (path := tmp_path / "manifest.json").write_bytes(manifest.to_bytes())
+    assert Manifest.read(path).settings == values
+    assert settings_hash(Manifest.read(path).settings) == settings_hash(values)

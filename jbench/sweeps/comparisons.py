@@ -100,14 +100,7 @@ def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[Matri
 
 def _pair(cells: Sequence[Cell], entry: Planned) -> tuple[Cell, Cell]:
     """Returns the two cells of a planned comparison."""
-    task, algo = entry.task, entry.algo
-    known("task", task, tuple(dict.fromkeys(cell.task for cell in cells)))
-    cells = [cell for cell in cells if cell.task == task]
-    known(f"algorithm on {task}", algo, tuple(dict.fromkeys(cell.algo for cell in cells)))
-    cells = [cell for cell in cells if cell.algo == algo]
-    names = tuple(dict.fromkeys(name for cell in cells for name in _names(cell)))
-    for name in (entry.first, entry.second):
-        known(f"representation of {algo} on {task}", name, names)
+    cells = [cell for cell in cells if (cell.task, cell.algo) == (entry.task, entry.algo)]
     pairs = [
         (ours, theirs)
         for ours in cells
@@ -117,12 +110,12 @@ def _pair(cells: Sequence[Cell], entry: Planned) -> tuple[Cell, Cell]:
         and entry.steps in (None, ours.runs[0].steps)
         and _key(ours) == _key(theirs)
     ]
-    both = f"{entry.first} and {entry.second} of {algo} on {task}"
+    both = f"{entry.first} and {entry.second} of {entry.algo} on {entry.task}"
     if not pairs:
         steps = "" if entry.steps is None else f" with {entry.steps} control steps"
         raise RequestError(
-            f"the matrix has no {both}{steps} that differ only in their representation; give both "
-            "the same settings."
+            f"the matrix has no {both}{steps} that differ only in their representation; choose "
+            "others, or give both the same settings."
         )
     if len(pairs) > 1:
         raise RequestError(

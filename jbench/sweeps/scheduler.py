@@ -124,7 +124,7 @@ class _Scheduler:
         self._results, self._executor, self._pool = results, executor, pool
         self._report, self._retry, self._wait = report, set(retry), wait
         self._tasks: set[Future[list[RunSettings]]] = set()
-        self._elsewhere: list[RunSettings] = []
+        self._elsewhere: set[str] = set()
         self._events: queue.SimpleQueue[Event | Future[list[RunSettings]]] = queue.SimpleQueue()
         self._deaths: Counter[str] = Counter()
         self._failures: dict[str, str] = {}
@@ -133,13 +133,9 @@ class _Scheduler:
     def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
         """Trains runs; returns a sentence for each that failed, by run id."""
         self._submit(batches(runs, self._executor.jobs, self._executor.device))
-        looked = time.monotonic()
-        while self._tasks or self._elsewhere:
-            with suppress(queue.Empty):
+        while self._tasks:
+            with suppress(queue.Empty):  # on Windows, Ctrl-C is seen only between two calls
                 self._handle(self._events.get(timeout=_LOOK_EVERY))
-            if time.monotonic() - looked >= _LOOK_EVERY:
-                self._take_back()
-                looked = time.monotonic()
         return self._failures
 
     def _submit(self, batches_of_runs: Iterable[Sequence[RunSettings]]) -> None:
@@ -163,6 +159,8 @@ class _Scheduler:
                 continue
             del left[run.id]
         if held:
+            if self._elsewhere.issuperset(run.id for run in held):
+                time.sleep(_LOOK_EVERY)  # another look at them
             self._events.put(Event("held", runs=held))
         if runs := list(left.values()):
             self._retry -= left.keys()  # a run is retried once
@@ -206,23 +204,14 @@ class _Scheduler:
             self._note(f"The process of {_named(again)} died; {how}.")
 
     def _leave(self, runs: Sequence[RunSettings]) -> None:
-        """Leaves runs to the process that is training them."""
+        """Leaves runs to the process that is training them, and looks at them again at the end."""
+        if new := [run for run in runs if run.id not in self._elsewhere]:
+            then = "waited for at the end" if self._wait else "left out here"
+            verb = "it is" if len(new) == 1 else "they are"
+            self._note(f"Another process is training {_named(new)}; {verb} {then}.")
+            self._elsewhere |= {run.id for run in new}
         if self._wait:
-            self._elsewhere.extend(runs)
-        then = "waited for at the end" if self._wait else "left out here"
-        verb = "it is" if len(runs) == 1 else "they are"
-        self._note(f"Another process is training {_named(runs)}; {verb} {then}.")
-
-    def _take_back(self) -> None:
-        """Takes back runs that another process has finished, failed or abandoned."""
-        held = [
-            run
-            for run in self._elsewhere
-            if is_being_trained(run, self._results) and not run_status(run, self._results).is_ended
-        ]
-        free = [run for run in self._elsewhere if run not in held]
-        self._submit(batches(free, self._executor.jobs, self._executor.device))
-        self._elsewhere = held
+            self._submit([runs])
 
     def _fail(self, event: Event) -> None:
         self._failures[event.run] = event.text

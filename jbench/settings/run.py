@@ -146,22 +146,16 @@ class RunSettings(Settings):
     def _contradictions_of_features(self) -> Iterator[str]:
         """Yields what is wrong with features that are learned with the agent."""
         name = self.representation
-        if (self.ofe is not None) != (kind_in(name) == OFE):
-            yield f"features that are learned with the agent are called {OFE}N"
         if self.ofe is None:
+            if kind_in(name) == OFE:
+                yield f"{name} needs the settings of its features, ofe"
             return
         if name != self.ofe.representation:
-            yield f"{self.ofe.units} features are called {self.ofe.representation}"
-        if self.algo == "ppo":
-            yield (
-                f"{name} is for DDPG, TD3 and SAC: PPO keeps no transitions to learn features "
-                "from; choose td3, or another representation"
-            )
-        if self.engine != "batched":
+            yield f"{self.ofe.units} learned features are called {self.ofe.representation}"
+        if self.engine != "batched" or not self.is_ours or self.algo == "ppo":
+            # PPO keeps no transitions to learn features from.
             other = "stable-baselines3" if self.engine == "sb3" else self.algo
-            yield f"{name} needs the batched engine: {other} does not have it"
-        if not self.is_ours:
-            yield f"{name} is for DDPG, TD3 and SAC, not for {self.algo}; choose td3"
+            yield f"{name} is for DDPG, TD3 and SAC of the batched engine, not for {other}"
         if self.encoder is not None:
             yield f"{name} learns from observations: it can't have an encoder, too"
         if self.hyperparameters.get("action_layer"):

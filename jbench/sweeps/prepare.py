@@ -128,11 +128,9 @@ def _when_free(make: Callable[[], object], report: Report) -> None:
     while True:
         try:
             make()
+            return
         except HeldError as error:
             if not noted:
-                sentence = f"{str(error).partition(';')[0]}; waiting for it."
-                report(Event("note", text=sentence))
-                noted = True
+                report(Event("note", text=f"{str(error).partition(';')[0]}; waiting for it."))
+            noted = True
             time.sleep(_LOOK_EVERY)
-        else:
-            return

@@ -100,7 +100,7 @@ def test_training_uninstalled_agent_is_refused(swept, refused):
         ),
         (("random-search", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
         (("random-search", "--engine", "batched"), "has the engine plugin, not batched"),
-        (("random-search", "--encoder", "ofe12"), "ofe12 needs the batched engine: random-search"),
+        (("random-search", "--encoder", "ofe12"), "of the batched engine, not for random-search"),
         (("td3", "--engine", "plugin"), "td3 is not an agent of another package"),
         (("random-serch",), "did you mean random-search"),
         (("sb3_contrib:TQC", "--engine", "plugin"), "has the engine sb3, not plugin"),

@@ -44,8 +44,11 @@ from tests.documentation import ROOT
         (("train", "--encoder", "ofe"), "ofe needs a number of features: type ofe12 or ofe240"),
         (("train", "--set", "ofe.layers=2"), "is for --encoder ofeN, such as ofe12"),
         (("train", "--encoder", "ofe12", "--set", "ofe.layer=2"), "did you mean layers?"),
-        (("train", "--encoder", "ofe12", "--algo", "ppo"), "ofe12 is for DDPG, TD3 and SAC: PPO"),
-        (("train", "--encoder", "ofe12", "--engine", "sb3"), "ofe12 needs the batched engine"),
+        (("train", "--encoder", "ofe12", "--algo", "ppo"), "of the batched engine, not for ppo"),
+        (
+            ("train", "--encoder", "ofe12", "--engine", "sb3"),
+            "of the batched engine, not for stable-baselines3",
+        ),
         (("train", "--steps", "many"), "type a positive whole number"),
         (("train", "--steps", "999"), "it takes 1000; type 1000 or more"),
         (("train", "--algo", "ppo", "--steps", "5000"), "in each of 8 environments; type 8000"),

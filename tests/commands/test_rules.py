@@ -125,7 +125,10 @@ def test_class_is_named_without_entry_point(installed, tmp_path, monkeypatch):
         (("tqc", "--set", "quantile=9"), "tqc has no setting quantile; did you mean quantiles"),
         (("tqc", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
         (("tqc", "--engine", "sb3"), "tqc has the engine batched, not sb3"),
-        (("tqc", "--encoder", "ofe12"), "ofe12 is for DDPG, TD3 and SAC, not for tqc"),
+        (
+            ("tqc", "--encoder", "ofe12"),
+            "ofe12 is for DDPG, TD3 and SAC of the batched engine, not for tqc",
+        ),
         (("tqc", "--precision", "bfloat16"), "tqc does not learn in bfloat16"),
     ],
 )

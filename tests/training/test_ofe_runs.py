@@ -71,12 +71,12 @@ def test_ofe_is_part_of_settings_and_id(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"algo": "ppo"}, "ofe6 is for DDPG, TD3 and SAC: PPO keeps no transitions"),
-        ({"engine": "sb3"}, "ofe6 needs the batched engine"),
+        ({"algo": "ppo"}, "ofe6 is for DDPG, TD3 and SAC of the batched engine, not for ppo"),
+        ({"engine": "sb3"}, "of the batched engine, not for stable-baselines3"),
         ({"encoder": "face_direction/dae12/s00-0"}, "ofe6 learns from observations: it can't have"),
-        ({"representation": "ofe7"}, "6 features are called ofe6"),
-        ({"representation": "full"}, "features that are learned with the agent are called ofeN"),
-        ({"ofe": None}, "features that are learned with the agent are called ofeN"),
+        ({"representation": "ofe7"}, "6 learned features are called ofe6"),
+        ({"representation": "full"}, "6 learned features are called ofe6"),
+        ({"ofe": None}, "ofe6 needs the settings of its features, ofe"),
     ],
 )
 def test_settings_incompatible_with_ofe_are_refused(changes, says):

@@ -39,9 +39,7 @@ TASK_SPECS = {
         (*_STATE, "angle_to_target"), ("heading", "upright"), draws_yaw=True
     ),
     "move_in_direction": TaskSpec(
-        (*_STATE, "angle_to_target", "speed_in_target_frame"),
-        ("speed", "upright"),
-        draws_yaw=True,
+        (*_STATE, "angle_to_target", "speed_in_target_frame"), ("speed", "upright"), draws_yaw=True
     ),
     "move_to_position": TaskSpec(
         (*_STATE, "target_in_jitterbug_frame"), ("near", "upright"), draws_position=True

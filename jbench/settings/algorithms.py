@@ -119,8 +119,7 @@ class DDPGSettings(DeterministicSettings):
     noise_mean: float = 0.3
     noise_sigma: float = Field(default=0.3, ge=0)
     action_layer: Literal[0, 1] = omissible(
-        0,
-        description="layer of the critic that takes the action: 0, the first; script: 1",
+        0, description="layer of the critic that takes the action: 0, the first; script: 1"
     )
     last_layer_bound: float | None = omissible(
         None,
@@ -129,8 +128,7 @@ class DDPGSettings(DeterministicSettings):
         "None: like the other layers",
     )
     gradients_first: bool = omissible(
-        False,
-        description="whether both gradients are computed before either step; script: true",
+        False, description="whether both gradients are computed before either step; script: true"
     )
 
     @model_validator(mode="after")
@@ -187,8 +185,7 @@ class PPOSettings(AlgorithmSettings):
     vf_coef: float = Field(default=0.5, ge=0, description="stable-baselines 2 (script: 0.25)")
     max_grad_norm: float = Field(default=0.5, gt=0, description="stable-baselines 2")
     shared_layers: bool = omissible(
-        False,
-        description="whether policy and value share their hidden layers; script: true",
+        False, description="whether policy and value share their hidden layers; script: true"
     )
     value_loss: Literal["clipped", "max"] = omissible(
         "clipped",

@@ -60,9 +60,7 @@ class RunSettings(Settings):
         None, description="seed of an augmented robot, or of the first of several"
     )
     robots: int = omissible(
-        1,
-        ge=1,
-        description="number of augmented robots to train on in sequence, from --augment on",
+        1, ge=1, description="number of augmented robots to train on in sequence, from --augment on"
     )
     precision: Precision = omissible(
         "float32",

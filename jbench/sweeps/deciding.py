@@ -76,9 +76,7 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
 
 
 def outcomes(
-    chosen: Sequence[MatrixComparison],
-    results: Results,
-    returns: dict[tuple[str, Claim], float],
+    chosen: Sequence[MatrixComparison], results: Results, returns: dict[tuple[str, Claim], float]
 ) -> list[ComparisonOutcome]:
     """Returns the outcome of each comparison with the finished seeds.
 

@@ -96,8 +96,7 @@ class Physics(mujoco.Physics):
         """Returns the target's position and yaw."""
         matrix = self.named.data.xmat["target"]
         return geometry.Target(
-            position=self.named.data.xpos["target"].copy(),
-            yaw=np.arctan2(matrix[3], matrix[0]),
+            position=self.named.data.xpos["target"].copy(), yaw=np.arctan2(matrix[3], matrix[0])
         )
 
     def set_target(self, target: geometry.Target) -> None:
@@ -110,10 +109,7 @@ class Jitterbug(base.Task):
     """One of the five tasks of the Jitterbug problem (paper, section 4.2)."""
 
     def __init__(
-        self,
-        task: str,
-        random_pose: bool = True,
-        random: np.random.RandomState | int | None = None,
+        self, task: str, random_pose: bool = True, random: np.random.RandomState | int | None = None
     ) -> None:
         """Initializes the task; see `environment`."""
         self._task = task

@@ -17,12 +17,7 @@ NONE = (0.0, 0.0, 0.0)
 EVERY_LEG = pytest.mark.parametrize("leg", LEGS)
 
 # Knees of the plain robot in the torso's frame, in centimeters.
-KNEES = {
-    1: (2.87, 3.28, 3.3),
-    2: (2.87, -3.08, 3.5),
-    3: (-2.87, -3.08, 3.5),
-    4: (-2.87, 3.28, 3.3),
-}
+KNEES = {1: (2.87, 3.28, 3.3), 2: (2.87, -3.08, 3.5), 3: (-2.87, -3.08, 3.5), 4: (-2.87, 3.28, 3.3)}
 
 # Fields of the model that a physics step depends on and that an edit could change.
 PHYSICS = [

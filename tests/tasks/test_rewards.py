@@ -128,11 +128,7 @@ BY_HAND = {
     "move_from_origin": {"distance": 0.05, "reward_away": 0.9},
     "face_direction": {"target": [-PI / 4], **HEADING},
     # The speed along the target is 0.07 / sqrt(2) m/s, of the full 0.1 m/s.
-    "move_in_direction": {
-        "target": [-PI / 4],
-        "angle": PI / 4,
-        "reward_speed": 0.7 / math.sqrt(2),
-    },
+    "move_in_direction": {"target": [-PI / 4], "angle": PI / 4, "reward_speed": 0.7 / math.sqrt(2)},
     "move_to_position": {"target": [0.03, -0.04], **NEAR},
     "move_to_pose": {"target": [0.03, -0.04, -PI / 4], **NEAR, **HEADING},
 }

@@ -153,7 +153,10 @@ class RunSettings(Settings):
         if self.engine != "batched" or not self.is_ours or self.algo == "ppo":
             # PPO keeps no transitions to learn features from.
             other = "stable-baselines3" if self.engine == "sb3" else self.algo
-            yield f"{name} is for DDPG, TD3 and SAC of the batched engine, not for {other}"
+            yield (
+                f"{name} is for DDPG, TD3 and SAC of the batched engine, not for {other}; choose "
+                "td3, or another representation"
+            )
         if self.encoder is not None:
             yield f"{name} learns from observations: it can't have an encoder, too"
         if self.hyperparameters.get("action_layer"):

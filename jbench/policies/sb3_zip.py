@@ -22,8 +22,8 @@ from jbench.store.files import sha256
 from jbench.wording import counted
 
 _ACTORS = {
-    "actor.mu.": ("actor.latent_pi.", "relu", [SavedLayer("tanh")]),  # SAC, TQC; DDPG, TD3
-    "action_net.": ("mlp_extractor.policy_net.", "tanh", []),  # PPO, A2C, TRPO
+    "actor.mu.": ("actor.latent_pi.", "ReLU", [SavedLayer("tanh")]),  # SAC, TQC; DDPG, TD3
+    "action_net.": ("mlp_extractor.policy_net.", "Tanh", []),  # PPO, A2C, TRPO
 }
 """By the beginning of the names of an actor's last weights: that of the weights before them, the
 default activation, and what is applied to the output. DDPG and TD3 have all in the last ones."""
@@ -95,9 +95,13 @@ def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[Save
     if last is None:
         raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
     hidden, activation, output = _ACTORS[last]
-    between = _activation(data.get("policy_kwargs") or {}, activation)
+    # It is recorded as <class 'torch.nn.modules.activation.ELU'>.
+    typed = (data.get("policy_kwargs") or {}).get("activation_fn") or activation
+    name = str(typed).rpartition(".")[2].strip("'>")
+    if name not in _ACTIVATIONS:
+        raise UnsupportedPolicyError(f"its activation {name} is not known")
     first, *others = [*_linear(hidden, weights), *_linear(last, weights)]
-    return [first, *(layer for linear in others for layer in (between, linear)), *output]
+    return [first, *(layer for linear in others for layer in (_ACTIVATIONS[name], linear)), *output]
 
 
 def _linear(prefix: str, weights: dict[str, torch.Tensor]) -> list[SavedLayer]:
@@ -124,14 +128,3 @@ def _weights(content: bytes) -> dict[str, torch.Tensor]:
     ):
         raise ValueError("policy.pth is no dictionary of tensors")
     return weights
-
-
-def _activation(policy_kwargs: dict[str, Any], default: str) -> SavedLayer:
-    """Returns the activation, which is recorded as `<class 'torch.nn.modules.activation.ELU'>`."""
-    text = policy_kwargs.get("activation_fn")
-    if text is None:
-        return SavedLayer(default)
-    name = str(text).rpartition(".")[2].strip("'>")
-    if name not in _ACTIVATIONS:
-        raise UnsupportedPolicyError(f"its activation {name} is not known")
-    return _ACTIVATIONS[name]

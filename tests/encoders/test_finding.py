@@ -159,11 +159,7 @@ def test_altered_file_is_reported(copied, name, damage):
     path = copied.path / name
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(WorkError, match=f"{copied.id}/{name} is damaged"):
-        load_encoder(copied_results(copied), copied.id)
-
-
-def copied_results(record):
-    return Results(record.path.parents[3])
+        load_encoder(copied.path.parents[3], copied.id)
 
 
 def with_arrays(change):
@@ -210,7 +206,7 @@ FOREIGN = {
 def test_invalid_file_with_correct_checksum_is_refused(copied, name, change):
     replace_file(copied, name, change(copied.read_file(name)))
     with pytest.raises(WorkError, match=f"encoder {copied.id} can't be read .*; train it again"):
-        load_encoder(copied_results(copied), copied.id)
+        load_encoder(copied.path.parents[3], copied.id)
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, DESCRIPTION])
@@ -221,7 +217,7 @@ def test_pickle_in_place_of_file_is_refused_and_not_run(tmp_path, copied, name):
     made.unlink()
     replace_file(copied, name, bomb)
     with pytest.raises(WorkError, match=f"The encoder {copied.id} can't be read"):
-        load_encoder(copied_results(copied), copied.id)
+        load_encoder(copied.path.parents[3], copied.id)
     assert not made.exists()
 
 
@@ -229,7 +225,7 @@ def test_link_in_place_of_weights_is_refused(tmp_path, copied):
     shutil.move(copied.path / WEIGHTS, tmp_path / "elsewhere")
     (copied.path / WEIGHTS).symlink_to(tmp_path / "elsewhere")
     with pytest.raises(WorkError, match="a link to another place"):
-        load_encoder(copied_results(copied), copied.id)
+        load_encoder(copied.path.parents[3], copied.id)
 
 
 def test_encoded_environment_observes_latents(trained):

@@ -217,10 +217,10 @@ def test_deviation_of_every_configuration(returns):
         assert deviations == [f"{value:.0f}" for value in expected]
 
 
-def decision(representation, against):
+def decision(task, representation, against):
     """Returns the text of a "lower" verdict of the sequential test, such as `-20 [-30, -10]`."""
-    decisions = Frames(shipped_results()).decisions
-    (row,) = chosen_from(decisions, representation=representation, against=against).itertuples()
+    chosen = {"task": task, "representation": representation, "against": against}
+    (row,) = chosen_from(Frames(shipped_results()).decisions, **chosen).itertuples()
     assert row.verdict == "lower"
     return f"{row.difference:.0f} [{row.low:.0f}, {row.high:.0f}]"
 
@@ -233,7 +233,7 @@ def test_whitened_latents_are_between_plain_ones_and_the_observation(returns):
     assert (len(plain), len(whitened), (whitened > plain.max()).sum()) == (10, 10, 9)
     for finals in (plain, whitened):
         assert f"({finals.min():.0f} to {finals.max():.0f})" in text_of("answer")
-    assert f"lower than with `scaled`: {decision(WHITENED, 'scaled')} by" in text_of("answer")
+    assert f"lower than with `scaled`: {decision(TASKS[0], WHITENED, 'scaled')} by" in text_of("answer")
     verdicts = chosen_from(Frames(shipped_results()).verdicts, returns="evaluation", claim="b")
     (row,) = verdicts[~verdicts["verdict"].isin(["undecided", None])].itertuples()
     assert (row.representation, row.against, row.verdict) == (WHITENED, "scaled", "more variable")
@@ -248,8 +248,18 @@ def test_planar_coordinates_help_by_what_they_leave_out(returns):
     )
     assert (len(heading), (planar > heading.max()).sum()) == (10, 7)
     assert abs(iqm(heading) - iqm(full)) < 50
-    tested = decision("heading", "planar")
+    tested = decision(TASKS[1], "heading", "planar")
     assert f"less than with `planar`: {tested} by the sequential test" in text_of("answer")
+
+
+def test_heading_of_the_easier_task(returns):
+    heading, scaled = (
+        returns["evaluation", "td3", TASKS[0], name].final for name in ("heading16", "scaled")
+    )
+    *lower, last = (f"{final:.0f}" for final in sorted(heading))
+    assert len(lower) == 4
+    assert f"`heading16` have {', '.join(lower)} and {last}: as much" in text_of("answer")
+    assert abs(iqm(heading) - iqm(scaled)) < 10
 
 
 def text_of(page):

@@ -95,7 +95,7 @@ def cost(algo: str, rounds: int) -> None:
             training = (time.perf_counter() - clock) * EPISODE_STEPS / measured
             clock = time.perf_counter()
             for index, (record, log) in enumerate(begun):
-                log.episode(number, 500.0, EPISODE_STEPS, engine.losses(index))
+                log.episode(number, 500.0, engine.losses(index))
                 save(record, log, engine, index)
             checkpoint = time.perf_counter() - clock
             if number:  # the first one writes the whole buffer
@@ -124,7 +124,7 @@ def volume(algo: str) -> None:
                     numbers = random.random((1, 1)), random.random((1, 1))
                     engine.replay.add(*numbers, torch.zeros(1, 1, 16))
                 engine.replay.begin(torch.zeros(1, 1, 16))
-            log.episode(engine.control_steps, 500.0, EPISODE_STEPS, {})
+            log.episode(engine.control_steps, 500.0, {})
             save(record, log, engine, 0)
             most = max(most, len(record.manifest.files))
     sizes = ", ".join(f"{kind} {size / 1e6:.0f} MB" for kind, size in written.bytes.items())

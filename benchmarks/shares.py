@@ -66,7 +66,7 @@ def shares(algo: str) -> dict[str, float]:
         mock.patch("jbench.training.batched_run.TrainingGroup", Measured),
     ):
         began = time.perf_counter()
-        run_batch([settings_of(algo, seed) for seed in range(SEEDS)], Results(Path(folder)), None)
+        run_batch([settings_of(algo, seed) for seed in range(SEEDS)], Results(Path(folder)))
         whole = time.perf_counter() - began
     clock.spent["updates"] += clock.spent.pop("waiting for updates")
     spent = {part: clock.spent[part] for part in PARTS}

@@ -15,7 +15,7 @@ from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
     from jbench.store import Record, Results
-    from jbench.training.reevaluate import Repeated
+    from jbench.training.repeat import Repeated
 
 
 def reproduce(
@@ -41,15 +41,12 @@ def reproduce(
     """
     limit_threads()
     from jbench.store.provenance import describe_changes
-    from jbench.training.reevaluate import changes_since, reevaluate
-    from jbench.training.reproduce import default_episodes, retrain, settings_to_train
+    from jbench.training.repeat import changes_since, default_episodes, reevaluate, retrain
 
     output = Output(json)
     database, record = _find_run(results, run)
     if episodes is None:
         episodes = default_episodes(record)
-    if episodes:
-        settings_to_train(record)
     finished = record.status == "finished"
     evaluation, retraining = reevaluate(database, record) if finished else None, None
     if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
@@ -81,7 +78,7 @@ def reproduce(
         why = f"{', '.join(changed)} changed since then, and may round numbers differently"
         same = "versions and processor are the same, so the record was altered or is incomplete"
         raise WorkError(f"{record.id} was not reproduced: {why if changed else same}.")
-    if not any(part.compared for part in parts):
+    if all(part.control_steps is None for part in parts):
         raise WorkError(
             f"Nothing of {record.id} could be compared; repeat episodes (--episodes 1)."
         )
@@ -125,7 +122,7 @@ def reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
     Damaged runs are left out, and runs without a policy are only counted.
     """
     from jbench.store.provenance import describe_changes
-    from jbench.training.reevaluate import changes_since, reevaluate
+    from jbench.training.repeat import changes_since, reevaluate
 
     records = [record for record in database.scan("run")[0] if record.status == "finished"]
     outcomes = []

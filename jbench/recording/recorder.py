@@ -3,7 +3,7 @@
 import contextlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -15,12 +15,10 @@ from jbench.errors import RequestError, WorkError
 from jbench.loggers.logger import Logger
 from jbench.loggers.mirror import mirrored
 from jbench.policies.acting import Actor, acting
-from jbench.policies.copied import UnsupportedPolicyError
-from jbench.policies.network import SavedNetwork
-from jbench.recording.writer import RecordedEnvironment, RunWriter, copied_network
+from jbench.recording.writer import RecordedEnvironment, RunWriter, as_numbers, copied_network
 from jbench.settings.records import ExternalSettings
-from jbench.simulation.find import find_task
-from jbench.store import Results
+from jbench.simulation import find_task
+from jbench.store import Results, schema
 from jbench.training.environment import load_run_encoder, make_env
 
 if TYPE_CHECKING:
@@ -53,7 +51,7 @@ class Recording:
         self.id, self.finished = settings.id, False
         self._settings, self._results, self._made_on = settings, results, made_on
         self._encoder = load_run_encoder(settings, results)
-        self._lock = contextlib.ExitStack()
+        self._task = find_task(settings.task)
         self._logger, self._process = logger, os.getpid()
         self._writer: RunWriter | None = None
 
@@ -72,21 +70,8 @@ class Recording:
         Raises:
             WorkError: if another process writes the run, or nothing can be written.
         """
-        with contextlib.ExitStack() as stack:
-            existing = stack.enter_context(self._results.locked("run", self.id))
-            if self._logger is not None:
-                _note(self._logger.where)
-                stack.enter_context(mirrored(self._results, {self.id}, self._logger, _note))
-            if existing is not None and existing.status == "finished":
-                self.finished = True
-                return self
-            if existing is not None:
-                _note(f"The run {self.id} is {existing.status}; it starts over.")
-            record = self._results.create("run", self.id, self._settings.values, self._made_on)
-            self._writer = RunWriter(record, self._settings, self._encoder)
-            self._environments = 0
-            self._kept: tuple[SavedNetwork, int] | None = None
-            self._lock = stack.pop_all()
+        self._stack = contextlib.ExitStack()
+        self._stack.enter_context(self._block())
         return self
 
     def __exit__(
@@ -100,24 +85,33 @@ class Recording:
         Raises:
             WorkError: if the block has made too few control steps, or nothing can be written.
         """
-        writer, self._writer = self._writer, None
-        if writer is None:
-            if skipped := isinstance(error, AlreadyFinishedError):
-                _note(str(error))
-            return skipped
-        with self._lock:
-            # A policy that can't be kept does not spoil a training that is complete.
-            if error is None or (isinstance(error, UnsupportedPolicyError) and writer.is_complete):
+        return bool(self._stack.__exit__(kind, error, traceback))
+
+    @contextlib.contextmanager
+    def _block(self) -> Iterator[None]:
+        with contextlib.ExitStack() as stack:
+            existing = stack.enter_context(self._results.locked("run", self.id))
+            if self._logger is not None:
+                _note(self._logger.where)
+                stack.enter_context(mirrored(self._results, {self.id}, self._logger, _note))
+            if existing is not None and existing.status == "finished":
+                self.finished = True
                 try:
-                    writer.finish(self._kept)
-                    self.finished = True
+                    yield
+                except AlreadyFinishedError as skipped:
+                    _note(str(skipped))
+                return
+            if existing is not None:
+                _note(f"The run {self.id} is {existing.status}; it starts over.")
+            record = self._results.create("run", self.id, self._settings.values, self._made_on)
+            self._writer, self._environments = RunWriter(record, self._settings, self._encoder), 0
+            try:
+                with self._writer.block():
+                    yield
+            finally:
+                self._writer, self.finished = None, record.status == "finished"
+                if self.finished:
                     _note(f"Recorded the run {self.id} in {self._results.name}.")
-                except Exception as failure:
-                    writer.stop(failure)
-                    raise
-            else:
-                writer.stop(error)
-        return False
 
     def env(self) -> gymnasium.Env[Any, Any]:
         """Returns an environment whose episodes are recorded; each call makes one.
@@ -143,7 +137,14 @@ class Recording:
         Raises:
             RequestError: if there is no column of such a name.
         """
-        self._running().set_losses(values)
+        losses = self._running().losses
+        if unknown := sorted(values.keys() - schema.LOSSES):
+            raise RequestError(
+                f"There is no loss {', '.join(unknown)}; there are {', '.join(schema.LOSSES)}, and "
+                "log(NAME=VALUE) takes any other metric."
+            )
+        for name, value in values.items():
+            losses[name] = value.detach() if hasattr(value, "detach") else value
 
     def log(self, **metrics: Any) -> None:
         """Records metrics at the current control step, in the table `metrics`.
@@ -154,7 +155,9 @@ class Recording:
         Raises:
             RequestError: if a value is not a number.
         """
-        self._running().metrics(metrics)
+        writer = self._running()
+        writer.log.metrics(writer.control_steps, as_numbers(metrics))
+        writer.commit_if_due()
 
     def evaluate(self, actor: Actor) -> NDArray[np.float64] | None:
         """Evaluates a policy if `evaluate_every` control steps have passed.
@@ -169,10 +172,11 @@ class Recording:
         Raises:
             RequestError: if its actions have the wrong shape or are not finite.
         """
-        writer = self._running()
-        if not writer.evaluation_due():
+        writer, every = self._running(), self._settings.evaluate_every
+        due = writer.log.is_evaluation_due(every, self.control_steps)
+        if not due or not self._settings.evaluate_episodes:
             return None
-        with acting(actor, find_task(self._settings.task).action_size) as act:
+        with acting(actor, self._task.action_size) as act:
             return writer.evaluate(act, self.control_steps)
 
     def keep_policy(self, actor: Actor) -> None:
@@ -185,10 +189,9 @@ class Recording:
         Raises:
             UnsupportedPolicyError: if it is anything else; a RequestError.
         """
-        self._running()
-        task, encoder = find_task(self._settings.task), self._encoder
+        writer, task, encoder = self._running(), self._task, self._encoder
         inputs = task.observation_size if encoder is None else encoder.latent_size
-        self._kept = copied_network(actor, inputs, task.action_size), self.control_steps
+        writer.kept = copied_network(actor, inputs, task.action_size), writer.control_steps
 
     def sb3_callback(self) -> "RecordingCallback":
         """Returns a callback for `learn` of a stable-baselines3 model.

@@ -29,7 +29,7 @@ from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
 from jbench.settings.records import ExternalSettings
 from jbench.simulation.find import checked_task, code_provenance
-from jbench.store import Results, files
+from jbench.store import files
 from jbench.store.shipped import results_to_write
 from jbench.training.request import read_representation
 
@@ -76,59 +76,44 @@ def record(
         RequestError: if a value is invalid, there is no such encoder, the tracker is not
             installed, or the results are the shipped ones.
     """
-    place = results_to_write(Path(results))
-    settings = external_settings(
-        place,
-        task=task,
-        algo=algo,
-        seed=seed,
-        steps=steps,
-        hyperparameters={} if hyperparameters is None else hyperparameters,
-        encoder=str(encoder),
-        time_limit=time_limit,
-        augment=augment,
-        evaluate_every=evaluation_interval(steps) if evaluate_every is None else evaluate_every,
-        evaluate_episodes=evaluate_episodes,
-    )
-    logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
-    made_on = {**provenance_of_loop(package), **code_provenance(task)}
-    return Recording(settings, place, made_on, logger)
-
-
-def external_settings(
-    results: Results, *, encoder: str, hyperparameters: Mapping[str, Any], **fields: Any
-) -> ExternalSettings:
-    """Returns the settings of a recorded run.
-
-    Args:
-        results: where the encoder is.
-        encoder: "none" or "full", a number of latents, KIND:LATENTS, KIND, or an encoder's id.
-        hyperparameters: of the caller; see `plain_hyperparameters`.
-        fields: the other fields of `ExternalSettings`.
-
-    Raises:
-        RequestError: if a value is invalid, there is no such task or encoder, or jbench can't use
-            the task.
-    """
-    fields = {name: _number(value) for name, value in fields.items()}
+    place, representation = results_to_write(Path(results)), str(encoder)
+    typed = {
+        "task": task,
+        "algo": algo,
+        "seed": seed,
+        "steps": steps,
+        "time_limit": time_limit,
+        "augment": augment,
+        "evaluate_every": evaluation_interval(steps) if evaluate_every is None else evaluate_every,
+        "evaluate_episodes": evaluate_episodes,
+    }
+    fields = {name: _number(value) for name, value in typed.items()}
     # A task or label that does not exist is reported before an encoder that does not.
     validated(ExternalSettings, "the run", hyperparameters={}, **fields)
-    fields["specs"] = checked_task(fields["task"]).specs
-    if fields["steps"] < EPISODE_STEPS:
+    fields["specs"] = checked_task(task).specs
+    if steps < EPISODE_STEPS:
         raise RequestError(
-            f"No episode would end in {fields['steps']} control steps: steps must be "
-            f"{EPISODE_STEPS} or more."
+            f"No episode would end in {steps} control steps: steps must be {EPISODE_STEPS} or more."
         )
-    if encoder not in NO_ENCODER:
-        if kind_in(encoder).rstrip(":") == OFE:
+    if representation not in NO_ENCODER:
+        if kind_in(representation).rstrip(":") == OFE:
             raise RequestError(
-                f"encoder={encoder!r} is learned together with jbench's own agents; choose none "
-                "or an encoder of these results."
+                f"encoder={representation!r} is learned together with jbench's own agents; choose "
+                "none or an encoder of these results."
             )
-        fields["encoder"] = find_encoder(results, encoder, fields["task"])
-        fields["representation"] = read_representation(results, fields["encoder"])
-    hyperparameters = plain_hyperparameters(hyperparameters, fields["seed"], fields["steps"])
-    return validated(ExternalSettings, "the run", hyperparameters=hyperparameters, **fields)
+        fields["encoder"] = find_encoder(place, representation, task)
+        fields["representation"] = read_representation(place, fields["encoder"])
+    given = {} if hyperparameters is None else hyperparameters
+    fields["hyperparameters"] = plain_hyperparameters(given, fields["seed"], fields["steps"])
+    settings = validated(ExternalSettings, "the run", **fields)
+    logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
+    made_on = {"script_sha256": _script_hash(), **code_provenance(task)}
+    if package is not None:
+        try:
+            made_on |= plugins.made_with(package)
+        except importlib.metadata.PackageNotFoundError:
+            raise RequestError(f"package={package!r} is not an installed distribution.") from None
+    return Recording(settings, place, made_on, logger)
 
 
 def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:
@@ -177,24 +162,6 @@ def _plain(value: Any, where: str) -> Any:
 def _number(value: Any) -> Any:
     """Returns a number of numpy as one of Python, and anything else as it is."""
     return value.item() if isinstance(value, np.generic) else value
-
-
-def provenance_of_loop(package: str | None) -> dict[str, str | None]:
-    """Returns provenance of the training loop: the checksum of its script, and its package.
-
-    Args:
-        package: installed distribution that the agent is from, or None.
-
-    Raises:
-        RequestError: if it is not installed.
-    """
-    provenance: dict[str, str | None] = {"script_sha256": _script_hash()}
-    if package is not None:
-        try:
-            provenance |= plugins.made_with(package)
-        except importlib.metadata.PackageNotFoundError:
-            raise RequestError(f"package={package!r} is not an installed distribution.") from None
-    return provenance
 
 
 def _script_hash() -> str | None:

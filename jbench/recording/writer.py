@@ -1,7 +1,7 @@
 """The rows and the end of a recorded run, and environments that write rows."""
 
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import gymnasium
@@ -18,12 +18,13 @@ from jbench.policies.copied import UnsupportedPolicyError, copy_module
 from jbench.policies.network import SavedNetwork
 from jbench.policies.saved import policy_files
 from jbench.settings.records import ExternalSettings
-from jbench.simulation.rollout import Act
-from jbench.store import Record, schema
-from jbench.training.evaluation import EvaluationSchedule, derive_seeds, evaluate_policy
+from jbench.simulation import Act
+from jbench.store import Record
+from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
+
 
 _COMPLETE = 0.99
 """Share of its control steps after which a run is complete. Gymnasium's vector environments spend
@@ -35,37 +36,38 @@ class RunWriter:
 
     Attributes:
         control_steps: made so far, over all environments.
+        log: of the run.
+        losses: of the next episodes, by name; tensors are read when an episode ends.
+        kept: the policy to save, and the control steps after which it was copied.
     """
 
     def __init__(self, record: Record, settings: ExternalSettings, encoder: Encoder | None) -> None:
         """Starts the clocks of a run without rows."""
-        self.control_steps = 0
+        self.control_steps, self.log, self.losses = 0, RunLog(record), dict[str, Any]()
+        self.kept: tuple[SavedNetwork, int] | None = None
         self._record, self._settings, self._encoder = record, settings, encoder
-        self._log, self._clock = RunLog(record), ProcessorClock()
-        self._pace, self._schedule = CommitTimer(_COMMIT_EVERY), EvaluationSchedule(settings)
-        _, self._seed = derive_seeds(settings.seed)
-        self._losses: dict[str, Any] = {}
+        self._clock, self._pace = ProcessorClock(), CommitTimer(_COMMIT_EVERY)
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether the run has made its control steps."""
-        return self.control_steps >= _COMPLETE * self._settings.steps
-
-    def set_losses(self, values: Mapping[str, Any]) -> None:
-        """Sets losses of the next episodes; tensors are read when an episode ends.
+    @contextlib.contextmanager
+    def block(self) -> Iterator[None]:
+        """Finishes the run at the end of the block, or marks it as failed.
 
         Raises:
-            RequestError: if the table `episodes` has no column of such a name.
+            WorkError: if the block has made too few control steps, or nothing can be written.
         """
-        if unknown := sorted(values.keys() - schema.LOSSES):
-            raise RequestError(
-                f"There is no loss {', '.join(unknown)}; there are {', '.join(schema.LOSSES)}, and "
-                "log(NAME=VALUE) takes any other metric."
-            )
-        self._losses |= {
-            name: value.detach() if hasattr(value, "detach") else value
-            for name, value in values.items()
-        }
+        try:
+            try:
+                yield
+            except UnsupportedPolicyError:
+                # A policy that can't be kept does not spoil a training that is complete.
+                if self._is_complete:
+                    self._finish()
+                raise
+            self._finish()
+        except BaseException as error:
+            if self._record.status == "unfinished":
+                self._stop(error)
+            raise
 
     def check_action(self, action: Any) -> None:
         """Checks the action of the next control step.
@@ -76,85 +78,70 @@ class RunWriter:
         if not np.isfinite(np.asarray(action, np.float64)).all():
             raise DivergedError(Divergence(None, self.control_steps, "actions"))
 
-    def episode(self, episode_return: float, length: int) -> None:
+    def episode(self, episode_return: float) -> None:
         """Adds a training episode that has just ended.
 
         Raises:
             RequestError: if a loss is not a number.
             DivergedError: if a loss is not finite.
         """
-        numbers = _numbers(self._losses)
-        if (name := divergent_loss(numbers)) is not None:
+        losses = as_numbers(self.losses)
+        if (name := divergent_loss(losses)) is not None:
             raise DivergedError(Divergence(None, self.control_steps, name))
-        self._clock.share([self._log])
-        self._log.episode(self.control_steps, episode_return, length, numbers)
-        if self._pace.is_due():
-            self._pace.restart(self._log.commit())
-
-    def metrics(self, values: Mapping[str, Any]) -> None:
-        """Adds values that the loop logs.
-
-        Raises:
-            RequestError: if a value is not a number.
-        """
-        self._log.metrics(self.control_steps, _numbers(values))
-        if self._pace.is_due():
-            self._clock.share([self._log])
-            self._pace.restart(self._log.commit())
-
-    def evaluation_due(self) -> bool:
-        """Returns whether a multiple of `evaluate_every` was passed since the last `True`."""
-        return bool(self._settings.evaluate_episodes) and self._schedule.advance(self.control_steps)
+        self._clock.share([self.log])
+        self.log.episode(self.control_steps, episode_return, losses)
+        self.commit_if_due()
 
     def evaluate(self, act: Act, control_steps: int) -> NDArray[np.float64]:
-        """Runs the episodes of an evaluation side by side.
+        """Evaluates a policy on (encoded) observations; returns (evaluate_episodes,) returns.
 
         Args:
-            act: returns actions (n, action_size) for (encoded) observations (n, size).
             control_steps: after which the policy was copied.
-
-        Returns:
-            The returns (evaluate_episodes,).
         """
         act = on_observations(self._encoder, act)
-        made = evaluate_policy(self._settings, self._seed, self._log.evaluations, act, cores())
-        self._clock.share([self._log])
-        self._log.evaluation(control_steps, made.episodes, made.path)
+        seeds, number = derive_seeds(self._settings.seed)[1:], self.log.progress.evaluations
+        (made,) = evaluate_policies(self._settings, seeds, number, act, threads=cores())
+        self._clock.share([self.log])
+        self.log.evaluation(control_steps, made.returns, made.path)
         return made.returns
 
-    def finish(self, kept: tuple[SavedNetwork, int] | None) -> None:
+    def commit_if_due(self) -> None:
+        """Commits the rows so far, if it is time to."""
+        if self._pace.is_due():
+            self._clock.share([self.log])
+            self._pace.restart(self.log.commit())
+
+    @property
+    def _is_complete(self) -> bool:
+        return self.control_steps >= _COMPLETE * self._settings.steps
+
+    def _finish(self) -> None:
         """Evaluates the kept policy unless it is older than the last evaluation; finishes the run.
 
         Evaluations that were due ran the caller's policy, whose copy may round differently.
-
-        Args:
-            kept: a policy, and the control steps after which it was copied.
-
-        Raises:
-            WorkError: if the run is not complete, or nothing can be written.
         """
-        done, steps = self.control_steps, self._settings.steps
-        if not self.is_complete:
+        if not self._is_complete:
             raise WorkError(
-                f"The block has made {done:,} of {steps:,} control steps, so the run "
-                f"{self._record.id} has failed; let it make all of them, or pass fewer steps."
+                f"The block has made {self.control_steps:,} of {self._settings.steps:,} control "
+                f"steps, so the run {self._record.id} has failed; let it make all of them, or pass "
+                "fewer steps."
             )
+        policy, copied_at = self.kept or (None, -1)
         evaluated = False
-        if kept is not None and self._settings.evaluate_episodes:
-            network, at = kept
-            evaluated = self._schedule.last_steps <= at
+        if policy is not None and self._settings.evaluate_episodes:
+            evaluated = self.log.progress.last_evaluation <= copied_at
             if evaluated:
-                self.evaluate(network.act, at)
-        self._clock.share([self._log])
-        self._log.commit()
-        policy = None if kept is None else kept[0]
-        self._record.finish(self._log.summary(done, evaluated=evaluated), policy_files(policy))
+                self.evaluate(policy.act, copied_at)
+        self._clock.share([self.log])
+        self.log.commit()
+        summary = self.log.summary(self.control_steps, evaluated=evaluated)
+        self._record.finish(summary, policy_files(policy))
 
-    def stop(self, error: BaseException) -> None:
+    def _stop(self, error: BaseException) -> None:
         """Commits the rows so far; marks the run as failed, unless Ctrl-C or an exit stopped it."""
         with contextlib.suppress(WorkError):
-            self._clock.share([self._log])
-            self._log.commit()
+            self._clock.share([self.log])
+            self.log.commit()
         if not isinstance(error, Exception):
             return
         details = error.divergence.to_summary() if isinstance(error, DivergedError) else {}
@@ -162,7 +149,7 @@ class RunWriter:
             self._record.fail(sentence_of_failure(error), details)
 
 
-def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
+def as_numbers(values: Mapping[str, Any]) -> dict[str, float]:
     """Returns values as numbers.
 
     Raises:
@@ -212,7 +199,7 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         # Removed, since a RecordEpisodeStatistics of the caller's own would refuse the key.
         episode = info.pop("episode", None)
         if episode is not None:
-            writer.episode(float(episode["r"]), int(episode["l"]))
+            writer.episode(float(episode["r"]))
         return observation, reward, terminated, truncated, info
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from jbench.names import CONTROL_TIMESTEP
 from jbench.simulation.robots import Robots
-from jbench.simulation.rollout import path_point
 from jbench.simulation.task import Task, Worlds, WorldsState
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks import resets
@@ -104,7 +103,9 @@ class JitterbugWorlds(Worlds):
 
     def points(self) -> NDArray[np.float32]:
         """Returns x, y (m) and heading (rad) of each robot (worlds, 3)."""
-        return path_point(self.robot_state)
+        state = self.robot_state
+        points = [state.position[:, 0], state.position[:, 1], heading(state)]
+        return np.stack(points, axis=-1).astype(np.float32)
 
     def robot_columns(self) -> dict[str, NDArray[np.float32]]:
         """Returns the columns of `schema.POLICY_STATES` on the robots, each (worlds,)."""

@@ -74,8 +74,6 @@ class Robots(Closing):
             The state of all robots, including the others.
         """
         indices = self._indices(robots)
-        if np.shape(quaternions) != (len(indices), 4):
-            raise ValueError(f"{len(indices)} robots need as many quaternions of 4 numbers.")
         self._states[indices] = self._at_rest
         self._qpos[indices, 3:7] = quaternions
         return self._state()
@@ -109,9 +107,6 @@ class Robots(Closing):
             The state of all robots.
         """
         indices = self._indices(robots)
-        shape = (len(indices), self._states.shape[1])
-        if np.shape(snapshot) != shape:
-            raise ValueError(f"A snapshot must have shape {shape}, not {np.shape(snapshot)}.")
         self._states[indices] = snapshot
         return self._state()
 

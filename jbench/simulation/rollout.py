@@ -1,6 +1,6 @@
 """Rollouts of a policy in several worlds, and the path of a robot in an episode."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from jbench.names import EPISODE_STEPS
 from jbench.simulation.task import Worlds
-from jbench.task_specs import TASK_SPECS
-from jbench.tasks.geometry import State, heading
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 """Returns actions (worlds, action_size) for observations (worlds, dim(O))."""
@@ -60,17 +58,3 @@ class Path(NamedTuple):
 
     points: NDArray[np.float32]
     target: dict[str, float]
-
-
-def path_point(state: State) -> NDArray[np.float32]:
-    """Returns the point (..., 3) of the paths of robots in this state."""
-    x, y = state.position[..., 0], state.position[..., 1]
-    return np.stack([x, y, heading(state)], axis=-1).astype(np.float32)
-
-
-def make_path(
-    task: str, points: Sequence[NDArray[np.float32]], target: NDArray[np.floating]
-) -> Path:
-    """Returns the path through points (3,) to a target (k,), see `resets.target_numbers`."""
-    names = TASK_SPECS[task].target_numbers
-    return Path(np.stack(points), dict(zip(names, target.tolist(), strict=True)))

@@ -1,36 +1,38 @@
 """Trains the runs of a batch, each from its last checkpoint."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
-
-import torch
+from collections.abc import Iterator, Mapping, Sequence
 
 from jbench.agents.algorithms import algorithm_provenance
 from jbench.devices import find_device
 from jbench.encoders import Encoder
-from jbench.errors import WorkError, sentence_of_failure
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
 from jbench.simulation import find
-from jbench.store import Results
-from jbench.store.provenance import device_provenance
-from jbench.training.batch_member import Member, begin
-from jbench.training.events import Report, ignore
-from jbench.training.group import TrainingGroup
+from jbench.store import Record, Results
+from jbench.store.flaws import UnreadableError
+from jbench.store.provenance import describe_changes, device_provenance, provenance
+from jbench.training.checkpoints import copied, load
+from jbench.training.continuation import kept_runs, without_state
+from jbench.training.environment import load_run_encoder
+from jbench.training.events import Event, Report, ignore
+from jbench.training.group import Member, TrainingGroup
+from jbench.training.log import RunLog
 
 
 def run_batch(
     runs: Sequence[RunSettings],
     results: Results,
-    encoder: Encoder | Sequence[Encoder | None] | None,
     *,
+    encoders: Results | None = None,
     device: str = "auto",
     checkpoint_every: float = CHECKPOINT_EVERY,
     keep_state: bool = False,
     until: int | None = None,
     final_episodes: int | None = None,
     report: Report = ignore,
-) -> dict[str, WorkError]:
+) -> dict[str, Exception]:
     """Trains and evaluates an agent for each run, and saves the results.
 
     Finished runs are skipped. A run that was interrupted or failed resumes from its last
@@ -38,13 +40,13 @@ def run_batch(
     that continues the longest finished run whose settings differ only in fewer steps, and whose
     state was kept. A run whose agent diverges fails, and keeps its rows and checkpoints up to that
     point. Training is deterministic: resumed with the same versions on the same machine, it
-    diverges again.
+    diverges again. A run on stable-baselines3 has no checkpoints, and starts over.
 
     Args:
         runs: settings that differ only in their seeds, and in their encoders if those have seeds
-            of their own; one run, if the agent is of another package.
+            of their own; one run, if its engine is not `batched`.
         results: where the runs are written.
-        encoder: encoder of the observations of all runs, or one for each run.
+        encoders: where their encoders are; None for `results`.
         device: see `jbench.devices.find_device`.
         checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
         keep_state: whether to keep the last checkpoint of each run when it finishes.
@@ -60,53 +62,94 @@ def run_batch(
         RequestError: if the device is unavailable, or the settings are invalid.
         WorkError: if the results can't be written.
     """
-    found = find_device(device)
+    if runs[0].engine == "sb3":
+        device = "cpu"
+    task_code = find.code_provenance(runs[0].task)
+    algorithm = algorithm_provenance(runs[0].algo)
+    made_on = {**device_provenance(find_device(device)), **algorithm, **task_code}
+    members: list[Member] = []
+    failures: dict[str, Exception] = {}
     with contextlib.ExitStack() as locks:
-        members, failures = _begin_all(runs, results, encoder, found, report, locks)
-        sharing = len(members)
-        while members := [member for member in members if member.is_behind(until)]:
+        for run in runs:
+            try:
+                encoder = load_run_encoder(run, encoders or results)
+                record = locks.enter_context(results.locked("run", run.id))
+                member = _begin(run, encoder, record, results, made_on, report)
+            except (RequestError, WorkError) as error:
+                failures[run.id] = error
+            else:
+                members += [] if member is None else [member]
+        left = members
+        while left := [member for member in left if member.is_behind(until)]:
             # Seeds may have stopped at different steps: those furthest behind catch up first.
-            behind = min(member.control_steps for member in members)
-            ahead = [member.control_steps for member in members if member.control_steps > behind]
-            with _failed_on_error(members):
-                failures |= TrainingGroup(
-                    [member for member in members if member.control_steps == behind],
+            behind = min(member.control_steps for member in left)
+            ahead = [member.control_steps for member in left if member.control_steps > behind]
+            with _failed_on_error(left):
+                TrainingGroup(
+                    [member for member in left if member.control_steps == behind],
                     device,
                     checkpoint_every,
-                    sharing,
+                    len(members),
                     final_episodes,
+                    report,
                     keep_state=keep_state,
-                ).train(min(ahead, default=until), report)
-    return failures
+                ).train(min(ahead, default=until))
+    return failures | {m.settings.id: m.failure for m in members if m.failure is not None}
 
 
-def _begin_all(
-    runs: Sequence[RunSettings],
+def _begin(
+    run: RunSettings,
+    encoder: Encoder | None,
+    record: Record | None,
     results: Results,
-    encoder: Encoder | Sequence[Encoder | None] | None,
-    device: torch.device,
+    made_on: Mapping[str, str | None],
     report: Report,
-    locks: contextlib.ExitStack,
-) -> tuple[list[Member], dict[str, WorkError]]:
-    """Locks the runs and loads their checkpoints.
+) -> Member | None:
+    """Returns a run to train from a checkpoint or from scratch; None if it is finished.
 
-    Returns:
-        The unfinished runs, and the error of each run that can't be trained by id.
+    The checkpoint is its own last one, or that of the longest run that it can continue.
     """
-    task_code = find.code_provenance(runs[0].task)
-    made_on = {**device_provenance(device), **algorithm_provenance(runs[0].algo), **task_code}
-    encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
-    members: list[Member] = []
-    failures: dict[str, WorkError] = {}
-    for run, own_encoder in zip(runs, encoders, strict=True):
+    if record is not None and record.status == "finished":
+        return None
+    refused: list[str] = []
+    shorter = kept_runs(run, results)
+    for source in shorter if record is None else (record, *shorter):
+        checkpoint, damaged = load(source)
+        refused += damaged
+        if checkpoint is None:
+            continue
+        position = checkpoint.position
         try:
-            record = locks.enter_context(results.locked("run", run.id))
-            member = begin(run, own_encoder, record, results, made_on, report)
+            log = RunLog(source, position)
+            copy = None if source is record else copied(checkpoint, source, run.id)
+        except UnreadableError:
+            raise  # the rows may be intact: keep them
         except WorkError as error:
-            failures[run.id] = error
-        else:
-            members += [member] if member is not None else []
-    return members, failures
+            refused.append(str(error).partition(";")[0] + ".")
+            continue
+        resumed, continues = source, ""
+        if copy is not None:
+            # The rows were made there and then, but by another command.
+            before = {**source.manifest.provenance, "command": provenance()["command"]}
+            resumed, continues = results.create("run", run.id, run.values, before), source.id
+            resumed.append(*copy)
+            log = RunLog(resumed, position)
+        steps = position.control_steps
+        where = {"control_steps": steps} | ({"run": continues} if continues else {})
+        if changed := resumed.resume(where, made_on):
+            refused.append(
+                f"Since it began, {describe_changes(changed)}: results may differ from those of "
+                "an uninterrupted run."
+            )
+        report(Event("resumed", run.id, " ".join(refused), steps, continues=continues))
+        return Member(run, encoder, resumed, log, checkpoint, steps)
+    if record is not None or refused:
+        if reason := without_state(run):
+            refused.append(f"{reason[0].upper()}{reason[1:]}, so its runs can't be resumed.")
+        continues = shorter[0].id if shorter and record is None else ""
+        report(Event("resumed", run.id, " ".join(refused), continues=continues))
+    record = results.create("run", run.id, run.values, made_on)
+    return Member(run, encoder, record, RunLog(record))
 
 
 @contextlib.contextmanager

@@ -102,10 +102,7 @@ def save(
         ended |= {other.role for other in pieces if other.end <= engine.replay.oldest - behind}
     position = log.position(engine.control_steps)
     checkpoint = Checkpoint(position, engine.state(index), row, newest=True)
-    tables, replace = log.pending()
-    files |= _state_file(checkpoint, record.id)
-    record.append(tables, files, drop=ended, replace=replace)
-    log.mark_committed()
+    log.commit(files | _state_file(checkpoint, record.id), ended)
     return checkpoint
 
 

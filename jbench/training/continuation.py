@@ -2,8 +2,8 @@
 
 Steps are part of a run's settings, so the longer run has a record of its own. It begins with a copy
 of the shorter run's rows and checkpoint, and ends with the rows and weights of a run trained at
-once, since nothing but a sequence of robots depends on the number of steps. `begin` in
-`jbench.training.batch_member` makes the copy.
+once, since nothing but a sequence of robots depends on the number of steps. `run_batch` makes
+the copy.
 """
 
 import math
@@ -94,13 +94,13 @@ def obstacle(run: RunSettings) -> str | None:
     """Returns why runs of these settings can't be continued, as a clause; None if they can."""
     if run.robots > 1:
         return "the steps of each robot in a sequence depend on the total"
-    if run.engine == "sb3":
-        return "stable-baselines3 has no checkpoints here"
     return without_state(run)
 
 
 def without_state(run: RunSettings) -> str | None:
     """Returns a clause if the agent of a run can't be resumed; otherwise None."""
+    if run.engine == "sb3":
+        return "stable-baselines3 has no checkpoints here"
     if run.engine != "plugin":
         return None
     kind = find_class(run.algo)

@@ -1,7 +1,10 @@
-"""What trains the agents of a batch of runs: the batched engine, or a plug-in agent's loop."""
+"""What trains the agents of a batch of runs: jbench's engine, or the loop of another package."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from jbench.agents.algorithms import find_class, hyperparameters
 from jbench.agents.batched.make import Computation, make_engine
@@ -11,13 +14,21 @@ from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
+from jbench.simulation import Act
 from jbench.simulation.find import check_specs
 from jbench.training.evaluation import derive_seeds
+
+if TYPE_CHECKING:
+    from jbench.training.sb3_engine import SB3Engine
+
+Trainer: TypeAlias = "Engine | SB3Engine"
+AfterStep = Callable[[NDArray[np.float64] | None], bool]
+"""Called after a control step with what `Engine.learn` yields; returns whether to go on."""
 
 
 def make_trainer(
     runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str
-) -> Engine:
+) -> Trainer:
     """Returns what trains an agent for each run.
 
     Args:
@@ -33,6 +44,10 @@ def make_trainer(
     """
     settings, seeds = runs[0], [derive_seeds(run.seed)[0] for run in runs]
     check_specs(settings.task, settings.specs)
+    if settings.engine == "sb3":
+        from jbench.training.sb3_engine import SB3Engine  # takes a second to import
+
+        return SB3Engine(settings, encoders[0], seeds[0])
 
     def augment(episode: int) -> int | None:
         return settings.robot_seed(episode // settings.episodes_on_each)
@@ -52,3 +67,23 @@ def make_trainer(
     options |= {"encoder": encoders, "ofe": settings.ofe}
     computation = Computation(device, settings.precision)
     return make_engine(algorithm, values, settings.task, seeds, computation=computation, **options)
+
+
+def train(engine: Trainer, steps: int, after_step: AfterStep) -> None:
+    """Trains until `steps` control steps are made, see `Engine.learn`."""
+    if not isinstance(engine, Engine):
+        engine.learn(steps, after_step)
+        return
+    for returns in engine.learn(steps):
+        if not after_step(returns):
+            break
+
+
+def acting(engine: Trainer, seeds: int) -> Act:
+    """Returns what acts on observations (..., dim(O)) in the order of the engine's seeds."""
+
+    def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        actions = engine.act(observations.reshape(seeds, -1, observations.shape[-1]))
+        return actions.reshape(*observations.shape[:-1], -1)
+
+    return act

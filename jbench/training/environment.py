@@ -1,13 +1,11 @@
 """The environment of a run, as its agent sees it."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
 
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
-from jbench.errors import RequestError, WorkError
 from jbench.registration import environment_id
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
@@ -17,21 +15,6 @@ from jbench.store import Results
 def load_run_encoder(settings: RunSettings | ExternalSettings, results: Results) -> Encoder | None:
     """Returns the encoder of a run, or None for the full observation."""
     return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
-
-
-def load_run_encoders(
-    runs: Sequence[RunSettings], results: Results
-) -> tuple[dict[str | None, Encoder | None], dict[str, RequestError | WorkError]]:
-    """Returns the encoders of runs by id, and the error of each run whose encoder is not usable."""
-    encoders: dict[str | None, Encoder | None] = {}
-    failures: dict[str, RequestError | WorkError] = {}
-    for run in runs:
-        try:
-            if run.encoder not in encoders:
-                encoders[run.encoder] = load_run_encoder(run, results)
-        except (RequestError, WorkError) as error:
-            failures[run.id] = error
-    return encoders, failures
 
 
 def make_env(
@@ -93,16 +76,8 @@ class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Starts an episode; switches to the next robot after the last episode of this one."""
         robot = min(self._ended // self._settings.episodes_on_each, self._settings.robots - 1)
         if robot != self._robot:
-            self.env = with_robot(self.env, self._settings, self._encoder, robot)
-            self._robot = robot
+            before, self._robot = self.env, robot
+            self.env = make_env(self._settings, self._encoder, robot)
+            self.env.unwrapped.np_random = before.unwrapped.np_random
+            before.close()
         return self.env.reset(seed=seed, options=options)
-
-
-def with_robot(
-    env: gymnasium.Env[Any, Any], settings: RunSettings, encoder: Encoder | None, robot: int
-) -> gymnasium.Env[Any, Any]:
-    """Returns an environment with another robot and the generator of the given environment."""
-    other = make_env(settings, encoder, robot)
-    other.unwrapped.np_random = env.unwrapped.np_random
-    env.close()
-    return other

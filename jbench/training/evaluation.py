@@ -1,16 +1,16 @@
-"""Evaluations of batched runs, and the robots that they train on."""
+"""Evaluations of the policies of runs."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.engine import Engine
 from jbench.names import EPISODE_STEPS
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation import Act, find_task, rollout
+from jbench.simulation import Act, Worlds, find_task, rollout
 from jbench.simulation.rollout import PATH_EVERY, Path
 from jbench.tasks import resets
 
@@ -43,128 +43,86 @@ class Evaluation(NamedTuple):
 
     Attributes:
         returns: (episodes,) of its episodes.
-        length: control steps of an episode.
         path: of the robot in the first episode; None without episodes, or if the task has none.
     """
 
     returns: NDArray[np.float64]
-    length: int
     path: Path | None
 
-    @property
-    def episodes(self) -> list[tuple[float, int]]:
-        """Return and length of each episode."""
-        return [(value, self.length) for value in self.returns.tolist()]
 
+def evaluate_policies(
+    settings: RunSettings | ExternalSettings,
+    seeds: Sequence[int],
+    number: int,
+    act: Act,
+    *,
+    threads: int = 1,
+    control_steps: int = 0,
+    episodes: int | None = None,
+    drawn: int = 0,
+) -> list[Evaluation]:
+    """Evaluates the deterministic policies of runs that differ in their seeds.
 
-def evaluate_policy(
-    settings: RunSettings | ExternalSettings, seed: int, number: int, act: Act, threads: int
-) -> Evaluation:
-    """Runs the episodes of an evaluation of one policy side by side, on the run's first robot.
+    The episodes of all runs are side by side, and each evaluation of a run has its own generator.
+    An evaluation of more episodes begins with those of one with fewer, bit for bit. With
+    stable-baselines3, a run has one generator, and its episodes follow one another.
 
     Args:
-        seed: of the run's evaluations.
-        number: of the evaluation; each has its own generator.
-        act: returns actions (n, action_size) for observations (n, dim(O)) of the task.
+        seeds: of the evaluations of each run.
+        number: of the evaluation.
+        act: returns actions (..., action_size) for observations (..., dim(O)) of the task, in the
+            order of the runs.
         threads: number of simulation threads; the returns do not depend on it.
+        control_steps: of the training so far; they determine the robot.
+        episodes: of each run; None for the number in the settings.
+        drawn: number of episodes in the run's earlier evaluations.
     """
-    episodes, generator = settings.evaluate_episodes, resets.episode_generator(seed, number)
-    (evaluation,) = _evaluations(
-        settings.task, settings.augment, [generator], episodes, act, threads
-    )
-    return evaluation
+    # As many at a time as in other evaluations: a matrix product rounds by its size.
+    block = settings.evaluate_episodes
+    if not block:
+        return [Evaluation(np.zeros(0), None) for _ in seeds]
+    episodes = block if episodes is None else episodes
+    generators = [resets.episode_generator(seed, number) for seed in seeds]
+    task, augment = find_task(settings.task), settings.augment
+    if isinstance(settings, RunSettings):
+        augment = settings.robot_seed(settings.robot_at(control_steps))
+    if settings.engine == "sb3":
+        block, generators, act = 1, [np.random.default_rng(*seeds)], partial(_act_on_row, act)
+        with task.worlds(1) as worlds:
+            for _ in range(1 + drawn):
+                worlds.reset(generators)
+    blocks = []
+    for done in range(0, episodes, block):
+        count = min(block, episodes - done)
+        with task.worlds(count * len(seeds), threads, augment) as worlds:
+            blocks.append(_evaluations(worlds, generators, count, act))
+    return [
+        parts[0]._replace(returns=np.concatenate([part.returns for part in parts]))
+        for parts in zip(*blocks, strict=True)
+    ]
+
+
+def _act_on_row(act: Act, observations: NDArray[np.float32]) -> NDArray[np.floating]:
+    """Returns the action (1, action_size) of one observation, which may be rounded by its shape."""
+    return act(observations[0])[None]
 
 
 def _evaluations(
-    task: str,
-    augment: int | None,
-    generators: Sequence[np.random.Generator],
-    episodes: int,
-    act: Act,
-    threads: int,
+    worlds: Worlds, generators: Sequence[np.random.Generator], episodes: int, act: Act
 ) -> list[Evaluation]:
     """Runs an evaluation of some episodes for each generator, all side by side."""
-    total, length = np.zeros(len(generators) * episodes), 0
-    with find_task(task).worlds(len(total), threads, augment) as worlds:
-        seen = worlds.reset([generator for generator in generators for _ in range(episodes)])
-        points = [worlds.points()]
-        for transition in rollout(worlds, seen, act):
-            total += transition.rewards
-            length += 1
-            if length % PATH_EVERY == 0:
-                points.append(worlds.points())
-        targets = worlds.targets()
+    total = np.zeros(len(generators) * episodes)
+    seen = worlds.reset([generator for generator in generators for _ in range(episodes)])
+    points = [worlds.points()]
+    for step, transition in enumerate(rollout(worlds, seen, act), 1):
+        total += transition.rewards
+        if step % PATH_EVERY == 0:
+            points.append(worlds.points())
+    targets = worlds.targets()
     evaluations = []
     for first in range(0, len(total), episodes):
         here = [point[first] for point in points if point is not None]
         target = {name: float(numbers[first]) for name, numbers in targets.items()}
         path = Path(np.stack(here), target) if here else None
-        evaluations.append(Evaluation(total[first : first + episodes], length, path))
+        evaluations.append(Evaluation(total[first : first + episodes], path))
     return evaluations
-
-
-class EvaluationSchedule:
-    """Decides when a run is evaluated.
-
-    Attributes:
-        last_steps: control steps at the last evaluation.
-    """
-
-    def __init__(self, settings: RunSettings | ExternalSettings) -> None:
-        self._every, self.last_steps = settings.evaluate_every, 0
-
-    def advance(self, control_steps: int) -> bool:
-        """Returns whether an evaluation is due at these control steps, and counts it as made."""
-        if control_steps // self._every == self.last_steps // self._every:
-            return False
-        self.last_steps = control_steps
-        return True
-
-
-class Evaluator(EvaluationSchedule):
-    """Evaluates the deterministic policies of all runs of a batch in parallel episodes.
-
-    It uses the robot that the agents currently train on, and as many threads as training.
-    Evaluation k of a run has its own generator, independent of earlier evaluations. An evaluation
-    of more episodes begins with those of one with fewer, bit for bit.
-    """
-
-    def __init__(self, settings: RunSettings, seeds: Sequence[int]) -> None:
-        super().__init__(settings)
-        self._settings, self._seeds, self._done = settings, seeds, 0
-
-    def restore(self, done: int, last_steps: int) -> None:
-        """Resumes after `done` evaluations, the last of them at `last_steps` control steps."""
-        self._done, self.last_steps = done, last_steps
-
-    def __call__(self, engine: Engine, episodes: int | None = None) -> list[Evaluation]:
-        """Returns an evaluation of each run.
-
-        Args:
-            episodes: None for the number in the settings.
-        """
-        settings, seeds = self._settings, self._seeds
-        # As many at a time as in other evaluations: a matrix product rounds by its size.
-        block = settings.evaluate_episodes
-        if not block:
-            return [Evaluation(np.zeros(0), 0, None) for _ in seeds]
-        episodes = block if episodes is None else episodes
-        generators = [resets.episode_generator(seed, self._done) for seed in seeds]
-        augment = settings.robot_seed(settings.robot_at(engine.control_steps))
-        threads = engine.environments.threads
-
-        def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
-            actions = engine.act(observations.reshape(len(seeds), -1, observations.shape[-1]))
-            return actions.reshape(len(observations), -1)
-
-        blocks = [
-            _evaluations(
-                settings.task, augment, generators, min(block, episodes - done), act, threads
-            )
-            for done in range(0, episodes, block)
-        ]
-        self._done += 1
-        return [
-            parts[0]._replace(returns=np.concatenate([part.returns for part in parts]))
-            for parts in zip(*blocks, strict=True)
-        ]

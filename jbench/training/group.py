@@ -2,22 +2,53 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.divergence import DivergedError, Divergence
+from jbench.agents.engine import Engine
+from jbench.encoders import Encoder
 from jbench.errors import WorkError
-from jbench.names import EPISODE_STEPS
 from jbench.policies.network import SavedNetwork
 from jbench.policies.saved import policy_files
-from jbench.training.batch_member import Member
-from jbench.training.checkpoints import newest, read_replay, save
-from jbench.training.engines import make_trainer
-from jbench.training.evaluation import Evaluator, derive_seeds, final_evaluation_episodes
+from jbench.settings.run import RunSettings
+from jbench.store import Record
+from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
+from jbench.training.engines import acting, make_trainer, train
+from jbench.training.evaluation import (
+    derive_seeds,
+    evaluate_policies,
+    final_evaluation_episodes,
+)
 from jbench.training.events import Event, Report
-from jbench.training.log import CommitTimer, Position, ProcessorClock
+from jbench.training.log import CommitTimer, ProcessorClock, RunLog
+
+
+@dataclass
+class Member:
+    """A run of a batch.
+
+    Attributes:
+        control_steps: at which it is, or resumes from its checkpoint.
+        evaluated: policy of the last evaluation; the last updates may come after it.
+        failure: if its agent has diverged.
+    """
+
+    settings: RunSettings
+    encoder: Encoder | None
+    record: Record
+    log: RunLog
+    checkpoint: Checkpoint | None = None
+    control_steps: int = 0
+    evaluated: SavedNetwork | None = None
+    failure: WorkError | None = None
+
+    def is_behind(self, until: int | None) -> bool:
+        """Returns whether it is unfinished and has not reached this control step."""
+        return self.record.status == "unfinished" and (until is None or self.control_steps < until)
 
 
 class TrainingGroup:
@@ -29,164 +60,170 @@ class TrainingGroup:
         device: str,
         checkpoint_every: float,
         sharing: int,
-        final_episodes: int | None = None,
+        final_episodes: int | None,
+        report: Report,
         *,
-        keep_state: bool = False,
+        keep_state: bool,
     ) -> None:
         """Makes the engine, and restores it from the checkpoints of the runs.
 
         Args:
-            device: see `jbench.devices.find_device`.
-            checkpoint_every: minimum seconds between two checkpoints.
             sharing: number of runs that share the process, those at other steps among them.
-            final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
-            keep_state: whether the runs, when they finish, keep a checkpoint of their last step.
+            device: see `jbench.training.batched_run.run_batch`, also for the others.
         """
-        self._sharing = sharing
-        self._members, self._timer = members, CommitTimer(checkpoint_every)
+        self._members, self._sharing, self._report = members, sharing, report
+        self._timer, self._clock = CommitTimer(checkpoint_every), ProcessorClock()
         self._keep_state = keep_state
-        self._clock = ProcessorClock()
-        self._failures: dict[int, WorkError] = {}
-        # Of the last evaluation, by index.
-        self._evaluated: dict[int, SavedNetwork | None] = {}
         self._settings = settings = members[0].settings
         self._final_episodes = final_evaluation_episodes(settings, final_episodes)
         self._engine = make_trainer(
             [m.settings for m in members], [m.encoder for m in members], device
         )
-        self._evaluator = Evaluator(settings, [derive_seeds(m.settings.seed)[1] for m in members])
         if members[0].checkpoint is not None:
-            self._restore(members[0].checkpoint.position)
+            self._restore()
 
-    def train(self, until: int | None, report: Report) -> dict[str, WorkError]:
-        """Trains to a control step (None: to the end), or until all runs have failed.
-
-        Returns:
-            The error of each failed run by id.
-        """
+    def train(self, until: int | None) -> None:
+        """Trains to a control step (None: to the end), or until all runs have failed."""
+        self._until = until
         with self._engine as engine:
-            for returns in engine.learn(self._settings.steps):
-                self._fail_diverged()
-                if not self._active():
-                    break
-                if returns is not None:
-                    self._note_episodes(returns, report)
-                if self._evaluator.advance(engine.control_steps):
-                    self._evaluate()
-                if engine.control_steps == until:
-                    break
-                if self._is_checkpoint_due(episode_ended=returns is not None):
-                    self._save()
+            train(engine, self._settings.steps, self._after_step)
             if until is None:
                 self._end()
             else:
                 self._save()
-        return {self._members[index].settings.id: e for index, e in self._failures.items()}
 
-    def _is_checkpoint_due(self, *, episode_ended: bool) -> bool:
-        if self._keep_state and self._engine.has_made(self._settings.steps):
-            return True
-        return episode_ended and self._timer.is_due()
+    def _after_step(self, returns: NDArray[np.float64] | None) -> bool:
+        """Writes what is due after a control step; returns whether to go on.
 
-    def _restore(self, position: Position) -> None:
-        """Restores engine and evaluator from the checkpoints of the runs."""
+        Args:
+            returns: (seeds, environments) of the episodes that ended, or None.
+        """
+        self._fail_diverged()
+        steps = self._engine.control_steps
+        if returns is not None and self._active():
+            self._note_episodes(returns)
+        if not (active := self._active()):
+            return False
+        if active[0][1].log.is_evaluation_due(self._settings.evaluate_every, steps):
+            self._evaluate()
+        if steps == self._until:
+            return False
+        is_last = self._keep_state and self._engine.has_made(self._settings.steps)
+        if is_last or (returns is not None and self._timer.is_due()):
+            self._save()
+        return True
+
+    def _restore(self) -> None:
+        """Restores the engine from the checkpoints of the runs."""
+        assert isinstance(self._engine, Engine)
         checkpoints = [m.checkpoint for m in self._members if m.checkpoint is not None]
         for index, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
             if isinstance(self._engine, OffPolicyEngine):
                 row = checkpoint.replay_row
                 self._engine.replay.restore(index, read_replay(member.record, row), row)
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
-        self._evaluator.restore(position.evaluations, position.last_evaluation)
+        position = checkpoints[0].position
         if position.last_evaluation == position.control_steps:
             self._note_policies()
         for index, checkpoint in enumerate(checkpoints):
             if not checkpoint.newest:
                 self._save_one(index, only=True)
 
-    def _note_episodes(self, returns: NDArray[np.float64], report: Report) -> None:
+    def _note_episodes(self, returns: NDArray[np.float64]) -> None:
         """Records the returns (seeds, environments) of the episodes that have just ended."""
         steps = self._engine.control_steps
         self._share_processor_time()
-        for index in self._active():
+        for index, member in self._active():
             if not np.isfinite(returns[index]).all():
-                self._fail(index, Divergence(self._engine.updates, steps, "episode_return"))
+                self._fail(member, Divergence(self._engine.updates, steps, "episode_return"))
                 continue
             losses = self._engine.losses(index)
             for episode_return in returns[index].tolist():
-                self._members[index].log.episode(steps, episode_return, EPISODE_STEPS, losses)
-                run = self._members[index].settings.id
-                report(Event("episode", run, steps=steps, episode_return=episode_return))
+                member.log.episode(steps, episode_return, losses)
+                run = member.settings.id
+                self._report(Event("episode", run, steps=steps, episode_return=episode_return))
 
     def _evaluate(self) -> None:
         self._fail_diverged(weights=True)
-        if not self._active():
+        if not (active := self._active()):
             return
-        is_last = self._engine.has_made(self._settings.steps)
-        evaluations = self._evaluator(self._engine, self._final_episodes if is_last else None)
+        engine, settings, log = self._engine, self._settings, active[0][1].log
+        evaluations = evaluate_policies(
+            settings,
+            [derive_seeds(member.settings.seed)[1] for member in self._members],
+            log.progress.evaluations,
+            acting(engine, len(self._members)),
+            threads=engine.environments.threads if isinstance(engine, Engine) else 1,
+            control_steps=engine.control_steps,
+            episodes=self._final_episodes if engine.has_made(settings.steps) else None,
+            drawn=log.rows("evaluations"),
+        )
         self._fail_diverged()
         self._share_processor_time()
-        for index in self._active():
-            made, log = evaluations[index], self._members[index].log
-            log.evaluation(self._engine.control_steps, made.episodes, made.path)
+        for index, member in self._active():
+            returns, path = evaluations[index]
+            member.log.evaluation(engine.control_steps, returns, path)
         self._note_policies()
 
     def _note_policies(self) -> None:
-        """Copies the policies of the last evaluation: the last updates may come after it."""
+        """Copies the policies of the last evaluation."""
         if self._settings.evaluate_episodes:
-            self._evaluated = {index: self._engine.policy(index) for index in self._active()}
+            for index, member in self._active():
+                member.evaluated = self._engine.policy(index)
 
     def _save(self) -> None:
         """Commits a checkpoint of every run whose weights are finite."""
         self._fail_diverged(weights=True)
         began = time.perf_counter()
         self._share_processor_time()
-        for index in self._active():
+        for index, _ in self._active():
             self._save_one(index)
         self._timer.restart(time.perf_counter() - began)
 
     def _save_one(self, index: int, *, only: bool = False) -> None:
-        member = self._members[index]
-        member.control_steps = self._engine.control_steps
-        if not self._engine.is_resumable:
+        member, engine = self._members[index], self._engine
+        member.control_steps = engine.control_steps
+        if not engine.is_resumable:
             member.log.commit()
             return
-        member.checkpoint = save(member.record, member.log, self._engine, index, only=only)
+        assert isinstance(engine, Engine)
+        member.checkpoint = save(member.record, member.log, engine, index, only=only)
 
     def _end(self) -> None:
         """Makes the final evaluation if it is missing, and finishes all runs."""
         self._fail_diverged(weights=True)
         steps = self._engine.control_steps
-        if self._evaluator.last_steps < steps:
+        if any(m.log.progress.last_evaluation < steps for _, m in self._active()):
             self._evaluate()
         self._share_processor_time()
-        for index in self._active():
-            log, record = self._members[index].log, self._members[index].record
-            log.commit()
-            evaluated = self._evaluated.get(index)
-            is_same = evaluated is not None and self._engine.keeps_policy_exactly
-            summary = {**log.summary(steps, evaluated=is_same), "together": self._sharing}
-            kept = newest(record) if self._keep_state else ()
-            policy = policy_files(evaluated or self._engine.policy(index))
-            record.finish(summary, policy, keep=kept)
+        for index, member in self._active():
+            member.log.commit()
+            is_same = member.evaluated is not None and self._engine.keeps_policy_exactly
+            summary = member.log.summary(steps, evaluated=is_same)
+            member.record.finish(
+                {**summary, "together": self._sharing},
+                policy_files(member.evaluated or self._engine.policy(index)),
+                keep=newest(member.record) if self._keep_state else (),
+            )
 
     def _fail_diverged(self, *, weights: bool = False) -> None:
         """Fails the runs whose agents have diverged; checking the weights too takes longer."""
         if weights:
             self._engine.check_weights()
         for index, divergence in self._engine.diverged.items():
-            if index not in self._failures:
-                self._fail(index, divergence)
+            if self._members[index].failure is None:
+                self._fail(self._members[index], divergence)
 
-    def _fail(self, index: int, divergence: Divergence) -> None:
+    def _fail(self, member: Member, divergence: Divergence) -> None:
         """Marks one run as failed, with its rows up to now; the others continue."""
         self._share_processor_time()
-        member = self._members[index]
         member.log.commit()
         member.record.fail(str(divergence), divergence.to_summary())
-        self._failures[index] = DivergedError(divergence)
+        member.failure = DivergedError(divergence)
 
     def _share_processor_time(self) -> None:
-        self._clock.share([self._members[index].log for index in self._active()])
+        self._clock.share([member.log for _, member in self._active()])
 
-    def _active(self) -> list[int]:
-        return [index for index in range(len(self._members)) if index not in self._failures]
+    def _active(self) -> list[tuple[int, Member]]:
+        """Returns the runs that have not failed, each with its index in the engine."""
+        return [(i, member) for i, member in enumerate(self._members) if member.failure is None]

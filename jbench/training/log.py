@@ -1,16 +1,14 @@
 """Log of a run: its episodes, evaluations and paths, and when they are committed."""
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import BaseModel, Field
 
-from jbench.errors import WorkError
-from jbench.names import CONTROL_TIMESTEP
+from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
 from jbench.settings.base import Settings
 from jbench.simulation.rollout import PATH_EVERY, Path
 from jbench.store import Record, schema
@@ -48,7 +46,7 @@ class RunLog:
     """Pending rows of a run, and its progress.
 
     Attributes:
-        evaluations: number of evaluations.
+        progress: pending rows included; its control steps and wall time are those of the beginning.
     """
 
     def __init__(self, record: Record, position: Position | None = None) -> None:
@@ -60,11 +58,8 @@ class RunLog:
         """
         self._record = record
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.LOG_TABLES}
-        start = position or Position(processor_time=0.0)
-        self._episodes, self.evaluations = start.episodes, start.evaluations
-        self._last_evaluation = start.last_evaluation
-        self._began = time.perf_counter() - start.wall_time
-        self._processor_time = start.processor_time
+        self.progress = position or Position(processor_time=0.0)
+        self._began = time.perf_counter() - self.progress.wall_time
         self._before: dict[str, pa.Table] | None = None
         # Of the first evaluation and of the latest one, which replace the committed ones.
         self._paths, self._paths_changed = schema.PATHS.empty_table(), False
@@ -75,164 +70,138 @@ class RunLog:
             if any(rows.num_rows < record.rows(name) for name, rows in before.items()):
                 self._before = before
 
-    def wall_time(self) -> float:
-        """Returns the seconds that the run has taken, without interruptions."""
-        return time.perf_counter() - self._began
-
     def add_processor_time(self, seconds: float) -> None:
         """Adds to the run's processor time."""
-        if self._processor_time is not None:
-            self._processor_time += seconds
+        if (before := self.progress.processor_time) is not None:
+            self._advance(processor_time=before + seconds)
 
     def summary(self, control_steps: int, *, evaluated: bool) -> dict[str, Any]:
         """Returns the entries of a finished run's manifest.
 
         Args:
-            control_steps: made in the run.
             evaluated: whether the kept policy is the one that the last evaluation ran.
         """
         return {
-            "wall_time": self.wall_time(),
-            "processor_time": self._processor_time,
+            "wall_time": self._wall_time(),
+            "processor_time": self.progress.processor_time,
             "steps_done": control_steps,
-            **({POLICY_EVALUATION: self.evaluations - 1} if evaluated else {}),
+            **({POLICY_EVALUATION: self.progress.evaluations - 1} if evaluated else {}),
         }
 
     def position(self, control_steps: int) -> Position:
-        """Returns the progress, pending rows included."""
-        return Position(
-            control_steps=control_steps,
-            episodes=self._episodes,
-            evaluations=self.evaluations,
-            last_evaluation=self._last_evaluation,
-            wall_time=self.wall_time(),
-            processor_time=self._processor_time,
-        )
+        """Returns the progress at a control step."""
+        now = {"control_steps": control_steps, "wall_time": self._wall_time()}
+        return self.progress.model_copy(update=now)
+
+    def is_evaluation_due(self, every: int, control_steps: int) -> bool:
+        """Returns whether a multiple of `every` was passed since the last evaluation."""
+        return control_steps // every != self.progress.last_evaluation // every
 
     def episode(
-        self, control_steps: int, episode_return: float, length: int, losses: dict[str, float]
+        self, control_steps: int, episode_return: float, losses: Mapping[str, float]
     ) -> None:
-        """Adds a training episode that has just ended.
-
-        Raises:
-            WorkError: if the table has no column for one of the losses.
-        """
-        unknown = sorted(losses.keys() - schema.LOSSES)
-        if unknown:
-            raise WorkError(
-                f"The table episodes has no column for {', '.join(unknown)}; the losses that it "
-                f"has are {', '.join(schema.LOSSES)}."
-            )
-        row = {"episode": self._episodes, **losses}
-        self._add("episodes", control_steps, episode_return, length, row)
-        self._episodes += 1
+        """Adds a training episode that has just ended."""
+        number = self.progress.episodes
+        row = {"episode": number, "episode_return": episode_return, **losses}
+        self._add("episodes", control_steps, row)
+        self._advance(episodes=number + 1)
 
     def evaluation(
-        self,
-        control_steps: int,
-        returns_and_lengths: list[tuple[float, int]],
-        path: Path | None = None,
+        self, control_steps: int, returns: Iterable[float], path: Path | None = None
     ) -> None:
         """Adds the episodes of one evaluation.
 
         Args:
-            path: of the first of them. Those of the run's first and of its latest evaluation are
-                kept.
+            path: of the first of them. Those of the first and of the latest evaluation are kept.
         """
-        for episode, (episode_return, length) in enumerate(returns_and_lengths):
-            row = {"evaluation": self.evaluations, "episode": episode}
-            self._add("evaluations", control_steps, episode_return, length, row)
+        number = self.progress.evaluations
+        for episode, episode_return in enumerate(returns):
+            row = {"evaluation": number, "episode": episode, "episode_return": episode_return}
+            self._add("evaluations", control_steps, row)
         if path is not None:
-            first = self._paths.filter(pc.equal(self._paths["evaluation"], 0))
+            first = self._paths.filter(pc.field("evaluation") == 0)
             self._paths = pa.concat_tables([first, self._path_rows(control_steps, path)])
             self._paths_changed = True
-        self.evaluations += 1
-        self._last_evaluation = control_steps
+        self._advance(evaluations=number + 1, last_evaluation=control_steps)
 
     def metrics(self, control_steps: int, values: Mapping[str, float]) -> None:
         """Adds values that a training loop logs, by name."""
-        row = {"run": self._record.id, "control_steps": control_steps}
-        row["wall_time"] = self.wall_time()
-        self._rows["metrics"] += [{**row, "name": name, "value": values[name]} for name in values]
+        for name, value in values.items():
+            self._add("metrics", control_steps, {"name": name, "value": value})
 
-    def pending(self) -> tuple[dict[str, pa.Table], Collection[str]]:
-        """Returns the pending rows by table, and the tables whose committed rows they replace.
+    def rows(self, table: str) -> int:
+        """Returns the number of rows of a table, pending ones included."""
+        return self._record.rows(table) + len(self._rows[table])
 
-        They do when a table has many files, so that a long run does not end with thousands.
+    def commit(
+        self, checkpoint: Mapping[str, bytes] | None = None, drop: Collection[str] = ()
+    ) -> float:
+        """Commits pending rows and a checkpoint atomically; returns the seconds that it took.
+
+        When a table has many files, its rows are written again as one, so that a long run does not
+        end with thousands.
+
+        Args:
+            checkpoint: files by role.
+            drop: roles of checkpoints to remove.
         """
+        began, record = time.perf_counter(), self._record
         tables = {
             name: pa.Table.from_pylist(self._rows[name], columns)
             for name, columns in schema.LOG_TABLES.items()
         }
-        paths = {"paths": self._paths} if self._paths_changed else {}
-        before = self._before
-        if before is None and any(len(self._record.parts(name)) >= _MAX_PARTS for name in tables):
-            before = self._committed()
-        if before is None:
-            return {**tables, **paths}, paths
-        joined = {name: pa.concat_tables([before[name], tables[name]]) for name in tables}
-        return {**joined, **paths}, {*joined, *paths}
-
-    def mark_committed(self) -> None:
-        """Clears the pending rows."""
+        replace, before = set[str](), self._before
+        if before is None and any(len(record.parts(name)) >= _MAX_PARTS for name in tables):
+            before = {name: record.read(name) for name in tables}
+        if before is not None:
+            replace = {*tables}
+            tables = {name: pa.concat_tables([before[name], tables[name]]) for name in tables}
+        if self._paths_changed:
+            replace.add("paths")
+            tables["paths"] = self._paths
+        record.append(tables, checkpoint, drop=drop, replace=replace)
         self._rows = {name: [] for name in self._rows}
         self._before, self._paths_changed = None, False
-
-    def commit(self) -> float:
-        """Commits the pending rows atomically; returns the seconds that it took."""
-        began = time.perf_counter()
-        tables, replace = self.pending()
-        self._record.append(tables, replace=replace)
-        self.mark_committed()
         return time.perf_counter() - began
 
-    def _committed(self) -> dict[str, pa.Table]:
-        """Returns the committed rows by table, without paths."""
-        return {name: self._record.read(name) for name in schema.LOG_TABLES}
+    def _wall_time(self) -> float:
+        """Returns the seconds that the run has taken, without interruptions."""
+        return time.perf_counter() - self._began
+
+    def _advance(self, **changes: float) -> None:
+        self.progress = self.progress.model_copy(update=changes)
 
     def _path_rows(self, control_steps: int, path: Path) -> pa.Table:
         """Returns the rows of the path of the evaluation that is being added."""
-        count = len(path.points)
         constant = {
             "run": self._record.id,
-            "evaluation": self.evaluations,
+            "evaluation": self.progress.evaluations,
             "control_steps": control_steps,
             **{f"target_{name}": path.target.get(name) for name in ("x", "y", "yaw")},
         }
-        x, y, heading = path.points.T
-        times = (np.arange(count) * (PATH_EVERY * CONTROL_TIMESTEP)).astype(np.float32)
-        columns = {"time": times, "x": x, "y": y, "heading": heading}
-        repeated = {name: [value] * count for name, value in constant.items()}
-        return pa.table({**columns, **repeated}, schema=schema.PATHS)
-
-    def _add(
-        self,
-        table: str,
-        control_steps: int,
-        episode_return: float,
-        length: int,
-        row: dict[str, Any],
-    ) -> None:
-        self._rows[table].append(
-            {
-                "run": self._record.id,
-                "control_steps": control_steps,
-                "episode_return": episode_return,
-                "length": length,
-                "wall_time": self.wall_time(),
-                "processor_time": self._processor_time,
-                **row,
-            }
+        points = (
+            {"time": point * PATH_EVERY * CONTROL_TIMESTEP, "x": x, "y": y, "heading": heading}
+            for point, (x, y, heading) in enumerate(path.points.tolist())
         )
+        return pa.Table.from_pylist([{**constant, **point} for point in points], schema.PATHS)
+
+    def _add(self, table: str, control_steps: int, row: Mapping[str, Any]) -> None:
+        # A table keeps the values that it has columns for.
+        common = {
+            "run": self._record.id,
+            "control_steps": control_steps,
+            "length": EPISODE_STEPS,
+            "wall_time": self._wall_time(),
+            "processor_time": self.progress.processor_time,
+        }
+        self._rows[table].append({**common, **row})
 
 
 def rows_before(record: Record, position: Position) -> dict[str, pa.Table]:
     """Returns the committed rows of a run up to a checkpoint, by table.
 
-    Rows are compared by number, since an evaluation may be at the checkpoint's control step.
-
-    Raises:
-        WorkError: if the rows are damaged.
+    Rows are compared by number, since an evaluation may be at the checkpoint's control step. Raises
+    a WorkError if they are damaged.
     """
     evaluated = pc.field("evaluation") < position.evaluations
     logged = pc.field("control_steps") <= position.control_steps
@@ -262,7 +231,7 @@ class CommitTimer:
     """Decides when to commit, so that commits take at most `_MAX_COMMIT_SHARE` of the time."""
 
     def __init__(self, every: float) -> None:
-        """Starts the timer; the first commit is due at once, so that a run is soon in the results.
+        """Starts with a commit that is due at once, so that a run is soon in the results.
 
         Args:
             every: minimum seconds between two commits; 0 to commit always.

@@ -113,10 +113,10 @@ def make_runs(
     count, steps = runs[0].environments, runs[0].steps
     min_steps = EPISODE_STEPS * count
     if steps < min_steps:
-        each = f" in each of {count} environments" if count > 1 else ""
+        where = f" in each of {count} environments" if count > 1 else ""
         raise RequestError(
             f"No episode of {runs[0].algo} would end in {steps} control steps: it takes "
-            f"{EPISODE_STEPS}{each}; type {min_steps} or more."
+            f"{EPISODE_STEPS}{where}; type {min_steps} or more."
         )
     if runs[0].engine == "batched":
         algorithm = hyperparameters(runs[0])
@@ -156,14 +156,9 @@ def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
         return None
     if not match[1]:
         raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
-    check_options(options)
-    return settings_with(OFESettings, name, {**options, "units": number_in_name(match[1])})
-
-
-def check_options(options: Mapping[str, Any]) -> None:
-    """Raises a RequestError that lists the settings of ofe if an option is unknown."""
     for option in options:
         known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
+    return settings_with(OFESettings, name, {**options, "units": number_in_name(match[1])})
 
 
 def training_device(engine: Engine | None, wanted: str, precision: Precision = "float32") -> str:

@@ -11,11 +11,10 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import find_task
-from jbench.training.engines import make_trainer
-from jbench.training.environment import make_env
+from jbench.training.engines import make_trainer, train
 from jbench.training.evaluation import final_evaluation_episodes
 
-_STEPS, _UPDATES = 300, 20
+_STEPS, _UPDATES = 300, 40
 
 
 def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
@@ -37,7 +36,7 @@ def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     if isinstance(algorithm, OffPolicySettings) and settings.last_step < algorithm.first_update:
         learning = idle  # it ends before it learns
     else:
-        learning = _batched(runs, device) if settings.engine == "batched" else _on_sb3(settings)
+        learning = _learning(runs, device)
     return learning + evaluation_steps(settings) * idle
 
 
@@ -48,7 +47,7 @@ def evaluation_steps(settings: RunSettings) -> float:
     return episodes * EPISODE_STEPS / settings.steps
 
 
-def _batched(runs: Sequence[RunSettings], device: str) -> float:
+def _learning(runs: Sequence[RunSettings], device: str) -> float:
     """Returns the seconds per control step of each seed, from a rollout and its updates."""
     algorithm, changes = hyperparameters(runs[0]), {}
     if isinstance(algorithm, PPOSettings):
@@ -59,16 +58,20 @@ def _batched(runs: Sequence[RunSettings], device: str) -> float:
         often = _short_schedule(algorithm, runs[0].environments)
         rollout = max(often["train_freq"], _UPDATES)
         first = algorithm.batch_size + rollout
-        changes = {"buffer_size": _STEPS, "learning_starts": algorithm.batch_size, **often}
+        changes = {"buffer_size": first + rollout, "learning_starts": algorithm.batch_size, **often}
     changed = {**runs[0].hyperparameters, **changes}
     measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
     with make_trainer(measured, [None] * len(runs), device) as engine:
-        # Warm up until the first updates have been made.
-        for _ in engine.learn(first):
-            pass
-        before, began = engine.control_steps, time.perf_counter()
-        for _ in engine.learn(before + rollout):
-            pass
+        before, began = 0, time.perf_counter()
+
+        def after_step(_: object) -> bool:
+            nonlocal before, began
+            if before < first < engine.control_steps:  # the first updates have been made
+                before, began = engine.control_steps, time.perf_counter()
+            return True
+
+        unmeasured = runs[0].environments if first else 0  # the step after the first updates
+        train(engine, first + unmeasured + rollout, after_step)
         return (time.perf_counter() - began) / (engine.control_steps - before)
 
 
@@ -78,38 +81,6 @@ def _short_schedule(settings: OffPolicySettings, environments: int) -> dict[str,
     max_parts = max(1, updates // _UPDATES)
     parts = max(n for n in range(1, max_parts + 1) if steps % n == updates % n == 0)
     return {"train_freq": steps // parts * environments, "gradient_steps": updates // parts}
-
-
-def _on_sb3(settings: RunSettings) -> float:
-    """Returns the seconds per control step of one run on stable-baselines3."""
-    # They take a second to import.
-    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-    from stable_baselines3.common.vec_env import DummyVecEnv
-
-    from jbench.agents import sb3
-
-    values = settings.hyperparameters
-    env = DummyVecEnv([lambda: make_env(settings, None)] * settings.environments)
-    if settings.algo == "ppo":
-        rollout = values["n_steps"] * settings.environments
-        agent = sb3.build(settings.algo, settings.algorithm, env, seed=0)
-        began = time.perf_counter()
-        agent.learn(rollout)
-        return float((time.perf_counter() - began) / rollout)
-    changes = {"buffer_size": max(_STEPS, values["batch_size"]), "learning_starts": 10 * _STEPS}
-    probe_settings = settings.algorithm.model_copy(update=changes)
-    agent = sb3.build(settings.algo, probe_settings, env, seed=0)
-    assert isinstance(agent, OffPolicyAlgorithm)
-    began = time.perf_counter()
-    agent.learn(_STEPS)
-    stepping = (time.perf_counter() - began) / _STEPS
-    times = []
-    for _ in range(_UPDATES):
-        began = time.perf_counter()
-        # Two updates at a time, because TD3 updates its actor in every other one.
-        agent.train(gradient_steps=2, batch_size=values["batch_size"])
-        times.append((time.perf_counter() - began) / 2)
-    return float(stepping + values["gradient_steps"] / values["train_freq"] * np.median(times))
 
 
 def stepping(settings: RunSettings) -> float:

@@ -111,4 +111,4 @@ def record_failure(run: RunSettings, results: Results, reason: str) -> None:
 
 def failures_among(statuses: Mapping[str, RunStatus]) -> dict[str, str]:
     """Returns the errors of failed runs by id."""
-    return {id: each.error for id, each in statuses.items() if each.state == "failed"}
+    return {id: status.error for id, status in statuses.items() if status.state == "failed"}

@@ -3,8 +3,7 @@
 `python -m jbench.training.worker` reads a request (one line of JSON, see `worker_request`) from
 standard input, and writes an `Event` of a run (one line of JSON each) to standard output, the last
 one of each run when it has finished, failed, or is held by another process. multiprocessing is not
-used because it pickles. The process exits when its standard input is closed. Runs of the batched
-engine are those that `run_batch` takes; with the other engines there is one run.
+used because it pickles. The process exits when its standard input is closed.
 """
 
 import json
@@ -13,9 +12,8 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jbench.settings.run import RunSettings
@@ -36,6 +34,7 @@ def main() -> int:
 
     from jbench.settings.run import RunSettings
     from jbench.store import Results
+    from jbench.training.batched_run import run_batch
 
     torch.set_num_threads(1)
     request = json.loads(line)
@@ -45,7 +44,7 @@ def main() -> int:
     results = Results(Path(request["results"]))
     failures: dict[str, Exception]
     try:
-        failures = _train(runs, results, request, send)
+        failures = run_batch(runs, results, report=send, **request["options"])
     except Exception as error:
         failures = dict.fromkeys((run.id for run in runs), error)
     for run in runs:
@@ -77,35 +76,6 @@ def _traceback(failure: Exception) -> str:
     ours = isinstance(failure, RequestError | WorkError)
     error = failure.__cause__ if ours else failure
     return "" if error is None else "".join(traceback.format_exception(error)).rstrip()
-
-
-def _train(
-    runs: Sequence["RunSettings"], results: "Results", request: dict[str, Any], send: "Report"
-) -> dict[str, Exception]:
-    """Trains all runs; returns the error of each failed run by id."""
-    from jbench.training.batched_run import run_batch
-    from jbench.training.environment import load_run_encoders
-
-    encoders, unusable = load_run_encoders(runs, results)
-    failures: dict[str, Exception] = {**unusable}
-    runs = [run for run in runs if run.id not in failures]
-    if not runs:
-        return failures
-
-    if runs[0].engine != "sb3":
-        return failures | run_batch(
-            runs,
-            results,
-            [encoders[run.encoder] for run in runs],
-            report=send,
-            **request["options"],
-        )
-    from jbench.training import sb3_run
-
-    (run,) = runs
-    final_episodes = request["options"].get("final_episodes")
-    sb3_run.run(run, results, encoders[run.encoder], send, final_episodes=final_episodes)
-    return failures
 
 
 def _sender() -> "Report":

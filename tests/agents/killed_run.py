@@ -33,9 +33,7 @@ def main(path, run, device, after, stacked=True):
     if stacked:
         stack_seeds()
     runs = [RunSettings(**run)]
-    batched_run.run_batch(
-        runs, Results(Path(path)), None, device=device, checkpoint_every=0, report=kill
-    )
+    batched_run.run_batch(runs, Results(Path(path)), device=device, checkpoint_every=0, report=kill)
 
 
 if __name__ == "__main__":

@@ -228,7 +228,6 @@ def test_killed_run_resumes_bit_for_bit(device, tmp_path, monkeypatch):
         failures = batched_run.run_batch(
             [run],
             Results(tmp_path / name),
-            None,
             device=device,
             report=events.append,
         )
@@ -255,7 +254,6 @@ def test_run_resumes_on_other_device_and_back(device, tmp_path, monkeypatch):
         batched_run.run_batch(
             [run],
             Results(tmp_path),
-            None,
             device=device,
             checkpoint_every=0,
             report=stop,

@@ -11,7 +11,7 @@ from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.request import request_runs
-from jbench.training.sb3_run import run
+from tests.training.small_runs import train
 
 NAME = "sb3_contrib:TQC"
 SMALL = {
@@ -45,7 +45,7 @@ def finished(tmp_path_factory):
         evaluate_every=50_000,
         evaluate_episodes=1,
     )
-    return settings, run(settings, results, None)
+    return settings, train(settings, results)
 
 
 def test_run_of_class_is_recorded(finished):

@@ -79,7 +79,7 @@ def assert_fails(run, path, sentence, episodes):
     """Trains a run and checks its error message, status and number of committed episodes."""
     results = Results(path)
     try:
-        reason = str(run_batch([run], results, None, checkpoint_every=0)[run.id])
+        reason = str(run_batch([run], results, checkpoint_every=0)[run.id])
     except (RuntimeError, ValueError) as error:
         reason = str(error)
     assert sentence in reason

@@ -13,7 +13,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
-from jbench.training.reproduce import retrain
+from jbench.training.repeat import retrain
 from tests.command_line import SHORT, Process, jbench, succeed
 from tests.commands.distributions import (
     assert_fails,
@@ -182,10 +182,10 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_batch([run], results, None, checkpoint_every=0, report=stop)
+        run_batch([run], results, checkpoint_every=0, report=stop)
     assert results.find("run", run.id).rows("episodes") == 3
     events = []
-    run_batch([run], results, None, report=events.append)
+    run_batch([run], results, report=events.append)
     reason = "The agent without-state has no state and restore, so its runs can't be resumed."
     assert resumed(events, [run]) == [(run.seed, 0, reason)]
     record = results.find("run", run.id)
@@ -196,10 +196,10 @@ def test_run_of_agent_with_state_is_continued(installed, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     whole = settings()
     short = whole.model_copy(update={"steps": 225})
-    assert run_batch([whole], Results(tmp_path / "once"), None) == {}
-    assert run_batch([short], Results(tmp_path), None, keep_state=True) == {}
+    assert run_batch([whole], Results(tmp_path / "once")) == {}
+    assert run_batch([short], Results(tmp_path), keep_state=True) == {}
     events = []
-    run_batch([whole], Results(tmp_path), None, report=events.append)
+    run_batch([whole], Results(tmp_path), report=events.append)
     assert resumed(events, [whole]) == [(whole.seed, 225, "", short.id)]
     once, twice = (Results(path).find("run", whole.id) for path in (tmp_path / "once", tmp_path))
     assert rows(twice) == rows(once)
@@ -214,7 +214,7 @@ def test_state_of_agent_without_it_is_refused(installed, tmp_path, refused):
 def test_run_of_agent_without_state_is_reproduced(installed, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     run, results = settings("without-state"), Results(tmp_path)
-    assert run_batch([run], results, None) == {}
+    assert run_batch([run], results) == {}
     again = retrain(results, results.find("run", run.id), 2)
     reason = "The agent was not updated in them; repeat more episodes."
     assert (again.verdict, again.reason, again.control_steps) == ("equal", reason, 100)

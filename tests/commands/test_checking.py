@@ -41,7 +41,7 @@ def _short_episodes():
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     results = Results(tmp_path_factory.mktemp("trained") / "results")
-    assert run_batch(RUNS, results, None) == {}
+    assert run_batch(RUNS, results) == {}
     return results
 
 

@@ -109,11 +109,11 @@ def test_class_is_named_without_entry_point(installed, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     run, results = run_of("tqc:TQC"), Results(tmp_path)
     assert (run.engine, run.package) == ("batched", None)
-    assert run_batch([run], results, None) == {}
+    assert run_batch([run], results) == {}
     record = results.find("run", run.id)
     assert record.manifest.provenance["package"] == "tqc-rule 2.1"
     same = Results(tmp_path / "installed")
-    assert run_batch([run_of()], same, None) == {}
+    assert run_batch([run_of()], same) == {}
     other = same.find("run", run_of().id)
     assert record.read_file(WEIGHTS) == other.read_file(WEIGHTS)
 
@@ -161,7 +161,7 @@ def test_killed_run_resumes_bit_for_bit(installed, stacked, tmp_path, monkeypatc
     events, records = [], []
     for name in ("whole", "killed"):
         results = Results(tmp_path / name)
-        assert run_batch([run], results, None, report=events.append) == {}
+        assert run_batch([run], results, report=events.append) == {}
         records.append(results.find("run", run.id))
     assert [event.steps for event in events if event.kind == "resumed"] == [200]
     assert rows(records[0]) == rows(records[1])

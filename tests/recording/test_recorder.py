@@ -28,7 +28,7 @@ from jbench.settings.records import ExternalSettings
 from jbench.simulation import find_task, rollout
 from jbench.store import Results
 from jbench.tasks import resets
-from jbench.training.reevaluate import reevaluate
+from jbench.training.repeat import reevaluate
 from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
 from tests.training.small_runs import EPISODE, paths, shorten_episodes
@@ -449,12 +449,6 @@ def test_second_block_of_recording_starts_over(tmp_path):
     assert not has_policy(record_of(tmp_path, recording.id))
 
 
-def test_full_observation_is_none_as_encoder(tmp_path):
-    without = recorded(tmp_path, encoder="none")
-    assert recorded(tmp_path, encoder="full").id == without.id
-    assert "/full/" in without.id
-
-
 def test_saved_layers_equal_torch():
     torch.manual_seed(1)
     layers = [nn.Linear(16, 8), nn.ELU(), nn.LayerNorm(8), nn.Linear(8, 8), nn.SiLU(), nn.Dropout()]
@@ -489,21 +483,24 @@ def test_invalid_arguments_are_refused(changes, message, tmp_path):
     assert not (tmp_path / "results").exists()
 
 
-def test_run_without_hyperparameters_is_that_of_an_empty_dictionary(tmp_path):
-    without = jbench.record("face_direction", results=tmp_path, **RUN)
-    assert without.id == recorded(tmp_path, hyperparameters={}).id
+@pytest.mark.parametrize(
+    ("changes", "plain"),
+    [
+        ({"encoder": "full"}, {"encoder": "none"}),
+        ({"hyperparameters": None}, {"hyperparameters": {}}),
+        ({"seed": np.int64(SEED), "steps": np.int32(STEPS)}, {}),
+        ({"evaluate_every": np.int64(25)}, {"evaluate_every": 25}),
+    ],
+)
+def test_arguments_of_same_meaning_give_same_run(changes, plain, tmp_path):
+    assert recorded(tmp_path, **changes).id == recorded(tmp_path, **plain).id
+    assert "/full/" in recorded(tmp_path).id
 
 
 def test_hyperparameters_are_converted_to_json_values():
     values = {"a": np.float32(0.5), "b": (1, None), "c": Path("x/y"), "d": {"e": True}}
     plain = plain_hyperparameters(values, 0, 1000)
     assert plain == {"a": 0.5, "b": [1, None], "c": "x/y", "d": {"e": True}}
-
-
-def test_numbers_of_numpy_give_same_run(tmp_path):
-    changes = {"seed": np.int64(SEED), "steps": np.int32(STEPS), "evaluate_every": np.int64(25)}
-    plain = {name: value.item() for name, value in changes.items()}
-    assert recorded(tmp_path, **changes).id == recorded(tmp_path, **plain).id
 
 
 @pytest.mark.parametrize("loss", ["low", None, torch.ones(3)])
@@ -564,11 +561,6 @@ def test_commands_list_and_report_external_runs(finished, copy, capsys):
     curves = opened.curves(task="face_direction", returns="training")
     assert set(curves["algo"]) == {"mine"}
     assert curves["q50"].iloc[0] == pytest.approx(returns[0])
-
-
-def test_open_refuses_missing_directory(tmp_path):
-    with pytest.raises(jbench.RequestError, match="does not exist"):
-        jbench.open(tmp_path / "none")
 
 
 def test_external_run_named_td3_has_only_its_hyperparameters():

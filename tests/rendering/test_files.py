@@ -2,7 +2,6 @@
 
 import importlib.util
 import io
-import itertools
 
 import numpy as np
 import pytest
@@ -144,14 +143,3 @@ def test_gif_needs_no_ffmpeg(tmp_path, monkeypatch):
     path = tmp_path / "a.gif"
     render_to_file(Constant(), SCENE, path, name="x", steps=4)
     assert Image.open(path).n_frames == 2
-
-
-@rendering
-def test_same_request_writes_same_file(tmp_path):
-    files = [tmp_path / name for name in ("one.png", "other.png", "second.png")]
-    for path, seed in zip(files, (1, 1, 2), strict=True):
-        scene = Scene("move_to_pose", seed=seed, width=96, height=64)
-        render_to_file(Constant(), scene, path, name="x", steps=4)
-    contents = [path.read_bytes() for path in files]
-    assert contents[0] == contents[1]
-    assert all(one != contents[2] for one in itertools.islice(contents, 2))

@@ -85,17 +85,6 @@ def test_partial_reset_leaves_other_robots_unchanged(robot, some):
         assert_same(part_of(state, i), plain_loop(robot, quaternion, actions[10:, i]))
 
 
-def test_wrong_shapes_are_refused(robot):
-    with Robots(robot, 3, 1) as robots:
-        for quaternions, some in ((poses(1), None), (poses(3)[0], None), (poses(3), [0, 1])):
-            with pytest.raises(ValueError, match="robots need as many quaternions"):
-                robots.reset(quaternions, some)
-        whole = robots.snapshot()
-        for snapshot, some in ((whole[:2], None), (whole[:, 1:], None), (whole, [0])):
-            with pytest.raises(ValueError, match="A snapshot must have shape"):
-                robots.restore(snapshot, some)
-
-
 def test_restored_snapshot_gives_same_trajectory(robot):
     actions = commands(30, 4)
     with Robots(robot, 4, 2) as robots:

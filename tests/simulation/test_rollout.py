@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from jbench.simulation import find_task, rollout
-from jbench.simulation.rollout import make_path, path_point
 from jbench.tasks import resets
-from jbench.tasks.geometry import State
 from jbench.tasks.gym import JitterbugEnv
 
 TASK, STEPS = "move_to_pose", 30
@@ -45,28 +43,3 @@ def test_repeated_generator_draws_consecutive_starts():
         target = resets.draw_target(TASK, once)
         assert np.array_equal(targets.position[i], target.position)
         assert targets.yaw[i] == target.yaw
-
-
-def test_path_point_is_position_and_heading():
-    # Unturned, the robot faces -y; turned by 90 degrees, it faces x.
-    turned = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]
-    positions = np.array([[0.1, -0.2, 0.03, 1, 0, 0, 0], [0, 0, 0.03, *turned]])
-    found = path_point(State(positions, *[np.zeros(2)] * 4))
-    assert found.dtype == np.float32
-    np.testing.assert_allclose(found, [[0.1, -0.2, -np.pi / 2], [0, 0, 0]], atol=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("task", "target"),
-    [
-        ("move_from_origin", {}),
-        ("face_direction", {"yaw": 3.0}),
-        ("move_to_position", {"x": 0.1, "y": 0.2}),
-        ("move_to_pose", {"x": 0.1, "y": 0.2, "yaw": 3.0}),
-    ],
-)
-def test_path_has_random_components_of_target(task, target):
-    points = [np.full(3, number, np.float32) for number in (1, 2)]
-    path = make_path(task, points, np.array([*target.values()]))
-    assert path.target == target
-    assert path.points.tolist() == [[1, 1, 1], [2, 2, 2]]

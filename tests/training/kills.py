@@ -32,6 +32,7 @@ from jbench.encoders import Encoder
 from jbench.settings.run import RunSettings
 from jbench.store import Results, files
 from jbench.store.verify import verify
+from jbench.training import batched_run
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
 from tests.training.small_runs import shorten_episodes
@@ -159,12 +160,13 @@ class Killer:
             return process
         code = 1
         try:
+            if self._encoder is not None:
+                batched_run.load_run_encoder = lambda *_: self._encoder
             if write_point is not None:
                 files.os = KillingModule(os, write_point)
             failures = run_batch(
                 runs or self._runs,
                 Results(path),
-                self._encoder,
                 checkpoint_every=0,
                 keep_state=keep_state,
             )

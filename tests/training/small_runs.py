@@ -14,7 +14,8 @@ from jbench.settings import run
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store.merge import TIMES
-from jbench.training import engines, group, reproduce, status
+from jbench.training import engines, log, repeat, status
+from jbench.training.batched_run import run_batch
 
 EPISODE = 50
 
@@ -28,7 +29,7 @@ def shorten_episodes(set_attribute=setattr, steps=EPISODE):
     """
     # Each module has its own constant for the length.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package exports a function
-    for module in (engines, evaluate, group, reproduce, request, rollout, run, status):
+    for module in (engines, evaluate, log, repeat, request, rollout, run, status):
         set_attribute(module, "EPISODE_STEPS", steps)
     register_environments()
     for task, augmented in itertools.product(TASKS, (False, True)):
@@ -47,6 +48,13 @@ def small_run(algo, overrides, **changes):
     chosen = algorithm_settings(algo, overrides=overrides).model_dump(mode="json")
     about = {"task": "face_direction", "algo": algo, "seed": 0}
     return RunSettings(**{**about, "hyperparameters": chosen, **changes})
+
+
+def train(run, results, **options):
+    """Trains a run; returns its record, or raises the error of the run."""
+    for failure in run_batch([run], results, **options).values():
+        raise failure
+    return results.find("run", run.id)
 
 
 def paths(record):

@@ -8,20 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.agents.engine import Engine
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
-from jbench.settings.algorithms import algorithm_settings
 from jbench.simulation import jitterbug
 from jbench.store import Results
-from jbench.sweeps.executors import batches
-from jbench.training import engines, evaluation, group, speed
+from jbench.training import engines, evaluation, group
 from jbench.training.batched_run import run_batch
-from jbench.training.evaluation import derive_seeds, evaluate_policy
+from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import Event
-from jbench.training.reevaluate import reevaluate
+from jbench.training.repeat import reevaluate
 from jbench.training.request import training_device
-from jbench.training.speed import _short_schedule, seconds_per_step
+from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
 from tests.training.small_runs import EPISODE, paths, rows, small_run
 
@@ -51,8 +48,8 @@ SLOW = pytest.mark.slow
 def test_run_in_batch_equals_run_alone(algo, tmp_path):
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
     runs = [settings(algo, seed, steps=4 * EPISODE) for seed in (0, 3)]
-    assert run_batch(runs, together, None) == {}
-    assert run_batch(runs[1:], alone, None) == {}
+    assert run_batch(runs, together) == {}
+    assert run_batch(runs[1:], alone) == {}
     found = [results.find("run", runs[1].id) for results in (together, alone)]
     assert found[0].status == "finished"
     assert rows(found[0]) == rows(found[1])
@@ -65,7 +62,7 @@ def test_run_in_batch_equals_run_alone(algo, tmp_path):
 def test_rows_are_written_at_scheduled_steps(tmp_path):
     results, reported = Results(tmp_path), []
     run = settings(steps=150, evaluate_every=100)
-    run_batch([run], results, None, report=reported.append)
+    run_batch([run], results, report=reported.append)
     record = results.find("run", run.id)
     episodes = record.read("episodes").to_pylist()
     assert [(row["episode"], row["control_steps"]) for row in episodes] == [
@@ -94,7 +91,7 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
     assert plan([run], results).ids("finished") == [run.id]
     # The finished run is not repeated.
     before = record.manifest
-    run_batch([run], results, None)
+    run_batch([run], results)
     assert results.find("run", run.id).manifest == before
 
 
@@ -103,7 +100,7 @@ def test_runs_stop_at_given_step_or_stay_after_it(tmp_path):
     ahead, behind = (settings("ddpg", seed, steps=4 * EPISODE) for seed in range(2))
 
     def train_until(episodes, *runs):
-        assert run_batch(runs, results, None, until=episodes * EPISODE) == {}
+        assert run_batch(runs, results, until=episodes * EPISODE) == {}
         return [results.find("run", run.id).rows("episodes") for run in runs]
 
     assert train_until(3, ahead) == [3]
@@ -116,7 +113,7 @@ def test_runs_stop_at_given_step_or_stay_after_it(tmp_path):
 def test_memory_of_engine_is_freed_before_next_one_is_made(tmp_path, monkeypatch):
     results, make, made, living = Results(tmp_path), group.make_trainer, [], []
     ahead, behind = (settings("ddpg", seed, steps=3 * EPISODE) for seed in range(2))
-    run_batch([ahead], results, None, until=EPISODE)
+    run_batch([ahead], results, until=EPISODE)
 
     def noted(*about):
         living.append([reference() for reference in made])
@@ -127,7 +124,7 @@ def test_memory_of_engine_is_freed_before_next_one_is_made(tmp_path, monkeypatch
     monkeypatch.setattr(group, "make_trainer", noted)
     gc.disable()
     try:
-        assert run_batch([ahead, behind], results, None) == {}
+        assert run_batch([ahead, behind], results) == {}
     finally:
         gc.enable()
     # One for the seed that is behind, then one for both.
@@ -139,7 +136,7 @@ def test_run_locked_by_another_process_is_skipped(tmp_path):
     runs = [settings(seed=seed, steps=EPISODE, evaluate_episodes=0) for seed in range(2)]
     record = results.create("run", runs[0].id, runs[0].model_dump(mode="json"))
     with record.lock():
-        failures = run_batch(runs, results, None)
+        failures = run_batch(runs, results)
     assert list(failures) == [runs[0].id]
     assert "Another process is writing" in str(failures[runs[0].id])
     assert results.find("run", runs[1].id).status == "finished"
@@ -149,7 +146,7 @@ def test_parallel_environments_share_steps_and_updates(tmp_path):
     results = Results(tmp_path)
     changes = {"task": "move_from_origin", "parallel": 4, "evaluate_episodes": 0}
     run = settings("ddpg", steps=4 * EPISODE, **changes)
-    run_batch([run], results, None)
+    run_batch([run], results)
     episodes = results.find("run", run.id).read("episodes").to_pylist()
     assert [row["control_steps"] for row in episodes] == [200] * 4
     assert len({row["episode_return"] for row in episodes}) == 4
@@ -158,35 +155,18 @@ def test_parallel_environments_share_steps_and_updates(tmp_path):
 
 def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
     results, runs = Results(tmp_path), [settings(seed=seed, steps=150) for seed in (0, 3)]
-    run_batch(runs, results, None)
+    run_batch(runs, results)
     for run in runs:
         record, agent = results.find("run", run.id), load_agent(results, run.id)
-        _, seed = derive_seeds(run.seed)
         found = record.read("paths").to_pandas()
         assert paths(record) == {(0, 50): 3, (2, 150): 3}
-        made = evaluate_policy(run, seed, 2, agent.act, 1)
+        (made,) = evaluate_policies(run, derive_seeds(run.seed)[1:], 2, agent.act)
         last = found[found["evaluation"] == 2]
         # The engine rounds differently from the single policy.
         np.testing.assert_allclose(last[["x", "y", "heading"]], made.path.points, atol=1e-4)
         assert np.abs(last[["x", "y"]].to_numpy()).max() > 1e-4
         assert last["target_yaw"].tolist() == pytest.approx([made.path.target["yaw"]] * 3)
         assert last["target_x"].isna().all()
-
-
-def test_robots_of_sequence_have_equal_shares_of_episodes():
-    run = settings("ddpg", robots=2, augment=5, steps=4 * EPISODE)
-    assert [run.robot_seed(robot) for robot in (0, 1, 7)] == [5, 6, 6]
-    assert (run.episodes_on_each, run.robot_at(100), run.robot_at(101)) == (2, 0, 1)
-
-
-def test_seeds_are_distributed_over_processes():
-    runs = [settings(seed=seed) for seed in range(5)]
-    others = [settings(seed=seed, engine="sb3") for seed in range(2)]
-    found = batches([*runs, *others], 2, "cpu")
-    assert [[run.seed for run in batch] for batch in found] == [[0, 1, 2], [3, 4], [0], [1]]
-    assert [len(batch) for batch in batches(runs, 2, "cuda:1")] == [5]
-    ddpg = settings("ddpg")
-    assert batches([*runs, ddpg], 1, "cpu") == [runs, [ddpg]]
 
 
 def test_incompatible_settings_and_devices_are_refused():
@@ -217,24 +197,8 @@ def test_evaluations_use_threads_of_training(tmp_path, monkeypatch):
     monkeypatch.setattr(engines, "Computation", partial(engines.Computation, threads=3))
     monkeypatch.setattr(jitterbug, "Robots", lambda *args: given.append(args[2]) or robots(*args))
     run = settings("ddpg")
-    assert run_batch([run], Results(tmp_path), None) == {}
+    assert run_batch([run], Results(tmp_path)) == {}
     assert given == [3, 3, 3]  # of the training and of two evaluations
-
-
-@pytest.mark.parametrize(
-    ("algo", "environments", "short"),
-    [
-        # Published: 100 control steps, 50 updates. Seven robots take 14 steps each, 98 in total,
-        # and make 49 updates; the only smaller whole part is a seventh, of 7 updates.
-        ("ddpg", 1, (50, 25)),
-        ("ddpg", 7, (98, 49)),
-        ("td3", 1, (20, 20)),
-        ("sac", 8, (8, 8)),
-    ],
-)
-def test_measured_schedule_has_update_ratio_of_engine(algo, environments, short):
-    found = _short_schedule(algorithm_settings(algo), environments)
-    assert (found["train_freq"], found["gradient_steps"]) == short
 
 
 def test_speed_is_measured_with_any_number_of_environments():
@@ -250,29 +214,13 @@ def test_speed_is_measured_with_any_number_of_environments():
     assert seconds_per_step([run]) > 0
 
 
-@pytest.mark.parametrize("algo", ["td3", "ppo"])
-def test_speed_on_gpu_is_measured_after_first_updates(algo, monkeypatch):
-    updates, learn, make = [], Engine.learn, speed.make_trainer
-
-    def noted(engine, steps):
-        updates.append(engine.updates)
-        return learn(engine, steps)
-
-    monkeypatch.setattr(Engine, "learn", noted)
-    monkeypatch.setattr(speed, "make_trainer", lambda *about: make(*about[:-1], "cpu"))
-    assert seconds_per_step([settings(algo)], "cuda") > 0
-    before, measured = updates
-    assert before == 0
-    assert measured > 0
-
-
 @pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=SLOW)])
 def test_measuring_speed_does_not_change_results(algo, tmp_path):
     run = settings(algo, evaluate_episodes=0)
     once, again = Results(tmp_path / "once"), Results(tmp_path / "again")
-    run_batch([run], once, None)
+    run_batch([run], once)
     assert seconds_per_step([run]) > 0
-    run_batch([run], again, None)
+    run_batch([run], again)
     assert rows(once.find("run", run.id)) == rows(again.find("run", run.id))
 
 
@@ -280,8 +228,8 @@ def test_measuring_speed_does_not_change_results(algo, tmp_path):
 def test_last_evaluation_of_more_episodes_begins_with_those_of_fewer(algo, tmp_path):
     run = settings(algo, steps=3 * EPISODE)
     few, many = (Results(tmp_path / name) for name in ("few", "many"))
-    run_batch([run], few, None, final_episodes=2)
-    run_batch([run], many, None, final_episodes=5)
+    run_batch([run], few, final_episodes=2)
+    run_batch([run], many, final_episodes=5)
     records = [results.find("run", run.id) for results in (few, many)]
     made = [record.read("evaluations").to_pandas() for record in records]
     count = made[1].groupby("evaluation").size().tolist()

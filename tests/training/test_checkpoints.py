@@ -28,7 +28,7 @@ def do(path, runs, **more):
     """Trains runs; returns those that were resumed, see `resumed`."""
     events = []
     options = {"checkpoint_every": 0, "report": events.append, **more}
-    assert run_batch(runs, Results(path), None, **options) == {}
+    assert run_batch(runs, Results(path), **options) == {}
     return resumed(events, runs)
 
 
@@ -101,7 +101,7 @@ def test_checkpoint_is_kept_after_transient_read_error(stopped, which, code, mon
 
     with monkeypatch.context() as patched:
         patched.setattr(os, "open", failing)
-        failures = run_batch([run], Results(path), None, checkpoint_every=0)
+        failures = run_batch([run], Results(path), checkpoint_every=0)
     assert f"can't be read ({os.strerror(code)})" in str(failures[run.id])
     assert only(path, run).roles() == before
     assert do(path, [run]) == [(1, 250, "")]
@@ -119,7 +119,7 @@ def test_run_that_fails_to_record_resume_keeps_checkpoint(stopped, monkeypatch):
         real(source, target)
 
     monkeypatch.setattr(os, "replace", full)
-    failures = run_batch([run], Results(path), None, checkpoint_every=0)
+    failures = run_batch([run], Results(path), checkpoint_every=0)
     assert "No room left to write manifest.json" in str(failures[run.id])
     assert only(path, run).roles() == before
     assert do(path, [run]) == [(1, 250, "")]
@@ -265,16 +265,6 @@ def test_number_of_files_of_run_is_limited(tmp_path, monkeypatch):
     assert outcome(tmp_path / "stopped", run) == outcome(tmp_path / "uninterrupted", run)
 
 
-def test_pieces_are_rewritten_as_one_when_there_are_32():
-    pieces = []
-    for number in range(1, 200):
-        piece, merged = _next_piece(pieces, 0, 1000 * number)
-        pieces = [*pieces[: len(pieces) - len(merged)], piece]
-        assert [p.first for p in pieces] == [0, *(p.end for p in pieces[:-1])]
-        assert len(pieces) <= 32
-        assert merged == [] or len(pieces) == 1
-
-
 def test_pieces_with_expired_rows_are_not_rewritten():
     pieces = [_Piece(1000 * i, 1000 * (i + 1)) for i in range(32)]
     assert _next_piece(pieces, 0, 33_000) == (_Piece(0, 33_000), pieces)
@@ -282,15 +272,3 @@ def test_pieces_with_expired_rows_are_not_rewritten():
     assert _next_piece(pieces, 1, 33_000) == (_Piece(1000, 33_000), pieces[1:])
     # All pieces are outdated, because their rows have been overwritten.
     assert _next_piece(pieces, 40_000, 50_000) == (_Piece(40_000, 50_000), [])
-
-
-def test_changed_device_is_reported_on_resume(stopped):
-    path, run, _ = stopped
-    record = only(path, run)
-    assert record.manifest.provenance["device"] == "cpu"
-    begun = {**record.manifest.provenance, "device": "cuda", "gpu": "NVIDIA H100"}
-    record._update(provenance=begun)
-    ((_, _, sentence),) = do(path, [run])
-    assert sentence.startswith("Since it began, device cuda is now cpu: results may differ from")
-    (resumed,) = only(path, run).manifest.provenance["continued"]
-    assert resumed["changed"] == {"device": ["cuda", "cpu"]}

@@ -25,7 +25,7 @@ def train(path, runs, keep_state=True, **more):
     """Trains runs and keeps their states; returns those that were resumed, see `resumed`."""
     events = []
     more |= {"keep_state": keep_state, "report": events.append}
-    assert run_batch(runs, Results(path), None, **more) == {}
+    assert run_batch(runs, Results(path), **more) == {}
     return resumed(events, runs)
 
 
@@ -130,7 +130,7 @@ def test_run_that_finds_no_room_for_its_copy_does_not_begin(left, tmp_path, monk
 
     with monkeypatch.context() as patched:
         patched.setattr(os, "replace", full)
-        failures = run_batch([whole], Results(tmp_path), None)
+        failures = run_batch([whole], Results(tmp_path))
     assert "No room left to write" in str(failures[whole.id])
     assert train(tmp_path, [whole]) == [(1, 100, "", short.id)]
 

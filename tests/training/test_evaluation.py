@@ -9,7 +9,7 @@ from jbench.settings.records import ExternalSettings
 from jbench.tasks import features, geometry, resets
 from jbench.tasks import model as robot
 from jbench.tasks.robots import load_model
-from jbench.training.evaluation import evaluate_policy
+from jbench.training.evaluation import evaluate_policies
 
 
 def act(observations):
@@ -48,7 +48,7 @@ def test_path_equals_that_of_robot_stepped_alone(task):
         **{"task": task, "algo": "mine", "seed": 0, "steps": 1000, "hyperparameters": {}},
         **{"evaluate_every": 1000, "evaluate_episodes": 3},
     )
-    made = evaluate_policy(settings, 7, 2, act, 1)
+    (made,) = evaluate_policies(settings, [7], 2, act)
     starts = resets.draw_starts(task, [resets.episode_generator(7, 2)] * 3)
     alone = stepped_alone(task, starts, 0)
     assert np.ptp(alone[:, 0]) > 0.01
@@ -58,4 +58,3 @@ def test_path_equals_that_of_robot_stepped_alone(task):
     np.testing.assert_allclose(turn, 1, atol=1e-5)
     numbers = resets.target_numbers(task, starts[1])[0]
     assert [*made.path.target.values()] == numbers.tolist()
-    assert made.episodes == [(value, EPISODE_STEPS) for value in made.returns]

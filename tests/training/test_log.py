@@ -17,7 +17,7 @@ def evaluate(log, number):
     """Adds an evaluation whose path has two points."""
     start = np.array([0, 0, number], np.float32)
     path = Path(np.stack([start, start + 0.5]), {"x": 0.25, "yaw": float(number)})
-    log.evaluation(1000 * (number + 1), [(1.0, 1000)], path)
+    log.evaluation(1000 * (number + 1), [1.0], path)
 
 
 def numbers(record):
@@ -60,7 +60,7 @@ def test_paths_after_resumed_checkpoint_are_dropped(record):
 
 def test_resumed_older_run_has_path_of_last_evaluation_only(record):
     log = RunLog(record)
-    log.evaluation(1000, [(1.0, 1000)])
+    log.evaluation(1000, [1.0])
     log.commit()
     assert record.parts("paths") == []
     resumed = RunLog(record, Position(evaluations=1))

@@ -2,26 +2,14 @@
 
 import torch
 
-from jbench.settings.algorithms import algorithm_settings
-from jbench.settings.run import RunSettings
 from jbench.training import memory
 from jbench.training.memory import memory_sentence, replay_bytes
+from tests.training.small_runs import small_run
 
 
-def run(algo="ddpg", seed=0, **changes):
-    return RunSettings(
-        **{
-            "task": "face_direction",
-            "algo": algo,
-            "engine": "batched",
-            "seed": seed,
-            "steps": 5_000_000,
-            "evaluate_every": 50_000,
-            "evaluate_episodes": 10,
-            "hyperparameters": algorithm_settings(algo).model_dump(mode="json"),
-            **changes,
-        }
-    )
+def run(algo="ddpg", **changes):
+    lengths = {"steps": 5_000_000, "evaluate_every": 50_000, "evaluate_episodes": 10}
+    return small_run(algo, {}, **{"engine": "batched", **lengths, **changes})
 
 
 def test_size_of_replay_buffer():

@@ -24,16 +24,14 @@ from jbench.registration import environment_id
 from jbench.store import Results
 from jbench.tasks import geometry
 from jbench.tasks.features import mirrored
-from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
-from jbench.training.environment import load_run_encoder
-from jbench.training.evaluation import derive_seeds, evaluate_policy
-from jbench.training.reevaluate import reevaluate
+from jbench.training.evaluation import derive_seeds, evaluate_policies
+from jbench.training.repeat import reevaluate
 from tests.agents.test_batched_engine import engine_of
 from tests.agents.test_plugin_engine import engine_of as plugin_engine_of
 from tests.encoders.encoder_data import make_dataset, planar_encoder
 from tests.tasks.test_mirror import mirror_image
-from tests.training.small_runs import EPISODE, shorten_episodes, small_run
+from tests.training.small_runs import EPISODE, shorten_episodes, small_run, train
 
 TASK = "face_direction"
 OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
@@ -150,7 +148,7 @@ def assert_last_evaluation_is_repeated(results, record, settings):
     again = reevaluate(results, record)
     assert (again.verdict, again.reason) == ("equal", "")
     act, number = load_agent(results, record.id).act, LENGTHS["steps"] // EPISODE - 1
-    made = evaluate_policy(settings, derive_seeds(settings.seed)[1], number, act, 1)
+    (made,) = evaluate_policies(settings, derive_seeds(settings.seed)[1:], number, act)
     np.testing.assert_allclose(made.returns, again.recorded, atol=1e-2)
     assert np.ptp(again.recorded) > 0.1
 
@@ -166,7 +164,7 @@ def test_evaluations_in_training_equal_those_of_saved_policy(results):
         seed=1,
         **LENGTHS,
     )
-    assert run_batch([run], results, load_run_encoder(run, results)) == {}
+    assert run_batch([run], results) == {}
     assert_last_evaluation_is_repeated(results, results.find("run", run.id), run)
 
 
@@ -181,7 +179,7 @@ def test_stable_baselines3_runs_on_mirrored_observations(results):
         seed=1,
         **LENGTHS,
     )
-    record = sb3_run.run(run, results, load_run_encoder(run, results))
+    record = train(run, results)
     assert reevaluate(results, record).verdict == "equal"
 
 

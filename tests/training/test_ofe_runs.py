@@ -115,7 +115,7 @@ def test_matrix_accepts_ofe_as_representation(tmp_path):
 @pytest.mark.usefixtures("short_episodes")
 def test_ofe_run_records_prediction_loss_and_policy_with_features(tmp_path):
     results, run = Results(tmp_path), settings()
-    assert run_batch([run], results, None) == {}
+    assert run_batch([run], results) == {}
     record = results.find("run", run.id)
     losses = record.read("episodes")["prediction_loss"].to_pylist()
     assert len(losses) == 2

@@ -1,14 +1,11 @@
 """Tests of the worker processes of `jbench train`: requests, interrupts and retries."""
 
-import inspect
 import subprocess
 import sys
 
 import pytest
 
 from jbench.cli import main
-from jbench.commands.sweep import sweep
-from jbench.commands.train import train
 from jbench.store import Results
 from jbench.sweeps.executors import Local
 from jbench.training.events import Event
@@ -112,11 +109,3 @@ def test_failed_runs_are_retried_only_with_option(tmp_path, capsys, monkeypatch)
     assert main([*arguments, "--retry-failed"]) == 1
     assert asked[2:] == [[interrupted, failed, new]]
     assert "1 run failed before; trying again." in capsys.readouterr().out
-
-
-def test_train_and_sweep_have_same_checkpoint_interval():
-    defaults = [
-        inspect.signature(verb).parameters["checkpoint_every"].default.default
-        for verb in (train, sweep)
-    ]
-    assert defaults == [60.0, 60.0]

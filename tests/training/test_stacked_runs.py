@@ -9,10 +9,10 @@ from jbench.settings.records import OFESettings
 from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.sweeps.executors import batches
+from jbench.training import batched_run
 from jbench.training.batched_run import run_batch
-from jbench.training.environment import load_run_encoders
 from tests.agents.test_batched_engine import TanhEncoder
-from tests.training.small_runs import rows
+from tests.training.small_runs import EPISODE, rows
 from tests.training.test_batched_run import settings
 
 FEATURES = {"representation": "ofe6", "ofe": OFESettings(units=6, layers=2)}
@@ -27,12 +27,13 @@ class OtherEncoder(TanhEncoder):
 
 
 @pytest.mark.usefixtures("short_episodes")
-def test_run_among_runs_with_other_encoders_equals_run_alone(tmp_path):
+def test_run_among_runs_with_other_encoders_equals_run_alone(tmp_path, monkeypatch):
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
     runs = [settings("td3", seed, **ENCODED) for seed in (0, 3)]
-    encoders = [TanhEncoder(), OtherEncoder()]
-    assert run_batch(runs, together, encoders) == {}
-    assert run_batch(runs[1:], alone, encoders[1]) == {}
+    encoders = {0: TanhEncoder(), 3: OtherEncoder()}
+    monkeypatch.setattr(batched_run, "load_run_encoder", lambda run, _: encoders[run.seed])
+    assert run_batch(runs, together) == {}
+    assert run_batch(runs[1:], alone) == {}
     found, expected = (results.find("run", runs[1].id) for results in (together, alone))
     assert rows(found) == rows(expected)
     assert found.read_file(WEIGHTS) == expected.read_file(WEIGHTS)
@@ -57,8 +58,8 @@ def test_seeds_of_configuration_share_process_on_gpu_and_are_divided_on_cpu():
     assert batches(runs, 2, "cpu") == [*halves, *others]
 
 
+@pytest.mark.usefixtures("short_episodes")
 def test_missing_encoder_fails_only_its_runs(tmp_path):
-    full, encoded = ([settings("td3", seed, **kind) for seed in (0, 3)] for kind in ({}, ENCODED))
-    encoders, failures = load_run_encoders([*full, *encoded], Results(tmp_path))
-    assert encoders == {None: None}
-    assert list(failures) == [run.id for run in encoded]
+    runs = [settings("ddpg", 0, steps=EPISODE), settings("ddpg", 3, steps=EPISODE, **ENCODED)]
+    assert list(run_batch(runs, Results(tmp_path))) == [runs[1].id]
+    assert Results(tmp_path).find("run", runs[0].id).status == "finished"

@@ -11,12 +11,10 @@ from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.simulation import find_task
 from jbench.store import Results
-from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
 from jbench.training.continuation import check_state_can_be_kept
-from jbench.training.reevaluate import reevaluate
-from jbench.training.reproduce import retrain
-from tests.training.small_runs import EPISODE, rows
+from jbench.training.repeat import reevaluate, retrain
+from tests.training.small_runs import EPISODE, rows, train
 from tests.training.test_resume import kill
 
 SMALL = {"hidden_layers": [8], "batch_size": 16, "learning_starts": 50, "train_freq": 30}
@@ -54,7 +52,7 @@ def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, task, tmp_path):
 @pytest.mark.usefixtures("short_episodes")
 def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path):
     run, results = settings("sac", "dmc:cheetah-run"), Results(tmp_path)
-    assert run_batch([run], results, None) == {}
+    assert run_batch([run], results) == {}
     record = results.find("run", run.id)
     assert reevaluate(results, record).verdict == retrain(results, record, 2).verdict == "equal"
     observations = np.random.default_rng(0).normal(size=(5, 17)).astype(np.float32)
@@ -69,12 +67,12 @@ def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
     run = settings("td3", "dmc:cheetah-run", engine="sb3", steps=4 * EPISODE)
     monkeypatch.setattr(registry[environment_id(run.task)], "max_episode_steps", EPISODE)
     results = Results(tmp_path)
-    record = sb3_run.run(run, results, None)
+    record = train(run, results)
     assert record.rows("episodes") == 4
     assert record.rows("paths") == 0
     changed = run.specs.model_copy(update={"model": "0" * 64})
     with pytest.raises(RequestError, match="has changed since it was recorded"):
-        sb3_run.run(run.model_copy(update={"specs": changed}), results, None)
+        train(run.model_copy(update={"specs": changed}), results)
     assert load_agent(results, run.id).policy.outputs == 6
     assert reevaluate(results, record).verdict == retrain(results, record, 1).verdict == "equal"
 

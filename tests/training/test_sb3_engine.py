@@ -3,16 +3,13 @@
 import numpy as np
 import pytest
 
-from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import load_agent
 from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.training.environment import make_env
-from jbench.training.events import Event
-from jbench.training.sb3_run import run
 from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
-from tests.training.small_runs import EPISODE, paths, shorten_episodes, small_run
+from tests.training.small_runs import EPISODE, paths, shorten_episodes, small_run, train
 
 TD3 = {"learning_starts": 75, "train_freq": 25, "gradient_steps": 5}
 
@@ -33,72 +30,34 @@ def _short_episodes():
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     results = Results(tmp_path_factory.mktemp("results"))
-    reported = []
-    record = run(settings(), results, None, reported.append)
-    return results, record, reported
+    return results, train(settings(), results)
 
 
-def test_every_training_episode_is_row(finished):
-    _, record, _ = finished
-    rows = record.read("episodes").to_pylist()
-    assert [row["episode"] for row in rows] == [0, 1, 2]
-    assert [row["control_steps"] for row in rows] == [50, 100, 150]
-    assert {row["length"] for row in rows} == {EPISODE}
-    assert {row["run"] for row in rows} == {record.id}
-    assert all(0 <= row["episode_return"] <= EPISODE for row in rows)
-    assert np.all(np.diff([row["wall_time"] for row in rows]) > 0)
-    assert np.all(np.diff([row["processor_time"] for row in rows]) > 0)
-    assert record.manifest.summary["processor_time"] > rows[-1]["processor_time"]
-
-
-def test_losses_are_null_before_learning_starts(finished):
-    _, record, _ = finished
-    rows = record.read("episodes").to_pylist()
+def test_episodes_and_evaluations_are_rows(finished):
+    _, record = finished
+    episodes = record.read("episodes").to_pylist()
+    assert [(row["episode"], row["control_steps"]) for row in episodes] == [
+        (0, 50), (1, 100), (2, 150),
+    ]  # fmt: skip
     # Learning starts after 75 steps: at the end of the second episode, 100.
-    assert [row["critic_loss"] is None for row in rows] == [True, True, False]
-    assert {row["value_loss"] for row in rows} == {None}  # only PPO has it
-
-
-def test_evaluations_are_made_at_interval_and_end(finished):
-    _, record, _ = finished
-    rows = record.read("evaluations").to_pylist()
-    assert [(r["evaluation"], r["episode"], r["control_steps"]) for r in rows] == [
-        (0, 0, 100),
-        (0, 1, 100),
-        (1, 0, 150),
-        (1, 1, 150),
-    ]
-    assert {row["length"] for row in rows} == {EPISODE}
-
-
-def test_progress_is_reported_after_each_episode(finished):
-    _, record, reported = finished
-    returns = record.read("episodes")["episode_return"].to_pylist()
-    assert reported == [
-        Event("episode", record.id, steps=steps, episode_return=episode_return)
-        for steps, episode_return in zip([50, 100, 150], returns, strict=True)
-    ]
-
-
-def test_finished_run_is_not_repeated(finished):
-    results, record, _ = finished
-    before = (record.path / "manifest.json").read_bytes()
-    run(settings(), results, None, lambda *_: pytest.fail("it trained again"))
-    assert (record.path / "manifest.json").read_bytes() == before
-    planned = plan([settings(), settings(seed=1)], results)
-    assert (planned.ids("finished"), planned.ids("missing")) == (
-        [settings().id],
-        [settings(seed=1).id],
-    )
-    assert planned.to_do(retry_failed=True) == [settings(seed=1)]
+    assert [row["critic_loss"] is None for row in episodes] == [True, True, False]
+    evaluations = record.read("evaluations").to_pylist()
+    assert [(r["evaluation"], r["episode"], r["control_steps"]) for r in evaluations] == [
+        (0, 0, 100), (0, 1, 100), (1, 0, 150), (1, 1, 150),
+    ]  # fmt: skip
+    for row in (*episodes, *evaluations):
+        assert (row["length"], row["run"]) == (EPISODE, record.id)
+        assert 0 <= row["episode_return"] <= EPISODE
+    times = [row["processor_time"] for row in episodes]
+    assert np.all(np.diff([*times, record.manifest.summary["processor_time"]]) > 0)
 
 
 @pytest.mark.slow
 def test_same_settings_give_same_rows(finished, tmp_path):
-    _, record, _ = finished
+    _, record = finished
     # Measuring the speed before the run, as the command line does, does not change the run.
     assert seconds_per_step([settings()]) > 0
-    again = run(settings(), Results(tmp_path), None)
+    again = train(settings(), Results(tmp_path))
     for table in ("episodes", "evaluations"):
         first, second = (r.read(table).drop(TIMES) for r in (record, again))
         assert first.equals(second)
@@ -106,7 +65,7 @@ def test_same_settings_give_same_rows(finished, tmp_path):
 
 
 def test_saved_agent_reproduces_evaluation(finished):
-    results, record, _ = finished
+    results, record = finished
     agent = load_agent(results, record.id)
     assert agent.task == "face_direction"
     # The generator of the evaluation environment is seeded once per run.
@@ -125,17 +84,11 @@ def test_saved_agent_reproduces_evaluation(finished):
         returns.append(total)
     rows = record.read("evaluations").to_pylist()
     # The last two episodes are of the final policy, the first two of an earlier one.
-    assert returns[2:] == pytest.approx([row["episode_return"] for row in rows[2:]])
+    assert returns[2:] == [row["episode_return"] for row in rows[2:]]
     # Points at control steps 0, 20 and 40.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}
     found = record.read("paths").slice(3).select(["x", "y"]).to_pandas()
     np.testing.assert_array_equal(found, np.array(positions[2][::20], np.float32))
-
-
-def test_agent_of_unknown_run_is_refused(finished):
-    results, _, _ = finished
-    with pytest.raises(RequestError, match=r"No run .*/s09-0{8} in .*; jbench runs --results"):
-        load_agent(results, "face_direction/td3/full/s09-00000000")
 
 
 def test_ppo_counts_steps_of_all_environments(tmp_path):
@@ -146,7 +99,7 @@ def test_ppo_counts_steps_of_all_environments(tmp_path):
         evaluate_episodes=0,
         overrides={"n_envs": 4, "n_steps": 10, "batch_size": 20, "n_epochs": 1},
     )
-    rows = run(ppo, Results(tmp_path), None).read("episodes").to_pylist()
+    rows = train(ppo, Results(tmp_path)).read("episodes").to_pylist()
     # Four environments end their first episodes together, at step 50 of each.
     assert [row["control_steps"] for row in rows] == 4 * [200]
     assert len({row["episode_return"] for row in rows}) == 4
@@ -173,19 +126,12 @@ def test_failure_is_recorded_and_can_be_retried(tmp_path, monkeypatch):
         raise FloatingPointError("on fire")
 
     with monkeypatch.context() as patch:
-        patch.setattr("jbench.training.sb3_run.sb3.build", burn)
+        patch.setattr("jbench.training.sb3_engine.sb3.build", burn)
         with pytest.raises(FloatingPointError):
-            run(wanted, results, None)
+            train(wanted, results)
     failed = results.find("run", wanted.id)
     assert failed.status == "failed"
     assert failed.manifest.summary == {"error": "FloatingPointError: on fire"}
     assert plan([wanted], results).to_do(retry_failed=False) == []
     assert plan([wanted], results).to_do(retry_failed=True) == [wanted]
-    assert run(wanted, results, None).status == "finished"
-
-
-def test_run_locked_by_another_process_is_refused(tmp_path):
-    results = Results(tmp_path)
-    record = results.create("run", settings().id, settings().model_dump(mode="json"))
-    with record.lock(), pytest.raises(WorkError, match="Another process"):
-        run(settings(), results, None)
+    assert train(wanted, results).status == "finished"

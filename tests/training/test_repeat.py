@@ -11,14 +11,11 @@ from jbench.errors import RequestError
 from jbench.policies.saved import DESCRIPTION, WEIGHTS
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
-from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
-from jbench.training.environment import load_run_encoder
 from jbench.training.log import POLICY_EVALUATION
-from jbench.training.reevaluate import changes_since, reevaluate
-from jbench.training.reproduce import default_episodes, retrain
+from jbench.training.repeat import changes_since, default_episodes, reevaluate, retrain
 from tests.demo_results import ENCODER
-from tests.training.small_runs import EPISODE, shorten_episodes, small_run
+from tests.training.small_runs import EPISODE, shorten_episodes, small_run, train
 
 OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
 ON_POLICY = {"batch_size": 10, "n_envs": 2, "n_steps": 25}
@@ -41,7 +38,7 @@ def settings(algo="ddpg", seed=0, **changes):
 def trained(tmp_path_factory):
     """Two seeds trained in one batch."""
     results = Results(tmp_path_factory.mktemp("trained"))
-    assert run_batch([settings(seed=0), settings(seed=1)], results, None) == {}
+    assert run_batch([settings(seed=0), settings(seed=1)], results) == {}
     return results
 
 
@@ -75,7 +72,7 @@ def test_run_that_ends_before_its_first_update_is_reproduced(tmp_path):
     lengths = {"steps": EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
     waiting = {**OFF_POLICY, "learning_starts": 1000}
     run = small_run("ddpg", waiting, engine="batched", seed=0, **lengths)
-    assert run_batch([run], Results(tmp_path), None) == {}
+    assert run_batch([run], Results(tmp_path)) == {}
     again = retrain(Results(tmp_path), Results(tmp_path).find("run", run.id), 1)
     assert again.verdict == "equal"
     assert again.reason == "The agent was not updated in them; repeat more episodes."
@@ -85,7 +82,7 @@ def test_stable_baselines3_run_is_reproduced_bit_for_bit(tmp_path):
     task = "move_from_origin"  # its returns are not 0
     run = settings(engine="sb3", task=task, evaluate_every=75, evaluate_episodes=1)
     results = Results(tmp_path)
-    record = sb3_run.run(run, results, None)
+    record = train(run, results)
     assert record.manifest.summary[POLICY_EVALUATION] == 1
     assert reevaluate(results, record).verdict == "equal"
     assert retrain(results, record, 1)[1:4] == ("equal", "", 50)
@@ -93,7 +90,7 @@ def test_stable_baselines3_run_is_reproduced_bit_for_bit(tmp_path):
 
 def test_run_with_parallel_environments_is_reproduced(tmp_path):
     run, results = settings("ppo", evaluate_every=200, steps=200), Results(tmp_path)
-    run_batch([run], results, None)
+    run_batch([run], results)
     record = results.find("run", run.id)
     again = retrain(results, record, 3)  # with two environments: the whole run
     assert (again.verdict, len(again.computed), again.control_steps) == ("equal", 4, 200)
@@ -141,7 +138,7 @@ def test_policy_with_wrong_layers_is_not_evaluated(trained, tmp_path):
         name: trained.find("run", settings().id).read_file(name) for name in (WEIGHTS, DESCRIPTION)
     }
     run = settings("ppo")
-    run_batch([run], Results(tmp_path / "other"), None)
+    run_batch([run], Results(tmp_path / "other"))
     results, record = altered_copy(
         Results(tmp_path / "other"), tmp_path / "altered", run, files=files
     )
@@ -159,7 +156,7 @@ def test_policies_of_older_versions_are_not_compared(trained, tmp_path):
     assert "before the last updates" in done.reason
     # If no evaluation was due at the last step, the final policy was evaluated.
     late = settings("ddpg", evaluate_every=75)
-    run_batch([late], Results(tmp_path / "late"), None)
+    run_batch([late], Results(tmp_path / "late"))
     results, record = altered_copy(
         Results(tmp_path / "late"), tmp_path / "old", late, summary=summary
     )
@@ -170,7 +167,7 @@ def test_run_with_encoder_needs_it(demo_results, tmp_path):
     shutil.copytree(demo_results.path / "encoders", tmp_path / "encoders")
     results = Results(tmp_path)
     run = settings(encoder=ENCODER, representation="dae14", steps=50)
-    assert run_batch([run], results, load_run_encoder(run, results)) == {}
+    assert run_batch([run], results) == {}
     record = results.find("run", run.id)
     assert reevaluate(results, record).verdict == retrain(results, record, 1).verdict == "equal"
     shutil.rmtree(results.path / "encoders")

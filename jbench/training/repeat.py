@@ -1,0 +1,250 @@
+"""Computes parts of a run again, and compares them with its rows bit for bit.
+
+The parts are the last evaluation of a finished run, with the policy that was kept, and its first
+training episodes.
+"""
+
+import contextlib
+import math
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+
+from jbench.agents.batched.engine import BatchedEngine
+from jbench.cores import one_thread
+from jbench.devices import find_device
+from jbench.errors import RequestError
+from jbench.names import EPISODE_STEPS
+from jbench.policies.saved import has_policy, load_agent
+from jbench.settings.recorded import Run, Unreadable, read_run
+from jbench.settings.records import ExternalSettings
+from jbench.settings.run import RunSettings
+from jbench.simulation import Act
+from jbench.store import Record, Results, schema
+from jbench.store.merge import TIMES
+from jbench.store.provenance import device_provenance, differences, provenance
+from jbench.training.batched_run import run_batch
+from jbench.training.engines import acting, make_trainer
+from jbench.training.evaluation import derive_seeds, evaluate_policies
+from jbench.training.log import POLICY_EVALUATION
+
+Verdict = Literal["equal", "different", "no policy", "not comparable"]
+"""Whether returns are the recorded ones, bit for bit; `not comparable`: the record does not contain
+what is needed to repeat its last evaluation."""
+
+_Rows = dict[tuple[int, str, int, int], Mapping[str, Any]]
+"""By control steps, "episode" or "evaluation", its number, episode of the evaluation."""
+
+
+class Repeated(NamedTuple):
+    """A part of a run that was computed again: its last evaluation, or its first episodes.
+
+    Attributes:
+        run: id.
+        verdict: see `Verdict`.
+        reason: why it is not comparable, or how it differs, as a sentence; otherwise empty.
+        control_steps: at its end; None if it was not repeated.
+        recorded: returns of its episodes in the database.
+        computed: returns of the same episodes here.
+    """
+
+    run: str
+    verdict: Verdict
+    reason: str = ""
+    control_steps: int | None = None
+    recorded: tuple[float, ...] = ()
+    computed: tuple[float, ...] = ()
+
+
+def reevaluate(results: Results, record: Record) -> Repeated:
+    """Repeats the last evaluation of a run: the same initial states, with the kept policy.
+
+    On the same kind of processor with the same versions, the returns are the same bits.
+
+    Args:
+        results: results directory of the run; contains its encoder.
+        record: finished run.
+
+    Raises:
+        WorkError: if a file of the run is damaged.
+    """
+    if not has_policy(record):
+        return Repeated(record.id, "no policy", "It was saved without its policy.")
+    settings, rows = read_run(record.settings), _rows(record, "evaluation")
+    obstacle = _obstacle(record, settings, rows)
+    if isinstance(settings, Unreadable) or obstacle:
+        return Repeated(record.id, "not comparable", obstacle)
+    number = max(number for _, _, number, _ in rows)
+    recorded = {key: row for key, row in rows.items() if key[2] == number}
+    control_steps = max(steps for steps, *_ in recorded)
+    device = _device_for(record.manifest.provenance)
+    try:
+        agent = load_agent(results, record.id)
+        with one_thread(), contextlib.ExitStack() as stack:
+            act: Act = agent.act
+            if settings.engine == "batched":
+                engine = stack.enter_context(make_trainer([settings], [agent.encoder], device))
+                assert isinstance(engine, BatchedEngine)
+                engine.load_policy(0, agent.policy, control_steps)
+                act = acting(engine, 1)
+            (evaluation,) = evaluate_policies(
+                settings,
+                [derive_seeds(settings.seed)[1]],
+                number,
+                act,
+                control_steps=control_steps,
+                episodes=max(len(recorded), settings.evaluate_episodes),
+                drawn=len(rows) - len(recorded),
+            )
+    except (RequestError, ValueError) as error:
+        reason = f"Its policy can't be run: {str(error).rstrip('.')}."
+        return Repeated(record.id, "not comparable", reason)
+    computed: _Rows = {
+        (control_steps, "evaluation", number, episode): {"episode_return": episode_return}
+        for episode, episode_return in enumerate(evaluation.returns.tolist())
+    }
+    return _compared(record, control_steps, recorded, computed, "evaluation")
+
+
+def retrain(
+    results: Results,
+    record: Record,
+    episodes: int,
+    progress: Callable[[int], None] = lambda control_steps: None,
+) -> Repeated:
+    """Trains the first episodes of a run again, in a temporary directory.
+
+    Args:
+        results: results directory of the run; contains its encoder.
+        episodes: number of training episodes. Parallel environments end theirs together, so that
+            it may be a few more.
+        progress: called with the control steps trained so far.
+
+    Raises:
+        RequestError: if it has no episode, its loop was not jbench's, or its encoder is missing.
+        WorkError: if the run is damaged, or its training fails here.
+    """
+    settings = read_run(record.settings)
+    if isinstance(settings, ExternalSettings):
+        raise RequestError(
+            f"{record.id} was trained by a loop that jbench does not have: only its evaluation "
+            "can be repeated; type --episodes 0."
+        )
+    if not isinstance(settings, RunSettings):
+        raise RequestError(f"Another program or version wrote the settings of {record.id}.")
+    if not record.rows("episodes"):
+        raise RequestError(f"{record.id} is {record.status} and has no episode to compare with.")
+    rounds = math.ceil(min(episodes, record.rows("episodes")) / settings.environments)
+    until = rounds * EPISODE_STEPS * settings.environments
+    with one_thread(), tempfile.TemporaryDirectory(prefix="jbench-") as directory:
+        temporary = Results(Path(directory))
+        failures = run_batch(
+            [settings],
+            temporary,
+            encoders=results,
+            device=_device_for(record.manifest.provenance),
+            until=until if until < settings.steps else None,
+            report=lambda event: progress(event.steps),
+        )
+        for failure in failures.values():
+            raise failure
+        trained = temporary.find("run", settings.id)
+        assert trained is not None
+        recorded, computed = (
+            _rows(run, "episode", "evaluation", until=until) for run in (record, trained)
+        )
+    repeated = _compared(record, until, recorded, computed, "episode")
+    losses = (row.get(name) for row in computed.values() for name in schema.LOSSES)
+    if repeated.verdict == "equal" and all(loss is None for loss in losses):
+        reason = "The agent was not updated in them; repeat more episodes."
+        return repeated._replace(reason=reason)
+    return repeated
+
+
+def default_episodes(record: Record) -> int:
+    """Returns how many episodes to train again: up to the first updates, and at least one."""
+    rows = record.read("episodes")
+    losses = np.column_stack([rows[name].is_valid().to_numpy() for name in schema.LOSSES])
+    updated = np.flatnonzero(losses.any(axis=1))
+    return int(updated[0]) + 1 if len(updated) else 1
+
+
+def changes_since(record: Record) -> dict[str, list[Any]]:
+    """Returns what may round numbers differently: its values when the run began, and now."""
+    recorded = record.manifest.provenance
+    device = torch.device(_device_for(recorded))
+    return differences(recorded, {**provenance(), **device_provenance(device)})
+
+
+def _device_for(provenance: Mapping[str, Any]) -> str:
+    """Returns the device that a run was trained on, if it exists here; otherwise `cpu`."""
+    return find_device("auto").type if provenance.get("device") == "cuda" else "cpu"
+
+
+def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
+    """Returns why the kept policy can't be compared with the evaluations; "" if it can."""
+    if isinstance(settings, Unreadable):
+        return "Another program or version wrote its settings."
+    if not rows:
+        return "It has no evaluation."
+    if settings.engine == "plugin":
+        return (
+            "Its evaluations ran the agent's own code; the kept copy rounds its sums differently."
+        )
+    newest = max(number for _, _, number, _ in rows)
+    evaluated = record.manifest.summary.get(POLICY_EVALUATION)
+    if evaluated is None and isinstance(settings, RunSettings):
+        # Older versions did not record it. They kept the policy after the last updates, which was
+        # evaluated only if no evaluation was due at the last control step.
+        previous, last = [0, *sorted({steps for steps, *_ in rows})][-2:]
+        if last // settings.evaluate_every == previous // settings.evaluate_every:
+            evaluated = newest
+    if evaluated != newest:
+        return (
+            "Its last evaluation was not made with the policy that was kept: with one before the "
+            "last updates, as in older versions of jbench, or with a function of the caller."
+        )
+    return ""
+
+
+def _rows(record: Record, *kinds: str, until: float = math.inf) -> _Rows:
+    """Returns rows of training or evaluations up to a control step, without times."""
+    return {
+        (row["control_steps"], kind, row[kind], row["episode"]): row
+        for kind in kinds
+        for row in record.read(f"{kind}s").drop_columns([*TIMES, "run"]).to_pylist()
+        if None not in (row["control_steps"], row[kind]) and row["control_steps"] <= until
+    }
+
+
+def _compared(
+    record: Record, control_steps: int, recorded: _Rows, computed: _Rows, what: str
+) -> Repeated:
+    """Returns a part up to a control step, whose returns are those of the rows of `what`."""
+    difference = _difference(recorded, computed)
+    returns = (
+        tuple(row["episode_return"] for key, row in sorted(rows.items()) if key[1] == what)
+        for rows in (recorded, computed)
+    )
+    verdict: Verdict = "different" if difference else "equal"
+    return Repeated(record.id, verdict, difference, control_steps, *returns)
+
+
+def _difference(recorded: _Rows, computed: _Rows) -> str:
+    """Returns a sentence on the first row that differs, in the order of training; "" if none."""
+    for key in sorted(recorded.keys() | computed.keys()):
+        then, now = recorded.get(key), computed.get(key)
+        control_steps, what, number, _ = key
+        where = f"{what} {number}, at control step {control_steps:,}"
+        if then is None or now is None:
+            return f"A row of {where}, is missing {'in the record' if then is None else 'here'}."
+        for column in now:
+            before, here = repr(then[column]), repr(now[column])  # nan is no other nan
+            if before != here:
+                values = f"recorded {before}, here {here}"
+                return f"The first difference is {column} of {where}: {values}."
+    return ""

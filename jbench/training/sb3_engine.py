@@ -1,0 +1,118 @@
+"""An agent of stable-baselines3, or of a class with its interface, trained by its own loop."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from jbench.agents import sb3, sb3_classes
+from jbench.agents.divergence import Divergence, divergent_loss
+from jbench.closing import Closing
+from jbench.encoders import Encoder, on_observations
+from jbench.policies.network import SavedNetwork
+from jbench.settings.run import RunSettings
+from jbench.training.environment import RobotSequence
+
+
+class SB3Engine(Closing):
+    """Has the interface of `Engine` for one seed, except for its state: such a run starts over.
+
+    Attributes:
+        diverged: the divergence of seed 0, if it has diverged.
+    """
+
+    is_resumable, keeps_policy_exactly = False, True
+
+    def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
+        """Makes an untrained agent.
+
+        Args:
+            seed: of the agent and its environments.
+        """
+        self._settings, self._encoder = settings, encoder
+        env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
+        if settings.is_ours:
+            self._agent = sb3.build(settings.algo, settings.algorithm, env, seed)
+        else:
+            self._agent = sb3_classes.build(settings.algo, settings.hyperparameters, env, seed)
+        self.diverged: dict[int, Divergence] = {}
+        self._policy: SavedNetwork | None = None
+
+    @property
+    def control_steps(self) -> int:
+        """Control steps over all environments."""
+        return self._agent.num_timesteps
+
+    @property
+    def updates(self) -> int:
+        """Number of updates; of PPO, epochs."""
+        made: int = self._agent._n_updates
+        return made
+
+    def close(self) -> None:
+        """Closes the environments."""
+        if (env := self._agent.get_env()) is not None:
+            env.close()
+
+    def learn(self, steps: int, after_step: Callable[[NDArray[np.float64] | None], bool]) -> None:
+        """Trains until `steps` control steps are made, or the agent has diverged.
+
+        Args:
+            after_step: called with the returns (1, environments) of the episodes that ended, or
+                None, after each step of all environments; returns whether to go on.
+        """
+
+        def on_step(values: dict[str, Any], _: object) -> bool:
+            self._policy = None
+            self._check_losses()
+            self._check("actions", values["actions"])
+            ended = [info["episode"]["r"] for info in values["infos"] if "episode" in info]
+            returns = np.array([ended], np.float64) if ended else None
+            return after_step(returns)
+
+        self._agent.learn(steps, on_step, log_interval=None)  # type: ignore[arg-type]
+        self._policy = None
+
+    def has_made(self, steps: int) -> bool:
+        """Returns whether these control steps are made, perhaps within the last rollout."""
+        return self.control_steps >= steps
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Returns the deterministic action (1, 1, dim(A)) for an observation (1, 1, dim(O))."""
+        act = on_observations(self._encoder, self.policy(0).act)
+        action: NDArray[np.floating] = act(observations[0, 0])
+        return action[None, None]
+
+    def policy(self, seed: int) -> SavedNetwork:
+        """Returns a copy of the agent's deterministic policy."""
+        if self._policy is None:
+            spaces: Any = self._agent.observation_space, self._agent.action_space
+            self._policy = (
+                sb3.policy(self._agent)
+                if self._settings.is_ours
+                else sb3.copy_model(self._agent, *(space.shape[0] for space in spaces))
+            )
+        return self._policy
+
+    def losses(self, seed: int) -> dict[str, float]:
+        """Returns the last losses by database name; empty before the first update."""
+        return sb3.losses(self._agent)
+
+    def check_weights(self) -> None:
+        """Records a divergence if a loss or a weight is not finite."""
+        self._check_losses()
+        for parameters in self._agent.policy.parameters():
+            self._check("weights", parameters.detach().numpy())
+
+    def _check_losses(self) -> None:
+        if (name := divergent_loss(sb3.losses(self._agent))) is not None:
+            self._record(name)
+
+    def _check(self, what: str, values: ArrayLike) -> None:
+        if not np.isfinite(values).all():
+            self._record(what)
+
+    def _record(self, what: str) -> None:
+        self.diverged.setdefault(0, Divergence(self.updates, self.control_steps, what))

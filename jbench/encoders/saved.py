@@ -80,8 +80,6 @@ class SavedEncoder:
         extremes = [np.array(description[name], np.float32) for name in ("minimum", "maximum")]
         if any(extreme.shape != (size,) for extreme in extremes):
             raise ValueError("a scaling of another size")
-        if not isinstance(latents, int) or latents < 1:
-            raise ValueError(f"{latents} latents")
         # Version 1 did not save options, which affected only the training.
         kind = make_kind(description["kind"], description.get("options", {}))
         return cls(kind, tensors, Scaling(*extremes), latents)

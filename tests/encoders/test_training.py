@@ -329,6 +329,11 @@ def test_weights_are_trained_in_float32_and_unused_ones_stay(trained):
     assert learner.weights["unused"].tolist() == [1, 1]
 
 
+def test_states_of_other_seed_are_refused(trained, results):
+    with pytest.raises(ValueError, match="not the states of"):
+        train(trained.states, results, seed=1)
+
+
 def test_encoder_in_use_by_other_process_is_refused(trained, results):
     held = results.record("encoder", trained.settings.id)
     with held.lock(), pytest.raises(WorkError, match="Another process is writing the encoder"):

@@ -6,6 +6,7 @@ blocks are parsed, not run. Outputs are compared with the rows of the results.
 
 import html
 import json
+import pydoc
 import re
 import shlex
 import shutil
@@ -105,6 +106,11 @@ def test_commands_of_illustrations_parse(page):
 def test_named_files_exist(page):
     named = re.findall(r"\b(?:benchmarks|docs|tests)/[\w/.]+\.\w+", page.read_text())
     assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_objects_of_python_api_exist():
+    named = re.findall(r"^::: (\S+)", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
+    assert [name for name in named if pydoc.locate(name) is None] == []
 
 
 @pytest.mark.parametrize(

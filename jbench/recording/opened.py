@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 
 from jbench.names import RETURNS, Order, ReturnsName, known
-from jbench.report.configurations import curve_points, seed_frame
+from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
-from jbench.report.data.configuration import Configuration, with_returns
-from jbench.report.data.curves import Curve
+from jbench.report.data.configuration import Configuration, long_frame, with_returns
+from jbench.report.data.curves import QUANTILES, Curve
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
 from jbench.settings.alike import flatten
@@ -26,6 +26,7 @@ _RUN = [
     *("seed", "steps", "status"),
 ]
 _CURVE = ["task", "algo", "representation", "variant", "source"]
+_POINT = ["window", "control_steps", "seeds", *(f"q{percent}" for percent in QUANTILES)]
 _SEED_POINT = ["run", "seed", "returns", "window", "control_steps", "episode_return"]
 
 
@@ -128,7 +129,7 @@ class OpenedResults:
         )
         chosen = with_returns(source.configurations, returns)
         curves = [(configuration, configuration.curve(order, window)) for configuration in chosen]
-        points = _seed_points(curves) if per_seed else curve_points(curves)
+        points = _seed_points(curves) if per_seed else _points(curves)
         named = pd.DataFrame([configuration.key for configuration in chosen], columns=_CURVE)
         named["settings"] = [configuration.words for configuration in chosen]
         settings = _settings([configuration.settings for configuration in chosen])
@@ -145,18 +146,30 @@ class OpenedResults:
         return source
 
 
+def _points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
+    """Returns the points of curves, sorted by the names of their configurations."""
+    parts = []
+    for configuration, curve in sorted(curves, key=lambda pair: pair[0].key):
+        names = dict(zip(_CURVE, configuration.key, strict=True))
+        names |= {"returns": configuration.kind, "order": curve.order}
+        numbers = curve.widths, curve.control_steps, curve.seeds, *curve.quantiles
+        parts.append((names, dict(zip(_POINT, numbers, strict=True))))
+    return long_frame(parts, [*_CURVE, "returns", "order", *_POINT])
+
+
 def _seed_points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
     """Returns the points of each seed's curve, without windows that it has not completed."""
-    parts = [pd.DataFrame(columns=[*_CURVE, *_SEED_POINT])]
+    parts = []
     for configuration, curve in curves:
         runs, seeds = configuration.runs, configuration.seeds
         for run, seed, values in zip(runs, seeds, curve.each, strict=True):
             present = np.isfinite(values)
-            numbers = curve.widths[present], curve.control_steps[present], values[present]
-            point = run, seed, configuration.kind, *numbers
             names = dict(zip(_CURVE, configuration.key, strict=True))
-            parts.append(pd.DataFrame(names | dict(zip(_SEED_POINT, point, strict=True))))
-    return pd.concat(parts[1:] or parts, ignore_index=True)
+            names |= {"run": run, "seed": seed, "returns": configuration.kind}
+            numbers = {"window": curve.widths, "control_steps": curve.control_steps}
+            numbers |= {"episode_return": values}
+            parts.append((names, {name: array[present] for name, array in numbers.items()}))
+    return long_frame(parts, [*_CURVE, *_SEED_POINT])
 
 
 def _settings(runs: Sequence[Run]) -> pd.DataFrame:

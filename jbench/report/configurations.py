@@ -12,13 +12,12 @@ from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import (
     ID,
     Configuration,
-    concatenated,
     display_name,
+    long_frame,
     shown_representation,
 )
 from jbench.report.data.curves import (
     BAND_SEEDS,
-    QUANTILES,
     Curve,
     centers,
     moving_average,
@@ -39,32 +38,25 @@ _STATISTICS = [
 ]
 _IS_SOLVED = {"supported": "yes", "contradicted": "no", "undecided": "undecided"}
 CONFIGURATIONS = [
-    *(*ID, "variant", "returns", "seeds", "draws", "steps_min", "steps", "diverged"),
+    *(*ID, "variant", "seeds", "draws", "steps_min", "steps", "diverged"),
     *(*_STATISTICS, "deviation_by_episodes", "s", "s_low", "s_high", "detectable"),
     *("reached", "solved", "published", "published_figure", "note"),
 ]
-SEEDS = [
-    *(*ID, "returns", "seed", "run", "final", "over_run", "episodes", "episode_sd", "diverged")
-]
-CURVES = [*(*ID, "returns", "steps", "seeds", "window", *NAMES.values(), "robots", "robot_steps")]
+SEEDS = [*(*ID, "seed", "run", "final", "over_run", "episodes", "episode_sd", "diverged")]
+CURVES = [*(*ID, "steps", "seeds", "window", *NAMES.values(), "robots", "robot_steps")]
 RUN_CURVES = ["configuration", "source", "run", "seed", "returns", "steps", "value"]
-PROCESSOR = [*ID, "returns", "seconds", "median"]
+PROCESSOR = [*ID, "seconds", "median"]
 PUBLISHED_CURVES = [
     *("task", "algo", "representation", "kind", "figure", "source", "seeds", "steps"),
     *NAMES.values(),
 ]
-POINTS = [
-    *("task", "algo", "representation", "variant", "source", "returns", "order", "window"),
-    *("control_steps", "seeds", *(f"q{percent}" for percent in QUANTILES)),
-]
-
 _SHOWN_POINTS = 200  # of the curve of a single run
 
 
 def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame:
     """Returns a row per configuration and kind of return, in the order of drawing.
 
-    Columns: `ID`, variant (hash), returns (kind), seeds (with a final return), draws (of encoders),
+    Columns: `ID`, variant (hash), seeds (with a final return), draws (of encoders),
     steps_min and steps (control steps of training), diverged (seeds). Statistics with the ends of
     their 95% intervals (…_low, …_high): median, iqm (interquartile mean) and deviation (standard
     deviation) of the final returns, over_run (interquartile mean of the mean return over the run),
@@ -81,7 +73,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
         location = {"median": st.median, "iqm": st.interquartile_mean}
         variability = {"deviation": st.standard_deviation} if len(scores.final) > 1 else {}
         row: dict[str, Any] = {**config.identity, "variant": config.variant, "draws": config.draws}
-        row |= {"returns": config.kind, "seeds": len(scores.final), "note": "; ".join(config.notes)}
+        row |= {"seeds": len(scores.final), "note": "; ".join(config.notes)}
         row |= {"steps_min": int(config.steps.min()), "steps": int(config.steps.max())}
         row |= {"diverged": int(config.diverged.sum()), "solved": None}
         row |= _intervals(location | variability, scores.final)
@@ -124,55 +116,41 @@ def _steps_to_solved(config: Configuration, curve: Curve) -> FloatArray:
 def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """Returns a row per seed with a final return.
 
-    Columns: `ID`, returns, seed, run, final (final return), over_run (mean return over the run),
-    episodes (that the final return averages), episode_sd (their standard deviation; that of their
-    mean is episode_sd / √episodes), diverged.
+    Columns: `ID`, seed, run, final (final return), over_run (mean return over the run), episodes
+    (that the final return averages), episode_sd (their standard deviation; that of their mean is
+    episode_sd / √episodes), diverged.
     """
     parts = []
     for config in configurations:
         scores = seed_scores(config)
-        numbers = {"seed": config.seeds, "run": np.array(config.runs, object)}
-        numbers = {n: v[scores.known] for n, v in (numbers | {"diverged": config.diverged}).items()}
-        numbers |= {"final": scores.final, "over_run": scores.area}
-        numbers |= {"episodes": scores.episodes, "episode_sd": scores.deviations}
-        parts.append(pd.DataFrame({**config.identity, "returns": config.kind, **numbers}))
-    return concatenated(parts, SEEDS)
-
-
-def curve_points(curves: Curves) -> pd.DataFrame:
-    """Returns the points of all curves, sorted by the names of their configurations.
-
-    Columns: task, algo, representation, variant, source, returns (their kind), order, window
-    (episodes, or evaluations, averaged in this point: fewer at the ends of a run), control_steps
-    (center of the window), seeds, and the return's quantiles q10, q25, q50, q75, q90.
-    """
-    ordered = sorted(curves, key=lambda pair: (pair[0].key, pair[0].kind))
-    return concatenated([_points(*pair) for pair in ordered], POINTS)
-
-
-def _points(config: Configuration, curve: Curve) -> pd.DataFrame:
-    names = dict(zip(POINTS, (*config.key, config.kind, curve.order), strict=False))
-    numbers = {"control_steps": curve.control_steps, "seeds": curve.seeds, "window": curve.widths}
-    quantiles = {f"q{percent}": curve.quantile(percent) for percent in QUANTILES}
-    return pd.DataFrame({**names, **numbers, **quantiles})
+        arrays = {"seed": config.seeds, "run": np.array(config.runs, object)}
+        arrays |= {"diverged": config.diverged}
+        arrays = {name: values[scores.known] for name, values in arrays.items()}
+        arrays |= {"final": scores.final, "over_run": scores.area}
+        arrays |= {"episodes": scores.episodes, "episode_sd": scores.deviations}
+        parts.append((config.identity, arrays))
+    return long_frame(parts, SEEDS)
 
 
 def curve_frame(curves: Curves) -> pd.DataFrame:
     """Returns the points of curves in the order of drawing.
 
-    Columns: `ID`, returns, steps, seeds, window, q10, q25, median, q75, q90; quantiles other than
-    the median are NaN for fewer than `BAND_SEEDS` seeds. Points without a seed are left out. Curves
-    on a sequence of robots have robots and robot_steps (control steps with each robot).
+    Columns: `ID`, steps (center of the window), seeds, window (episodes, or evaluations, averaged
+    in this point: fewer at the ends of a run), q10, q25, median, q75, q90; quantiles other than the
+    median are NaN for fewer than `BAND_SEEDS` seeds. Points without a seed are left out. Curves on
+    a sequence of robots have robots and robot_steps (control steps with each robot).
     """
     parts = []
     for config, curve in curves:
-        points = _points(config, curve).rename(columns={**NAMES, "control_steps": "steps"})
-        if len(config.seeds) < BAND_SEEDS:
-            points[["q10", "q25", "q75", "q90"]] = np.nan
+        known = curve.seeds > 0
+        arrays = {"steps": curve.control_steps, "seeds": curve.seeds, "window": curve.widths}
+        banded = len(config.seeds) >= BAND_SEEDS
+        for row, name in zip(curve.quantiles, NAMES.values(), strict=True):
+            arrays[name] = row if banded or name == "median" else np.full(len(row), np.nan)
         robot_steps = config.robot_episodes * config.longest / config.returns.shape[1]
-        points = points.assign(**config.identity, robots=config.robots, robot_steps=robot_steps)
-        parts.append(points[points["seeds"] > 0])
-    return concatenated(parts, CURVES)
+        names = {**config.identity, "robots": config.robots, "robot_steps": robot_steps}
+        parts.append((names, {name: values[known] for name, values in arrays.items()}))
+    return long_frame(parts, CURVES)
 
 
 def run_curve_frame(curves: Curves) -> pd.DataFrame:
@@ -186,10 +164,9 @@ def run_curve_frame(curves: Curves) -> pd.DataFrame:
             shown = np.flatnonzero(np.isfinite(values))
             if len(shown) > _SHOWN_POINTS:
                 shown = shown[np.linspace(0, len(shown) - 1, _SHOWN_POINTS).round().astype(int)]
-            names = config.configuration, config.source, run, seed, config.kind
-            points = {"steps": curve.control_steps[shown], "value": values[shown]}
-            parts.append(pd.DataFrame({**dict(zip(RUN_CURVES, names, strict=False)), **points}))
-    return concatenated(parts, RUN_CURVES)
+            arrays = {"steps": curve.control_steps[shown], "value": values[shown]}
+            parts.append(({**config.identity, "run": run, "seed": seed}, arrays))
+    return long_frame(parts, RUN_CURVES)
 
 
 def processor_frame(curves: Curves) -> pd.DataFrame:
@@ -208,10 +185,9 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
         # If some times of a window are missing, the mean of the others is not that at its center.
         known = centers(np.isfinite(middle).astype(np.float64), curve.window) == 1
         usable = known & np.isfinite(curve.quantile(50))
-        numbers = {"median": curve.quantile(50), "seconds": centers(middle, curve.window)}
-        points = pd.DataFrame({**config.identity, "returns": config.kind, **numbers})
-        parts.append(points[usable])
-    return concatenated(parts, PROCESSOR)
+        seconds = centers(middle, curve.window)[usable]
+        parts.append((config.identity, {"median": curve.quantile(50)[usable], "seconds": seconds}))
+    return long_frame(parts, PROCESSOR)
 
 
 def published_frame(
@@ -242,4 +218,4 @@ def sequence_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame:
     name = theirs["algo"] + " " + theirs["representation"] + ", published"
     theirs = theirs.assign(configuration=theirs["task"] + " " + name, label=name, words=PUBLISHED)
     theirs = theirs.assign(returns=TRAINING, robots=SEQUENCE_ROBOTS, robot_steps=1e6)
-    return concatenated([ours, theirs], CURVES)
+    return pd.concat([ours, theirs], ignore_index=True).reindex(columns=CURVES)

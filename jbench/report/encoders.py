@@ -104,7 +104,7 @@ def return_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """Returns the final returns of configurations that differ only in their representation.
 
     They are measured at the most frequent last step of these configurations, or at the latest of
-    several such; those that have not reached it are left out. Columns: `ID`, returns, steps, seeds,
+    several such; those that have not reached it are left out. Columns: `ID`, steps, seeds,
     iqm with its 95% interval (low, high).
     """
     rows = []
@@ -114,8 +114,8 @@ def return_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
             final = seed_scores(config, end).final
             value, low, high, _ = st.estimate(st.interquartile_mean, [final])
             numbers = {"steps": end, "seeds": len(final), "iqm": value, "low": low, "high": high}
-            rows.append({**config.identity, "returns": config.kind, **numbers})
-    return pd.DataFrame(rows, columns=[*ID, "returns", "steps", "seeds", "iqm", "low", "high"])
+            rows.append(config.identity | numbers)
+    return pd.DataFrame(rows, columns=[*ID, "steps", "seeds", "iqm", "low", "high"])
 
 
 def _labels(rows: pd.DataFrame) -> list[str]:

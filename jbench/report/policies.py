@@ -11,13 +11,11 @@ from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis.claims import Row
 from jbench.report.analysis.examine import examine_heuristic
-from jbench.report.data.configuration import concatenated, in_order
+from jbench.report.data.configuration import Part, in_order, long_frame
 from jbench.report.data.points import plain_evaluations
 from jbench.statistics import FloatArray
-from jbench.statistics import bootstrap as st
 from jbench.store import Record, Results
 
-BASELINES = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
 MOTOR = ("task", "policy", "label", "median", "velocity", "density")
 POSITIONS = ("task", "policy", "label", "median", "x", "y", "share", "target_yaw", "reach")
 
@@ -26,29 +24,15 @@ _SHOWN = 4  # policies in a figure
 _BINS = 80  # of positions, along each axis
 
 
-def shipped_episodes() -> pd.DataFrame:
-    """Returns the shipped episodes of random actions and hand-written policies.
-
-    Columns: task, policy (`random` or `hand-written`), episode, episode_return;
-    `benchmarks/baselines.py` has written them.
-    """
-    return pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
-
-
 def baseline_frame(tasks: set[str]) -> pd.DataFrame:
-    """Returns the shipped policies' median return, by task.
+    """Returns the returns of random actions and of the hand-written policy of some tasks.
 
-    Columns: task, policy, median with its 95% interval (low, high), q10 and q90 (10th and 90th
-    percentile of the episodes), episodes.
+    Columns: task, policy (`random` or `hand-written`), median with its 95% interval (low, high),
+    q10 and q90 (10th and 90th percentile of the episodes), episodes; `benchmarks/baselines.py` has
+    written them.
     """
-    rows = []
-    for (task, policy), episodes in shipped_episodes().groupby(["task", "policy"], sort=False):
-        if task in tasks:
-            returns = episodes["episode_return"].to_numpy(float)
-            median, low, high, _ = st.estimate(st.median, [returns])
-            q10, q90 = np.percentile(returns, (10, 90))
-            rows.append((task, policy, median, low, high, q10, q90, len(returns)))
-    return pd.DataFrame(rows, columns=BASELINES)
+    rows = pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
+    return rows[rows["task"].isin(tasks)].reset_index(drop=True)
 
 
 def findings(
@@ -115,15 +99,15 @@ def behavior(
                 newest[str(settings["task"]), str(settings["policy"])] = _read(record)
             except WorkError as error:
                 problems.append(str(error))
-    motor: list[pd.DataFrame] = []
-    positions: list[pd.DataFrame] = []
+    motor: list[Part] = []
+    positions: list[Part] = []
     for name in dict.fromkeys(task for task, _ in newest):
         ranked = [states for key, states in newest.items() if key[0] == name]
         ranked.sort(key=lambda states: states["median"].iloc[0])
         shown = ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
         motor += map(_motor, shown)
         positions += _positions(shown)
-    return concatenated(motor, MOTOR), concatenated(positions, POSITIONS), problems
+    return long_frame(motor, MOTOR), long_frame(positions, POSITIONS), problems
 
 
 def _read(record: Record) -> pd.DataFrame:
@@ -151,7 +135,7 @@ def _read(record: Record) -> pd.DataFrame:
         ) from None
 
 
-def _motor(states: pd.DataFrame) -> pd.DataFrame:
+def _motor(states: pd.DataFrame) -> Part:
     # Imported here because the package imports dm_control, which most reports don't need.
     from jbench.tasks.features import FEATURES
 
@@ -159,11 +143,11 @@ def _motor(states: pd.DataFrame) -> pd.DataFrame:
     edges = np.linspace(-1.2, 1.2, 121)
     observed = np.clip(states["motor_velocity"].to_numpy() / full_speed, edges[0], edges[-1])
     density, _ = np.histogram(observed, edges, density=True)
-    names = states.iloc[0][["task", "policy", "label", "median"]]
-    return pd.DataFrame({**names, "velocity": (edges[:-1] + edges[1:]) / 2, "density": density})
+    names = states.iloc[0][[*MOTOR[:4]]]
+    return {**names}, {"velocity": (edges[:-1] + edges[1:]) / 2, "density": density}
 
 
-def _positions(shown: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
+def _positions(shown: Sequence[pd.DataFrame]) -> list[Part]:
     """Returns the maps of a task's policies, of one reach, without their empty squares."""
     farthest = max(float(np.quantile(np.hypot(s["x"], s["y"]), 0.995)) for s in shown)
     reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
@@ -176,5 +160,5 @@ def _positions(shown: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
         where = {"x": middles[column], "y": middles[row], "share": counts[column, row]}
         where["share"] /= len(states)
         names = states.iloc[0][["task", "policy", "label", "median", "target_yaw"]]
-        maps.append(pd.DataFrame({**names, **where, "reach": reach}))
+        maps.append(({**names, "reach": reach}, where))
     return maps

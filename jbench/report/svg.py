@@ -11,8 +11,8 @@ import re
 from xml.etree import ElementTree
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from jbench.report import style
 from jbench.report.figures.chart import Panel
@@ -27,6 +27,7 @@ _COLORS = {
 }
 _FONT = re.compile(r"(?:(bold|\d+) )?([\d.]+)px")
 _NUMBER = re.compile(r"-?\d+\.\d\d+")
+_EDGE = 3  # points around a panel
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
@@ -39,17 +40,28 @@ def panel_svgs(panel: Panel, label: str) -> str:
     with mpl.rc_context(style.PAGE):
         figure = Figure(figsize=panel.size, dpi=72)
         axes = figure.subplots()
-        for i, (names, draw) in enumerate(panel.versions.items()):
-            axes.clear()
+        for names, draw in panel.versions.items():
+            if texts and names not in panel.changes:
+                axes.clear()
             draw(axes)
-            if i == 0:
-                # All versions have the same place, so that a switch moves nothing. By itself,
-                # matplotlib would also draw the figure twice.
-                ConstrainedLayoutEngine().execute(figure)
+            if not texts:  # all versions have the same place, so that a switch moves nothing
+                _fill(figure, axes)
             sink = io.BytesIO()
             figure.savefig(sink, format="svg", transparent=True, metadata=_NO_DATES)
             texts.append(_element(sink.getvalue(), label, names))
     return "".join(texts)
+
+
+def _fill(figure: Figure, axes: Axes) -> None:
+    """Stretches axes until they fill the figure with all that is written beside them.
+
+    matplotlib's constrained layout would measure every text twice.
+    """
+    size, box = figure.bbox, axes.get_tightbbox(for_layout_only=True)
+    place = axes.get_position(original=True).transformed(figure.transSubfigure)
+    left, bottom = (place.min - box.min + _EDGE) / size.size
+    right, top = 1 - (box.max - place.max + _EDGE) / size.size
+    axes.set_position((left, bottom, right - left, top - bottom))
 
 
 def _element(content: bytes, label: str, names: str) -> str:

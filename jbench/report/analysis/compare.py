@@ -60,7 +60,7 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
 def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> dict[str, Any]:
     """Returns a row of `comparison_frame` without its verdict, as `judge` needs it."""
     ours, theirs = pairs[0]
-    row: dict[str, Any] = {**ours.identity, "returns": ours.kind}
+    row: dict[str, Any] = {**ours.identity}
     row |= {"a": ours.source, "b": theirs.source}
     if ours.source == FILE:
         row |= {"algo": "", "a": ours.label, "b": theirs.label}

@@ -12,7 +12,7 @@ import pandas as pd
 
 from jbench.names import EPISODE_STEPS
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.configuration import ID, Configuration, concatenated, in_order
+from jbench.report.data.configuration import ID, Configuration, in_order, long_frame
 from jbench.report.data.returns import FILE
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -20,7 +20,7 @@ from jbench.statistics import bootstrap as st
 ALL_TASKS, NORMALIZED = "all tasks", "all tasks, normalized"
 """Names of several tasks together, which share a range or do not."""
 
-PROFILES = [*ID, "returns", "seeds", "final_return", "share", "low", "high"]
+PROFILES = [*ID, "seeds", "final_return", "share", "low", "high"]
 
 _THRESHOLDS = 201
 
@@ -93,12 +93,12 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         low = high = np.full(len(thresholds), np.nan)
         if min(map(len, scores)) >= st.MIN_SEEDS:
             low, high = st.profile_interval(scores, thresholds)
-        names = {**first.identity, "returns": first.kind, "seeds": sum(map(len, scores))}
+        names = {**first.identity, "seeds": sum(map(len, scores))}
         names |= {"task": together(known)} if several else {}
         numbers = {"final_return": thresholds, "low": low, "high": high}
         numbers["share"] = st.performance_profile(scores, thresholds)
-        parts.append(pd.DataFrame({**names, **numbers}))
-    return concatenated(parts, PROFILES)
+        parts.append((names, numbers))
+    return long_frame(parts, PROFILES)
 
 
 def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]) -> pd.DataFrame:
@@ -112,7 +112,7 @@ def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]
     for group in on_all_tasks(config for config in configurations if config.source == FILE):
         finals = [seed_scores(config).final for config in group]
         scores, _ = strata(finals, [known[config.task] for config in group])
-        row: dict[str, Any] = {**group[0].identity, "task": task, "returns": group[0].kind}
+        row: dict[str, Any] = {**group[0].identity, "task": task}
         row |= {"configuration": f"{task} {group[0].label}", "seeds": sum(map(len, scores))}
         estimate = st.estimate(st.interquartile_mean, scores)
         row |= zip(("iqm", "iqm_low", "iqm_high"), estimate, strict=False)

@@ -38,7 +38,7 @@ BASELINES = (FULL, SCALED)
 """Baselines of reduced representations, without and with the encoders' scaling."""
 
 VERDICTS = [
-    *(*ID, "returns", "against", "baseline", "claim", "verdict", "mark", "value", "low", "high"),
+    *(*ID, "against", "baseline", "claim", "verdict", "mark", "value", "low", "high"),
     *("corrected_low", "corrected_high", "corrected_by", "text", "seeds", "steps"),
 ]
 DECISIONS = [
@@ -90,7 +90,7 @@ def _pairs(configurations: Sequence[Configuration]) -> Iterator[Pair]:
 def _row(claim: str, ours: Configuration, theirs: Configuration) -> dict[str, Any]:
     """Returns a row of `verdict_frame` without its verdict, as `judge` needs it."""
     pair = PairedScores(ours, theirs)
-    row: dict[str, Any] = {**ours.identity, "returns": ours.kind, "claim": claim}
+    row: dict[str, Any] = {**ours.identity, "claim": claim}
     row |= {"baseline": theirs.configuration, "seeds": pair.seeds, "steps": pair.control_steps}
     row |= {"against": shown_representation(theirs.representation), "decidable": pair.decidable}
     if claim == "b":

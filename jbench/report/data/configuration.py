@@ -27,11 +27,17 @@ SEQUENCE_WINDOW = 20
 KEY = ["task", "algo", "representation", "variant"]
 """Columns of runs that name a configuration."""
 
-ID = ("configuration", "label", "source", "task", "algo", "representation", "kind", "words")
-"""Columns of a frame that name a configuration."""
+ID = (
+    *("configuration", "label", "source", "task", "algo", "representation", "kind", "words"),
+    "returns",
+)
+"""Columns of a frame that name a configuration and its kind of return."""
 
 _SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading", "raw")
 """Kinds whose number of latents follows from the task, so that names leave it out."""
+
+Part = tuple[Mapping[str, Any], Mapping[str, Any]]
+"""Of a frame: names of its rows, and arrays (rows,) by column."""
 
 
 class Configuration:
@@ -111,7 +117,7 @@ class Configuration:
         self.configuration = f"{prefix}{self.name}"
         kind = kind_in(self.representation)
         names = self.configuration, self.label, source, self.task, algo, shown, kind, words
-        self.identity = dict(zip(ID, names, strict=True))
+        self.identity = dict(zip(ID, (*names, self.kind), strict=True))
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
@@ -208,7 +214,14 @@ def paper_order(configuration: Configuration) -> tuple[Any, ...]:
     return *ranks, representation != FULL, representation, configuration.source
 
 
-def concatenated(parts: Sequence[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:
-    """Returns frames as one with these columns, which has no rows if they have none."""
-    known = [part for part in parts if len(part)] or [pd.DataFrame(columns=[*columns])]
-    return pd.concat(known, ignore_index=True).reindex(columns=[*columns])
+def long_frame(parts: Iterable[Part], columns: Sequence[str]) -> pd.DataFrame:
+    """Returns the arrays of all parts below each other; a row has the names of its part."""
+    pairs = [(names, arrays) for names, arrays in parts if len(next(iter(arrays.values())))]
+    if not pairs:
+        return pd.DataFrame(columns=[*columns])
+    names = pd.DataFrame([names for names, _ in pairs])
+    sizes = [len(next(iter(arrays.values()))) for _, arrays in pairs]
+    # Texts are repeated once for all parts, which is much faster than a frame for each.
+    rows = names.loc[names.index.repeat(sizes)].reset_index(drop=True)
+    joined = {name: np.concatenate([arrays[name] for _, arrays in pairs]) for name in pairs[0][1]}
+    return rows.assign(**joined).reindex(columns=[*columns])

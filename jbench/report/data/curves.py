@@ -103,10 +103,10 @@ def moving_average(values: FloatArray, window: int) -> FloatArray:
     """
     present = np.isfinite(values)
     # A running sum would be faster, but would leave rounding errors where returns are 0.
-    sums, counts = (
-        sliding_window_view(part, window, axis=-1).sum(axis=-1)
-        for part in (np.where(present, values, 0.0), present)
-    )
+    sums = sliding_window_view(np.where(present, values, 0.0), window, axis=-1).sum(axis=-1)
+    ends = np.cumsum(present, axis=-1)
+    counts = ends[..., window - 1 :].copy()
+    counts[..., 1:] -= ends[..., :-window]
     means: FloatArray = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
     return means
 

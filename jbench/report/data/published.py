@@ -80,7 +80,8 @@ def best_median(
     of augmented ones. A curve's ends have a tolerance of an episode, because the paper's windows
     are counted from the start of an episode and ours from its end.
     """
-    named = (published[CURVE[1:]] == [task, algo, representation]).all(axis=1)
+    named = (published["task"] == task) & (published["algo"] == algo)
+    named &= published["representation"] == representation
     medians = []
     for figure, curve in published[named].groupby("figure"):
         steps, median = curve["steps"].to_numpy(), curve["median"].to_numpy()

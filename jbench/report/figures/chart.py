@@ -1,6 +1,6 @@
 """A figure: panels that are drawn by matplotlib, for the page one by one, for files together."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -32,12 +32,14 @@ class Panel:
     Attributes:
         versions: draws it, by the names of a version, such as `evaluation linear`; the first one
             is that of files.
+        changes: the versions that change what the one before them has drawn; others draw anew.
         size: width and height in inches on the page, where text is 9 points high.
     """
 
     title: str
     versions: Mapping[str, Draw]
     size: tuple[float, float] = (4.2, 2.5)
+    changes: Container[str] = ()
 
 
 @dataclass(frozen=True)

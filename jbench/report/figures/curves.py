@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import partial
-from itertools import product
 from typing import Any
 
 import matplotlib as mpl
@@ -129,14 +128,18 @@ def _chart(
             each_seed=frames.request.each_seed,
         )
         versions: dict[str, Draw] = {}
+        changes = set[str]()
         shown = [kind for kind in kinds if (rows["returns"] == kind).any()]
-        for kind, scale in product(shown, scales):
+        for kind in shown:
             # Of which kind the returns of a file are is not known.
             what = "return" if FILE in {*rows["source"]} else f"{kind} return"
-            version = f"{kind} {scale}" if len(shown) > 1 else scale
-            versions[version] = partial(draw, rows[rows["returns"] == kind], scale=scale, y=what)
+            mine = rows[rows["returns"] == kind]
+            first, other = (f"{kind} {scale}" if len(shown) > 1 else scale for scale in scales)
+            versions[first] = partial(draw, mine, scale=scales[0], y=what)
+            versions[other] = partial(marks.set_axes, rows=mine, scale=scales[1])
+            changes.add(other)
         words = [str(word) for word in key if word and word != OWN]
-        panels.append(Panel(", ".join(words), versions, size))
+        panels.append(Panel(", ".join(words), versions, size, changes))
     beside = " and ".join(name for source, name in _BESIDE.items() if source in sources)
     dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
     legend = looks | ({beside: dotted} if beside else {})

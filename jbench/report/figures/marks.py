@@ -150,6 +150,7 @@ def set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
         axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
     positive = rows["steps"][rows["steps"] > 0]
     scale = scale if len(positive) else "linear"
+    axes.autoscale(axis="x")
     axes.set_xscale(scale)
     if scale == "log":
         axes.set_xlim(left=float(positive.min()) * 0.95)

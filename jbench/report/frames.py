@@ -10,9 +10,8 @@ import pandas as pd
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.report import policies
 from jbench.report.analysis import compare, tasks
-from jbench.report.analysis.claims import claim_frame
+from jbench.report.analysis.claims import claim_frame, published_findings
 from jbench.report.analysis.examine import examine
-from jbench.report.analysis.published_claims import examine_published
 from jbench.report.analysis.scores import Pair
 from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.configurations import (
@@ -97,7 +96,7 @@ class Frames:
             [pair for pair in drawn if pair[0].robots > 1],
             published[published["figure"] == SEQUENCE],
         )
-        self.claims, untested = _claims(trained, source, published, request)
+        self.claims, untested = _claims(trained, source, request)
         self.runs = run_frame(source, returns)
         self.provenance = provenance_frame(self.runs)
         by_hand = policies.hand_written_returns(source.tables)
@@ -184,17 +183,15 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, l
 
 
 def _claims(
-    trained: Sequence[Configuration], source: Source, published: pd.DataFrame, request: Request
+    trained: Sequence[Configuration], source: Source, request: Request
 ) -> tuple[pd.DataFrame, list[str]]:
     """Returns the findings on the claims, if requested, and notes on untested ones."""
     if not request.claims:
         return claim_frame([]), []
     ours = [row for kind in KINDS for row in examine(with_returns(trained, kind))]
     by_hand, notes = policies.findings(source.tables, request.task)
-    for name in ("task", "algo"):
-        if (value := getattr(request, name)) is not None:
-            published = published[published[name] == value]
-    return claim_frame([*ours, *by_hand, *examine_published(published)]), notes
+    papers = published_findings(request.task, request.algo)
+    return claim_frame([*ours, *by_hand, *papers]), notes
 
 
 def _notes(configurations: Sequence[Configuration]) -> list[str]:

@@ -10,7 +10,7 @@ import pyarrow as pa
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis.claims import Row
-from jbench.report.analysis.examine import examine_heuristic
+from jbench.report.analysis.examine import examine_solving
 from jbench.report.data.configuration import Part, in_order, long_frame
 from jbench.report.data.points import plain_evaluations
 from jbench.statistics import FloatArray
@@ -48,7 +48,7 @@ def findings(
         return [], []
     returns = hand_written_returns(tables)
     tasks = in_order(returns if task is None else {task} & returns.keys())
-    rows = [examine_heuristic(name, returns[name]) for name in tasks]
+    rows = [examine_solving("h", name, returns[name]) for name in tasks]
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
     if not missing:
         return rows, []

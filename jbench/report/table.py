@@ -65,7 +65,7 @@ def to_csv(frame: pd.DataFrame) -> str:
     sink = io.BytesIO()
     # Ten times faster than pandas, which writes a curve of a million points in seconds.
     csv.write_csv(rows, sink, csv.WriteOptions(include_header=False, quoting_style="needed"))
-    return f"{','.join(frame)}\n{sink.getvalue().decode()}"
+    return f"{','.join(map(str, frame))}\n{sink.getvalue().decode()}"
 
 
 def to_markdown(table: Table) -> str:

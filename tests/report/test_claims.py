@@ -120,8 +120,8 @@ def test_solved_tasks_are_supported_and_unsolved_contradicted(fabric):
     verdicts = {f["compared"].split()[1]: f["verdict"] for f in findings(fabric, "g")}
     assert verdicts == {"SAC": "supported", "TD3": "contradicted"}
     returns = np.linspace(880, 990, 100)
-    assert examine.examine_heuristic("move_to_pose", returns)["verdict"] == "supported"
-    assert examine.examine_heuristic("move_to_pose", returns - 200)["verdict"] == "contradicted"
+    assert examine.examine_solving("h", "move_to_pose", returns)["verdict"] == "supported"
+    assert examine.examine_solving("h", "move_to_pose", returns - 200)["verdict"] == "contradicted"
 
 
 def test_cells_of_other_robots_or_algorithms_are_not_compared(fabric):

@@ -3,9 +3,13 @@
 A claim is tested on every pair of configurations to which it applies (`examine.py`). The statistic,
 the value that would refute it and the margin are the same for our runs, for the published curves,
 and for both kinds of return.
+
+A finding is a row with the claim's letter, the names that are compared, the effect (the claim's
+statistic with the deciding interval), the number of seeds, and the columns of `decide`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -18,18 +22,6 @@ from jbench.statistics.agents import seeds_to_decide
 
 MARGIN = 50.0
 """Difference in final return that counts as similar: 5% of the largest possible return."""
-
-REDUCED = "dae12"
-"""The paper's reduced order: 12 latents of a denoising autoencoder."""
-
-OFF_POLICY = ("ddpg", "sac", "td3")
-ON_POLICY = "ppo"
-
-HARDER, EASIER = "move_in_direction", "face_direction"
-"""The two tasks on which the paper compares the reduced order (Figures 8 and 7)."""
-
-RANDOM_RETURNS = {EASIER: 220.0, HARDER: 303.0}
-"""Median return of random actions in 100 episodes (`jbench evaluate --policy random`)."""
 
 COLUMNS = [
     *("claim", "statement", "test", "source", "returns", "compared", "seeds", "steps"),
@@ -76,94 +68,74 @@ CLAIMS = {
 }
 """Claims and their tests by letter."""
 
-
 Row = dict[str, Any]
 """Columns of a row of `claim_frame`."""
-
-
-def finding(
-    claim: str, compared: str, effect: st.Estimate, seeds: int, decided: Row, **more: Any
-) -> Row:
-    """Returns the result of one comparison that tests a claim.
-
-    Args:
-        claim: letter of the claim.
-        compared: names of the configurations.
-        effect: the claim's statistic with the deciding interval.
-        seeds: smallest number of seeds of the configurations; for (h), number of episodes.
-        decided: see `decide`.
-        more: other columns: returns; steps, at which configurations are compared; source (`own`,
-            another source, or the figure of the paper); remark; by_episodes: for (b) and (f), the
-            effect that episodes alone would cause if all agents of a configuration had the same
-            expected return.
-    """
-    value, low, high, _ = effect
-    form = ratio if claim in "bf" else whole if claim in "gh" else signed
-    interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
-    text = f"{decided['verdict']}: {'unknown' if np.isnan(value) else form(value)}{interval}"
-    statement, test = CLAIMS[claim]
-    row = {"claim": claim, "statement": statement, "test": test, "source": OWN, "seeds": seeds}
-    row |= {"compared": compared, "effect": value, "low": low, "high": high, "remark": ""}
-    return row | {"text": text, "by_episodes": np.nan} | decided | more
-
-
-def claim_frame(findings: Iterable[Row]) -> pd.DataFrame:
-    """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
-    rows = sorted(findings, key=lambda row: str(row["claim"]))
-    return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
-
 
 UNDECIDED: Row = {"verdict": "undecided", "seeds_needed": None, "seeds_needed_by": ""}
 
 
-def decide(effect: st.Estimate, seeds: int, boundary: float, *, logarithmic: bool = False) -> Row:
-    """Returns the verdict on a claim that an effect is above a boundary, and the seeds needed.
+def claim_frame(findings: Iterable[Mapping[Any, Any]]) -> pd.DataFrame:
+    """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
+    rows = [
+        {"source": OWN, "by_episodes": np.nan, "remark": ""} | UNDECIDED | finding
+        for finding in findings
+    ]
+    for row in rows:
+        row["statement"], row["test"] = CLAIMS[row["claim"]]
+        form = ratio if row["claim"] in "bf" else whole if row["claim"] in "gh" else signed
+        value, *ends = (row[name] for name in ("effect", "low", "high"))
+        interval = f" [{', '.join(map(form, ends))}]" if np.isfinite(ends).all() else ""
+        known = "unknown" if np.isnan(value) else form(value)
+        row["text"] = f"{row['verdict']}: {known}{interval}"
+    rows.sort(key=lambda row: str(row["claim"]))
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
+
+
+def published_findings(task: str | None, algo: str | None) -> list[dict[Any, Any]]:
+    """Returns the findings on the paper's curves of a task and an algorithm; None: of all.
+
+    With ten seeds, the band from the 10th to the 90th percentile is an interval of the median
+    (`docs/claims.md`); the uncertainty of a band's width is unknown. Returns at the end of training
+    are compared; for (c) and (d), the mean of the median over training.
+    """
+    file = resources.files("jbench.paper").joinpath("published_claims.csv")
+    rows = pd.read_csv(str(file), keep_default_na=False, na_values={"low": "", "high": ""})
+    for name, value in (("task", task), ("algo", algo)):
+        rows = rows if value is None else rows[rows[name] == value]
+    return rows.to_dict("records")
+
+
+def decide(
+    effect: st.Estimate,
+    seeds: int,
+    low: float = -np.inf,
+    high: float = np.inf,
+    *,
+    outer: st.Estimate | None = None,
+    logarithmic: bool = False,
+) -> Row:
+    """Returns the verdict on a claim that an effect is between two numbers, and the seeds needed.
 
     Columns: verdict (supported, contradicted, undecided), seeds_needed (per configuration, if the
     effect is as now estimated; None if it is decided or no number is known) and seeds_needed_by: a
     power of 80%, or the rule that fewer than six decide nothing.
 
     Args:
-        effect: with its 95% interval.
+        effect: with the interval that supports the claim.
         seeds: number of seeds per group.
-        boundary: the claim holds above it.
-        logarithmic: whether the effect is a ratio, for which distances are logarithmic.
+        outer: the effect with the interval that contradicts it, if it is another one.
+        logarithmic: whether the effect is a ratio, whose distance from `low` is logarithmic.
     """
-    enough = seeds >= st.DECIDING_SEEDS
-    if enough and effect.low > boundary:
-        return UNDECIDED | {"verdict": "supported"}
-    if enough and effect.high < boundary:
-        return UNDECIDED | {"verdict": "contradicted"}
-    distance, error = effect.value - boundary, effect.standard_error
+    against = outer or effect
+    if seeds >= st.DECIDING_SEEDS:
+        if effect.low > low and (effect.high < high or np.isinf(high)):
+            return UNDECIDED | {"verdict": "supported"}
+        if against.high < low or against.low > high:
+            return UNDECIDED | {"verdict": "contradicted"}
+    distance, error = min(effect.value - low, high - effect.value), effect.standard_error
     if logarithmic and effect.value > 0:
-        distance, error = np.log(effect.value / boundary), error / effect.value
-    return _undecided(distance, error, seeds)
-
-
-def decide_solved(median: st.Estimate, seeds: int) -> Row:
-    """Returns the verdict on a median return of `SOLVED` or more; see `decide`."""
-    return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task
-
-
-def decide_similar(inner: st.Estimate, outer: st.Estimate, seeds: int) -> Row:
-    """Returns the verdict on a claim that two groups of seeds are similar; see `decide`.
-
-    Args:
-        inner: the difference with its 90% interval (two one-sided tests at 5%).
-        outer: the difference with its 95% interval.
-        seeds: number of seeds per group.
-    """
-    enough = seeds >= st.DECIDING_SEEDS
-    if enough and inner.low > -MARGIN and inner.high < MARGIN:
-        return UNDECIDED | {"verdict": "supported"}
-    if enough and (outer.low > MARGIN or outer.high < -MARGIN):
-        return UNDECIDED | {"verdict": "contradicted"}
-    return _undecided(MARGIN - abs(inner.value), inner.standard_error, seeds)
-
-
-def _undecided(distance: float, standard_error: float, seeds: int) -> Row:
-    """Returns the seeds needed according to `seeds_to_decide`, but at least six."""
-    needed = seeds_to_decide(distance, standard_error, seeds)
+        distance, error = np.log(effect.value / low), error / effect.value
+    needed = seeds_to_decide(distance, error, seeds)
     if needed is None:
         return UNDECIDED
     rule = "80% power"
@@ -172,6 +144,6 @@ def _undecided(distance: float, standard_error: float, seeds: int) -> Row:
     return UNDECIDED | {"seeds_needed": needed, "seeds_needed_by": rule}
 
 
-def ratio_of_widths(ours: float, theirs: float) -> float:
-    """Returns the ratio of two deviations or widths of bands; NaN for a width of 0."""
-    return ours / theirs if theirs > 0 else np.nan
+def decide_solved(median: st.Estimate, seeds: int) -> Row:
+    """Returns the verdict on a median return of `SOLVED` or more; see `decide`."""
+    return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task

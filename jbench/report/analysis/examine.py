@@ -1,20 +1,24 @@
 """Tests the paper's claims on every pair of configurations."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from jbench.names import FULL
-from jbench.report.analysis import claims
+from jbench.report.analysis.claims import MARGIN, UNDECIDED, Row, decide, decide_solved
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores, Scores, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.returns import EVALUATION, steps
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 
-_OPPOSITE = {"supported": "contradicted", "contradicted": "supported"}
+_REDUCED = "dae12"  # the paper's reduced order: 12 latents of a denoising autoencoder
+_OFF_POLICY, _ON_POLICY = ("ddpg", "sac", "td3"), "ppo"
+_HARDER, _EASIER = "move_in_direction", "face_direction"  # the tasks of Figures 8 and 7
+_RANDOM_RETURNS = {_EASIER: 220.0, _HARDER: 303.0}
+"""Median return of random actions in 100 episodes (`jbench evaluate --policy random`)."""
+
 _STATISTICS = {
     "a": (IQM_DIFFERENCE, "final"),
     "b": (st.ratio(st.standard_deviation), "final"),
@@ -24,12 +28,14 @@ _STATISTICS = {
 }
 """Statistic of each claim on two configurations, and the scores of which it is."""
 
+_OPPOSITE = {"supported": "contradicted", "contradicted": "supported"}
 
-def examine(configurations: Sequence[Configuration]) -> Iterator[claims.Row]:
+
+def examine(configurations: Sequence[Configuration]) -> Iterator[Row]:
     """Yields findings on the claims (a) to (g), from configurations of one kind of return.
 
     Two of them are compared if they have the same source, use the plain robot, and differ only in
-    what the claim is about; each pair at the last control step that every seed of both has reached.
+    what the claim is about.
     """
     plain = [config for config in configurations if not config.robots]
     reduced = [
@@ -37,21 +43,32 @@ def examine(configurations: Sequence[Configuration]) -> Iterator[claims.Row]:
         for group in differing_in(plain, "representation")
         for full in group
         for ours in group
-        if (full.representation, ours.representation) == (FULL, claims.REDUCED)
+        if (full.representation, ours.representation) == (FULL, _REDUCED)
     ]
     for pair in reduced:
-        yield from _on_pair("abc", pair, FULL)
+        yield from (_on_pair(claim, pair, FULL) for claim in "abc")
     for harder, easier in product(reduced, repeat=2):
-        full, other = harder[1], easier[1]
-        named = (full.task, other.task) == (claims.HARDER, claims.EASIER)
-        if named and full.comparable("task") == other.comparable("task"):
+        named = (harder[1].task, easier[1].task) == (_HARDER, _EASIER)
+        if named and harder[1].comparable("task") == easier[1].comparable("task"):
             yield _on_gain(harder, easier)
     for pair in _off_policy(plain):
-        yield from _on_pair("ef", pair, claims.ON_POLICY)
+        yield from (_on_pair(claim, pair, _ON_POLICY) for claim in "ef")
     for config in plain:
         if config.has_solved_return:
             final = seed_scores(config, int(config.last_step)).final
-            yield _on_solving("g", config.name, final, **_common(config))
+            yield examine_solving("g", config.name, final) | _common(config)
+
+
+def examine_solving(claim: str, compared: str, returns: FloatArray) -> Row:
+    """Returns the finding on (g) from final returns (seeds,), or on (h) from those of episodes."""
+    effect, count = st.estimate(st.median, [returns]), len(returns)
+    row = _finding(claim, compared, effect, count) | {"returns": EVALUATION}
+    return row | decide_solved(effect, count)
+
+
+def _finding(claim: str, compared: str, effect: st.Estimate, seeds: int) -> Row:
+    row: Row = {"claim": claim, "compared": compared, "seeds": seeds}
+    return row | {"effect": effect.value, "low": effect.low, "high": effect.high}
 
 
 def _off_policy(plain: Sequence[Configuration]) -> Iterator[Pair]:
@@ -61,92 +78,73 @@ def _off_policy(plain: Sequence[Configuration]) -> Iterator[Pair]:
     """
     for group in differing_in(plain, "algo"):
         firsts = {config.algo: config for config in reversed(group)}
-        for other in (config for config in group if config.algo in claims.OFF_POLICY):
-            for ppo in (config for config in group if config.algo == claims.ON_POLICY):
-                if other is firsts[other.algo] or ppo is firsts[claims.ON_POLICY]:
-                    yield other, ppo
+        for other, ppo in product(group, repeat=2):
+            named = other.algo in _OFF_POLICY and ppo.algo == _ON_POLICY
+            if named and (other is firsts[other.algo] or ppo is firsts[ppo.algo]):
+                yield other, ppo
 
 
-def examine_heuristic(task: str, returns: FloatArray) -> claims.Row:
-    """Returns the finding on claim (h) from returns (episodes,) of a task's hand-written policy."""
-    return _on_solving("h", task, returns, returns=EVALUATION)
-
-
-def _on_solving(claim: str, compared: str, values: FloatArray, **more: Any) -> claims.Row:
-    effect, count = st.estimate(st.median, [values]), len(values)
-    return claims.finding(
-        claim, compared, effect, count, claims.decide_solved(effect, count), **more
-    )
-
-
-def _common(*compared: Configuration) -> claims.Row:
+def _common(*compared: Configuration) -> Row:
     """Returns the columns that all findings on the same configurations share."""
-    more = {"steps": int(min(config.last_step for config in compared)), "remark": _cut(compared)}
-    return {"returns": compared[0].kind, "source": compared[0].source, **more}
+    names = {"returns": compared[0].kind, "source": compared[0].source, "remark": _cut(*compared)}
+    return {**names, "steps": int(min(config.last_step for config in compared))}
 
 
-def _cut(compared: Iterable[Configuration]) -> str:
+def _cut(*compared: Configuration) -> str:
     """Returns a remark if some seeds have fewer control steps than others; else an empty text."""
-    common, longest = zip(*((config.last_step, config.longest) for config in compared), strict=True)
-    if min(common) == max(longest):
+    common = min(config.last_step for config in compared)
+    longest = max(config.longest for config in compared)
+    if common == longest:
         return ""
-    reached = f"at {steps(min(common))} of {steps(max(longest))} control steps"
+    reached = f"at {steps(common)} of {steps(longest)} control steps"
     return f"{reached}, the last that every seed has"
 
 
-def _on_pair(letters: str, pair: Pair, baseline: str) -> Iterator[claims.Row]:
-    """Yields the findings on some claims, each that the first differs from the second."""
+def _on_pair(claim: str, pair: Pair, baseline: str) -> Row:
+    """Returns the finding on a claim that the first configuration differs from the second."""
     scores = PairedScores(*pair)
-    for claim in letters:
-        sample, more = scores.sample(*_STATISTICS[claim]), _common(*pair)
-        effect = sample.estimate()
-        if claim == "a":
-            outer, effect = effect, sample.estimate(0.9)
-            decided = claims.decide_similar(effect, outer, scores.seeds)
-        else:
-            width = claim in "bf"
-            decided = claims.decide(effect, scores.seeds, float(width), logarithmic=width)
-            if width:
-                decided, more = _without_episodes(claim, scores, decided, more)
-        compared = f"{pair[0].name} against {baseline}"
-        yield claims.finding(claim, compared, effect, scores.seeds, decided, **more)
+    sample = scores.sample(*_STATISTICS[claim])
+    effect = outer = sample.estimate()
+    low, high = (1.0, np.inf) if claim in "bf" else (0.0, np.inf)
+    if claim == "a":  # two one-sided tests at 5%
+        effect, low, high = sample.estimate(0.9), -MARGIN, MARGIN
+    decided = decide(effect, scores.seeds, low, high, outer=outer, logarithmic=claim in "bf")
+    row = _finding(claim, f"{pair[0].name} against {baseline}", effect, scores.seeds)
+    row |= _common(*pair) | decided
+    return row | _without_episodes(row, scores) if claim in "bf" else row
 
 
-def _without_episodes(
-    claim: str, scores: PairedScores, decided: claims.Row, more: claims.Row
-) -> tuple[claims.Row, claims.Row]:
+def _without_episodes(row: Row, scores: PairedScores) -> Row:
     """Returns the verdict on a ratio, undecided if the variation of episodes may explain it.
 
-    Claim (b) is that the first agents vary less, (f) that they vary more.
-
-    Args:
-        more: other columns of the finding, which are returned with by_episodes and the reason.
+    Claim (b) is that the first agents vary less, (f) that they vary more. Column by_episodes: the
+    effect that episodes alone would cause if all agents of a configuration had the same expected
+    return; NaN if it is unknown.
     """
-    verdict = decided["verdict"]
-    deviations = (side.deviation_by_episodes for side in (scores.ours, scores.theirs))
-    more = {**more, "by_episodes": claims.ratio_of_widths(*deviations)}
+    verdict, remark = row["verdict"], row["remark"]
     value, low, high, _ = scores.agents_difference()
     if not {"supported": low > 0, "contradicted": high < 0}.get(verdict, True):
         interval = f"difference {value:+.0f} [{low:+.0f}, {high:+.0f}]"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
-        verdict = "undecided"
-        more["remark"] = "; ".join(filter(None, (reason, more["remark"])))
-    return decided | {"verdict": _OPPOSITE.get(verdict, verdict) if claim == "b" else verdict}, more
+        verdict, remark = "undecided", "; ".join(filter(None, (reason, remark)))
+    if row["claim"] == "b":
+        verdict = _OPPOSITE.get(verdict, verdict)
+    ours, theirs = (side.deviation_by_episodes for side in (scores.ours, scores.theirs))
+    by_episodes = ours / theirs if theirs > 0 else np.nan
+    return {"verdict": verdict, "remark": remark, "by_episodes": by_episodes}
 
 
-def _on_gain(harder: Pair, easier: Pair) -> claims.Row:
+def _on_gain(harder: Pair, easier: Pair) -> Row:
     pairs = PairedScores(*harder), PairedScores(*easier)
     scores = [side for pair in pairs for side in (pair.ours, pair.theirs)]
     effect = st.estimate(_gain_of_gains, *([side.area] for side in scores))
     seeds = min(pair.seeds for pair in pairs)
     untested = _no_gain_to_compare(scores)
-    decided = claims.UNDECIDED if untested else claims.decide(effect, seeds, 0)
-    more = _common(*harder) | {"steps": min(side.control_steps for side in scores)}
-    more["remark"] = "; ".join(filter(None, (untested, _cut(harder), _cut(easier))))
     name = ", ".join(filter(None, (harder[1].algo, harder[1].words)))
-    return claims.finding(
-        "d", f"{name}: {claims.HARDER} against {claims.EASIER}", effect, seeds, decided, **more
-    )
+    row = _finding("d", f"{name}: {_HARDER} against {_EASIER}", effect, seeds) | _common(*harder)
+    row["steps"] = min(side.control_steps for side in scores)
+    row["remark"] = "; ".join(filter(None, (untested, _cut(*harder), _cut(*easier))))
+    return row | (UNDECIDED if untested else decide(effect, seeds, 0))
 
 
 def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
@@ -155,15 +153,13 @@ def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
     Args:
         scores: of the harder task's reduced order and full observation, then of the easier task's.
     """
-    for task, pair in ((claims.HARDER, scores[:2]), (claims.EASIER, scores[2:])):
-        random = claims.RANDOM_RETURNS[task]
-        if all(
-            abs(np.median(side.final) - random) <= claims.MARGIN for side in pair if len(side.final)
-        ):
-            near = f"both are within {claims.MARGIN:g} of random actions ({random:g})"
+    for task, pair in ((_HARDER, scores[:2]), (_EASIER, scores[2:])):
+        random = _RANDOM_RETURNS[task]
+        if all(abs(np.median(side.final) - random) <= MARGIN for side in pair if len(side.final)):
+            near = f"both are within {MARGIN:g} of random actions ({random:g})"
             return f"no verdict, on {task} {near}"
     gain = IQM_DIFFERENCE([scores[0].area], [scores[1].area])
-    return "" if gain > 0 else f"no verdict, nothing is gained on {claims.HARDER} ({gain:+.0f})"
+    return "" if gain > 0 else f"no verdict, nothing is gained on {_HARDER} ({gain:+.0f})"
 
 
 def _gain_of_gains(*strata: st.Strata) -> FloatArray:

@@ -153,7 +153,7 @@ def _positions(shown: Sequence[pd.DataFrame]) -> list[Part]:
     reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
     edges = np.linspace(-reach, reach, _BINS + 1)
     middles = (edges[:-1] + edges[1:]) / 2
-    maps = []
+    maps: list[Part] = []
     for states in shown:
         counts, _, _ = np.histogram2d(states["x"], states["y"], [edges, edges])
         column, row = np.nonzero(counts)

@@ -10,6 +10,7 @@ import pandas as pd
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import FILE, clean
 from jbench.report.frames import Frames
+from jbench.statistics import FloatArray
 
 _RUN_POINTS, _PATH_POINTS = 50, 20
 _PAGE_POINTS = 6_000  # of the curves of all runs together
@@ -18,14 +19,16 @@ _PAGE_POINTS = 6_000  # of the curves of all runs together
 def run_details(frames: Frames) -> dict[str, Any]:
     """Returns the runs for the script: names, facts, settings by number, curves and paths."""
     settings: dict[tuple[str, str], int] = {}
-    curves: dict[Any, list[tuple[str, pd.DataFrame]]] = {}
-    for (source, run, kind), rows in _groups(frames.run_curves, ["source", "run", "returns"]):
+    curves: dict[Any, list[tuple[str, FloatArray]]] = {}
+    for (source, run, kind), rows in _points(frames.run_curves, ["source", "run", "returns"]):
         curves.setdefault((source, run), []).append((f"{kind} return", rows))
     for pairs in curves.values():  # the leading one first, if it has five points or more
         pairs.sort(key=lambda pair: (len(pair[1]) < 5, pair[0] != f"{frames.returns} return"))
-    for (run, name), rows in _groups(frames.metrics, ["run", "name"]):
+    for (run, name), rows in _points(frames.metrics, ["run", "name"]):
         curves.setdefault((OWN, run), []).append((str(name), rows))
-    paths = {key: list(_paths(rows)) for key, rows in _groups(frames.paths, ["source", "run"])}
+    paths = {
+        key: list(_paths(rows)) for key, rows in frames.paths.groupby(["source", "run"], sort=False)
+    }
     most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, sum(map(len, curves.values())))))
     runs = []
     for row in frames.runs.to_dict("records"):
@@ -44,15 +47,18 @@ def run_details(frames: Frames) -> dict[str, Any]:
     return {"settings": list(settings), "runs": runs}
 
 
-def _groups(rows: pd.DataFrame, by: list[str]) -> Iterator[tuple[Any, pd.DataFrame]]:
-    return iter(rows.groupby(by, sort=False)) if len(rows) else iter(())
+def _points(rows: pd.DataFrame, by: list[str]) -> Iterator[tuple[Any, FloatArray]]:
+    """Yields the names of each curve and its points, (points, 2): control steps and values."""
+    for names, points in rows.groupby(by, sort=False)[["steps", "value"]]:
+        yield names, points.to_numpy(float)
 
 
-def _thin_curve(name: str, curve: pd.DataFrame, most: int) -> list[Any]:
+def _thin_curve(name: str, points: FloatArray, most: int) -> list[Any]:
     """Returns name, steps and values of a run's curve, thinned to at most `most` points."""
-    shown = curve.iloc[np.linspace(0, len(curve) - 1, min(len(curve), most)).round().astype(int)]
-    values = [json.loads(f"{value:.3g}") for value in shown["value"]]
-    return [name, shown["steps"].round().astype(int).tolist(), values]
+    shown = np.linspace(0, len(points) - 1, min(len(points), most)).round().astype(int)
+    steps, values = points[shown].T
+    texts = [json.loads(f"{value:.3g}") for value in values]
+    return [name, steps.round().astype(int).tolist(), texts]
 
 
 def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:

@@ -5,7 +5,6 @@ The first seven kinds and all algorithms have colors that the color-blind tell a
 """
 
 import io
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -37,7 +36,12 @@ _KINDS = {
     "predictive": ("#3f7fbf", "v"),
 }
 _OTHER_KINDS = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
-_ALGORITHMS = {"DDPG": "#4477aa", "PPO": "#b5a11f", "SAC": "#228833", "TD3": "#ee6677"}
+_ALGORITHMS = {
+    "DDPG": ("#4477aa", "o"),
+    "PPO": ("#b5a11f", "s"),
+    "SAC": ("#228833", "^"),
+    "TD3": ("#ee6677", "v"),
+}
 _OTHER_ALGORITHMS = ("#aa3377", "#33bbee", "#994f00", "#5d3fd3", "#ee7733", "#2a9d8f", "#8d99ae")
 _MARKERS = "os^vPXDph<>*d8H"
 _DASHES: tuple[Dash, ...] = (
@@ -123,62 +127,47 @@ class Look(NamedTuple):
         return f"series-{self.number}"
 
 
-def looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
-    """Returns the look of each series: by representation if there are several, else by algorithm.
-
-    Args:
-        rows: with the names of series and columns `kind` and `algo`.
-        name: column of the names.
-    """
-    by = representation_looks if rows["kind"].nunique() > 1 else algorithm_looks
-    return by(rows, name)
-
-
-def representation_looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
-    """Returns the look of each series of rows, by its name, in the color of its `kind`."""
-    kinds = dict(zip(rows[name], map(_family, rows["kind"]), strict=True))
-    strange = sorted({kind for kind in kinds.values() if kind not in _KINDS})
-    known = dict(_KINDS)
-    for i, kind in enumerate(strange):
-        known[kind] = _OTHER_KINDS[i % len(_OTHER_KINDS)], _MARKERS[(i + 3) % len(_MARKERS)]
-    order = list(known)
-    # The shortest name, such as `dae12` beside `dae12-whitened`, is solid.
-    ordered = sorted(kinds, key=lambda name: (order.index(kinds[name]), len(name), name))
-    return _looks({name: known[kinds[name]] for name in ordered})
-
-
-def _family(kind: str) -> str:
-    """Returns the kind whose color a kind has, such as `planar` for `planar-mirror`."""
-    known = [name for name in _KINDS if kind == name or kind.startswith(f"{name}-")]
-    return max(known, key=len, default=kind)
-
-
-def algorithm_looks(rows: pd.DataFrame, name: str) -> dict[str, Look]:
-    """Returns the look of each series of rows, by its name, in the color of its `algo`, if any."""
-    algorithms = dict(zip(rows[name], rows["algo" if "algo" in rows else name], strict=True))
-    known = dict(_ALGORITHMS)
-    for i, algo in enumerate(sorted({*algorithms.values()} - {*known})):
-        known[algo] = _OTHER_ALGORITHMS[i % len(_OTHER_ALGORITHMS)]
-    markers = {algo: _MARKERS[i % len(_MARKERS)] for i, algo in enumerate(known)}
-    return _looks({name: (known[algo], markers[algo]) for name, algo in algorithms.items()})
-
-
-def _looks(series: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
-    """Returns looks from a color and a marker for each series.
+def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Look]:
+    """Returns the look of each series of rows.
 
     Series of the same color get different dashes, and other markers than the first.
+
+    Args:
+        name: column of the names of series.
+        by: column whose values have a color each: `kind`, or one of algorithms; by default `kind`
+            if there are several, else `algo`.
     """
+    by = by or ("kind" if rows["kind"].nunique() > 1 else "algo")
+    groups = dict(zip(rows[name], rows[by], strict=True))
+    known, others = _ALGORITHMS, _OTHER_ALGORITHMS
+    if by == "kind":
+        groups = {series: _family(kind) for series, kind in groups.items()}
+        known, others = _KINDS, _OTHER_KINDS
+    for i, group in enumerate(sorted({*groups.values()} - {*known})):
+        marker = _MARKERS[len(known) % len(_MARKERS)]
+        known = {**known, group: (others[i % len(others)], marker)}
+    order = [*groups]
+    if by == "kind":  # the shortest name, such as `dae12` beside `dae12-whitened`, is solid
+        kinds = [*known]
+        order.sort(key=lambda series: (kinds.index(groups[series]), len(series), series))
     count: dict[str, int] = {}
-    looks = {}
-    for number, (name, (color, marker)) in enumerate(series.items()):
+    chosen = {}
+    for number, series in enumerate(order):
+        color, marker = known[groups[series]]
         nth = count[color] = count.get(color, -1) + 1
         turns, index = divmod(nth, len(_DASHES))
         # After all dashes were used they are stretched, so that no two are equal.
         dash = tuple(length * (1 + 0.7 * turns) for length in _DASHES[index])
         dash = dash if dash or not turns else (12 + 4 * turns, 2)
         place = _MARKERS.index(marker) + 4 * nth  # neighbors look similar
-        looks[name] = Look(color, dash, _MARKERS[place % len(_MARKERS)], number)
-    return looks
+        chosen[series] = Look(color, dash, _MARKERS[place % len(_MARKERS)], number)
+    return chosen
+
+
+def _family(kind: str) -> str:
+    """Returns the kind whose color a kind has, such as `planar` for `planar-mirror`."""
+    known = [name for name in _KINDS if kind == name or kind.startswith(f"{name}-")]
+    return max(known, key=len, default=kind)
 
 
 def image(figure: Figure, ending: str) -> bytes:

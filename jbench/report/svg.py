@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jbench.report import style
+from jbench.report.figures import marks
 from jbench.report.figures.chart import Panel
 
 _SVG = "{http://www.w3.org/2000/svg}"
@@ -36,7 +37,7 @@ def panel_svgs(panel: Panel, label: str) -> str:
 
     The label says what it shows to readers who can't see it.
     """
-    texts = []
+    texts: list[str] = []
     with mpl.rc_context(style.PAGE):
         figure = Figure(figsize=panel.size, dpi=72)
         axes = figure.subplots()
@@ -44,6 +45,7 @@ def panel_svgs(panel: Panel, label: str) -> str:
             if texts and names not in panel.changes:
                 axes.clear()
             draw(axes)
+            marks.leave_out_empty(axes)
             if not texts:  # all versions have the same place, so that a switch moves nothing
                 _fill(figure, axes)
             sink = io.BytesIO()
@@ -57,10 +59,12 @@ def _fill(figure: Figure, axes: Axes) -> None:
 
     matplotlib's constrained layout would measure every text twice.
     """
-    size, box = figure.bbox, axes.get_tightbbox(for_layout_only=True)
-    place = axes.get_position(original=True).transformed(figure.transSubfigure)
-    left, bottom = (place.min - box.min + _EDGE) / size.size
-    right, top = 1 - (box.max - place.max + _EDGE) / size.size
+    written = axes.get_tightbbox(for_layout_only=True)
+    assert written is not None
+    inner = axes.get_position(original=True).get_points()
+    outer = written.transformed(figure.transFigure.inverted()).get_points()
+    edge = _EDGE / figure.bbox.size
+    (left, bottom), (right, top) = inner - outer + [[0, 0], [1, 1]] + [edge, -edge]
     axes.set_position((left, bottom, right - left, top - bottom))
 
 

@@ -46,7 +46,7 @@ def drawn(panel, version=None):
 
 def representation_looks(names):
     rows = pd.DataFrame({"name": names, "kind": [kind_in(name) for name in names]})
-    return style.representation_looks(rows, "name")
+    return style.looks(rows, "name", "kind")
 
 
 def test_no_two_representations_look_alike():
@@ -62,7 +62,7 @@ def test_no_two_representations_look_alike():
 def test_no_two_algorithms_look_alike_and_none_has_the_color_of_a_representation():
     names = [("TD3", "TD3"), *((f"TD3, tau={i}", "TD3") for i in range(20)), ("mine", "mine")]
     names += [("DDPG", "DDPG"), ("SAC", "SAC"), ("PPO", "PPO"), ("other", "other")]
-    looks = style.algorithm_looks(pd.DataFrame(names, columns=["name", "algo"]), "name")
+    looks = style.looks(pd.DataFrame(names, columns=["name", "algo"]), "name", "algo")
     assert len({(look.color, look.dash) for look in looks.values()}) == len(names)
     others = representation_looks(NAMES)
     colors = {look.color for look in others.values()}

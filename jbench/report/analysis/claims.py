@@ -8,7 +8,7 @@ A finding is a row with the claim's letter, the names that are compared, the eff
 statistic with the deciding interval), the number of seeds, and the columns of `decide`.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from importlib import resources
 from typing import Any
 
@@ -74,7 +74,7 @@ Row = dict[str, Any]
 UNDECIDED: Row = {"verdict": "undecided", "seeds_needed": None, "seeds_needed_by": ""}
 
 
-def claim_frame(findings: Iterable[Mapping[Any, Any]]) -> pd.DataFrame:
+def claim_frame(findings: Iterable[dict[Any, Any]]) -> pd.DataFrame:
     """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
     rows = [
         {"source": OWN, "by_episodes": np.nan, "remark": ""} | UNDECIDED | finding

@@ -1,6 +1,7 @@
 """Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,17 +9,24 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbench.errors import NothingYetError
+from jbench.errors import NothingYetError, RequestError
 from jbench.importing.curve_file import as_imports, read_curves
 from jbench.importing.runs import as_runs
 from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
-from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
+from jbench.report.data.configuration import (
+    IMPORTED,
+    OWN,
+    Configuration,
+    paper_order,
+    shown_representation,
+)
 from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
 from jbench.report.data.returns import FILE
-from jbench.report.data.selection import choose
-from jbench.report.request import Request
-from jbench.settings.recorded import Run, parse_run
+from jbench.report.request import Request, setting
+from jbench.settings.alike import flatten
+from jbench.settings.recorded import parse_run
+from jbench.settings.variants import value_text
 from jbench.store import Results, query
 from jbench.wording import are, counted
 
@@ -68,20 +76,12 @@ def joined(parts: Sequence[Source]) -> Source:
 
 
 def own(results: Results, request: Request, name: str = OWN, *, strict: bool = True) -> Source:
-    """Returns the runs of the results that pass the filters of the request.
-
-    Args:
-        name: of the source.
-        strict: whether it is an error if no run passes the filters.
-    """
+    """Returns the runs that pass the filters; if `strict` is set, none is an error."""
     return _source(_load(results, _MORE), request, name, strict=strict)
 
 
 def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
-    """Returns the imported curves of the requested task and algorithm.
-
-    They have no date of a beginning.
-    """
+    """Returns the imported curves of the requested task and algorithm; they have no date."""
     tables, problems = query.load(results, ("imports", "import_points"))
     imports, points = (
         tables[name].to_pandas(use_threads=False) for name in ("imports", "import_points")
@@ -97,22 +97,14 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
 
 
 def own_and_imported(results: Results, request: Request) -> Source:
-    """Returns the runs of the results, and the imported curves.
-
-    Raises:
-        NothingYetError: if no run or import passes the filters of the request.
-    """
+    """Returns the runs of the results, and the imported curves; see `own` for errors."""
     imports = imported(results, request)
     runs = own(results, request, strict=not imports.configurations)
     return joined([runs, imports] if imports.configurations or imports.problems else [runs])
 
 
 def from_file(request: Request, path: Path) -> Source:
-    """Returns the curves of a file of the requested task and algorithm.
-
-    Raises:
-        RequestError: if the file is no file of curves, or none passes the filters.
-    """
+    """Returns the curves of a file of the requested task and algorithm."""
     runs = as_runs(*as_imports(read_curves(path), request.returns))
     return _source(query.Tables(runs.tables, runs.problems), request, FILE)
 
@@ -147,19 +139,14 @@ def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> No
 def side(text: str, results: Results, request: Request) -> Source:
     """Returns the runs of one side of a comparison, as configurations of that name.
 
-    Args:
-        text: a results directory, or settings that select runs of the results, such as
-            `engine=batched` or `algo=td3,representation=dae12`.
-        request: its filters apply as well.
+    The text is a results directory, or settings of runs, such as `algo=td3,representation=dae12`.
 
     Raises:
-        RequestError: if the text is neither, or selects no run.
+        RequestError: if it is neither, or no run has the settings and passes the filters.
     """
-    choice = None
-    read = _load(Results(Path(text)) if (directory := Path(text).is_dir()) else results)
-    if not directory:
-        choice = choose(text, list(map(parse_run, read.tables["runs"]["settings"].to_pylist())))
-    source = _source(read, request, text, choice)
+    directory = Path(text).is_dir()
+    read = _load(Results(Path(text)) if directory else results)
+    source = _source(read, request, text, chosen=None if directory else text)
     if not source.configurations:
         reasons = " ".join(source.problems)
         raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())
@@ -175,17 +162,17 @@ def _source(
     read: query.Tables,
     request: Request,
     name: str,
-    choice: Callable[[Run], bool] | None = None,
     *,
+    chosen: str | None = None,
     strict: bool = True,
 ) -> Source:
-    """Returns the runs that pass the filters of the request and are chosen by their settings."""
+    """Returns the runs that pass the filters of the request and have the typed settings."""
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
     tables = read.tables
     runs, unusable = usable_runs(tables["runs"])
-    if choice is not None:
-        runs = runs[np.array([choice(parse_run(text)) for text in runs["settings"]], bool)]
+    if chosen is not None:
+        runs = runs[_have_settings(chosen, runs["settings"])]
     runs, notes = _filtered(runs, request, strict=strict)
     points = tables.pop("episodes"), with_more_episodes(tables)
     tables.pop("evaluations")
@@ -194,6 +181,43 @@ def _source(
     built, more_notes = build(runs, *points, name) if len(runs) else ([], [])
     problems = [*read.problems, *unusable]
     return Source(built, runs.assign(source=name), notes + more_notes, problems, tables, paths)
+
+
+def _have_settings(text: str, recorded: Sequence[str] | pd.Series) -> pd.Series:
+    """Returns which runs have all of the typed settings, by any of the names of each.
+
+    Raises:
+        RequestError: if the text contains no settings, or no run has one of them.
+    """
+    flat = []
+    for run in map(parse_run, recorded):
+        values = {path: value_text(value) for path, value in flatten(run).items()}
+        flat.append([(n, v) for path, v in values.items() for n in {path[-1], ".".join(path)}])
+    have = np.ones(len(flat), bool)
+    for part in map(str.strip, text.split(",")):
+        name, value = setting(part)
+        if not name or "=" not in part:
+            raise RequestError(
+                f"--compare {text}: there is no such directory; type two results directories, or "
+                "settings such as engine=sb3 engine=batched."
+            )
+        known = {recorded for run in flat for key, recorded in run if key == name}
+        if not known:
+            names = sorted({key for run in flat for key, _ in run})
+            raise RequestError(f"No run has a setting {name!r}; there are {', '.join(names)}.")
+        meant = {recorded for recorded in known if _equal(value, recorded)}
+        if not meant:
+            raise RequestError(f"No run has {part}; there are {', '.join(sorted(known))}.")
+        have &= [any(key == name and recorded in meant for key, recorded in run) for run in flat]
+    return have
+
+
+def _equal(typed: str, value: str) -> bool:
+    """Returns whether a typed text means a value, such as 1e-4 for 0.0001, planar for planar12."""
+    try:
+        return math.isclose(float(typed), float(value), rel_tol=1e-5)
+    except ValueError:
+        return typed.replace(" ", "") in (value.replace(" ", ""), shown_representation(value))
 
 
 def _filtered(

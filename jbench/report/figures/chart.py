@@ -13,7 +13,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from jbench.report import style
-from jbench.report.figures.marks import shortened
+from jbench.report.figures import marks
 from jbench.report.style import Look
 
 Draw = Callable[[Axes], None]
@@ -95,16 +95,17 @@ class Chart:
                     axes.set_ylabel("")
                 if self.alike and i + across < len(self.panels):
                     axes.set_xlabel("")
+                marks.leave_out_empty(axes)
             for axes in grid.flat[len(self.panels) :]:
                 axes.remove()
             if self.legend:
-                marks = [
+                entries = [
                     Line2D([], [], color=look.color, linestyle=look.line, marker=look.marker)
                     for look in self.legend.values()
                 ]
                 figure.legend(
-                    marks,
-                    list(map(shortened, self.legend)),
+                    entries,
+                    list(map(marks.shortened, self.legend)),
                     loc="outside upper left",
                     ncols=-(-len(self.legend) // legend_rows),
                     handlelength=1.8,

@@ -29,17 +29,16 @@ _UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
 
 def drawn_points(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns the points of curves that are drawn, at most `MOST_POINTS` of each."""
-    curves = [curve for _, curve in rows.groupby(["configuration", "returns"], sort=False)]
-    return (
-        pd.concat([curve.iloc[marks.thinned(len(curve))] for curve in curves]) if curves else rows
-    )
+    curves = rows.groupby(["configuration", "returns"]).indices.values()
+    kept = [places[marks.thinned(len(places))] for places in curves]
+    return rows.iloc[np.sort(np.concatenate(kept))] if kept else rows
 
 
 def by_representation(frames: Frames) -> Chart | None:
     """Returns the curves of each task and algorithm with several representations."""
     curves = frames.curves.assign(series=frames.curves["representation"])[_is_compared(frames)]
     published = frames.published.assign(series=frames.published["representation"])
-    looks = style.representation_looks(curves, "series")
+    looks = style.looks(curves, "series", "kind")
     names = "representations", "Learning curves by representation"
     return _chart(frames, *names, curves, published, looks, _GROUP)
 
@@ -56,7 +55,7 @@ def by_algorithm(frames: Frames) -> Chart | None:
     published = frames.published[frames.published["kind"] == "full"]
     first = dict(zip(curves["algo"][::-1], curves["series"][::-1], strict=True))
     published = published.assign(series=[first.get(algo, algo) for algo in published["algo"]])
-    looks = style.algorithm_looks(curves, "series")
+    looks = style.looks(curves, "series", "algo")
     title = "Learning curves by algorithm" if curves["series"].nunique() > 1 else "Learning curves"
     return _chart(frames, "algorithms", title, curves, published, looks, ["task"])
 
@@ -68,7 +67,7 @@ def augmented_sequences(frames: Frames) -> Chart | None:
     theirs = rows["source"] == PUBLISHED
     if rows[~theirs].empty:
         return None
-    looks = style.algorithm_looks(rows[~theirs], "series")
+    looks = style.looks(rows[~theirs], "series", "algo")
     panels = by_task(rows[~theirs], partial(draw_curves, looks=looks, published=rows[theirs]))
     note = "training returns: median and 10 to 90% of seeds; dotted: the paper's"
     return Chart("sequences", "Augmented robots in sequence", note, panels, "sequences", looks)
@@ -82,7 +81,7 @@ def by_processor_time(frames: Frames) -> Chart | None:
     longest = float(rows["seconds"].max())
     size, unit = next((size, unit) for least, size, unit in _UNITS if longest >= least)
     rows = rows.assign(series=rows["label"], steps=rows["seconds"] / size, q10=np.nan, q90=np.nan)
-    looks = style.representation_looks(rows, "series")
+    looks = style.looks(rows, "series", "kind")
     x, scale = f"{unit} of processor time of a seed", "linear" if longest / size < 100 else "log"
     panels = by_task(rows, partial(draw_curves, looks=looks, x=x, scale=scale), 5.2, 2.8)
     note = "median over seeds, where all runs recorded their processor time"

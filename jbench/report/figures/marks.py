@@ -182,6 +182,13 @@ def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -
             )  # fmt: skip
 
 
+def leave_out_empty(axes: Axes) -> None:
+    """Fixes the places of labels without a text, which matplotlib would measure every tick for."""
+    for axis in (axes.xaxis, axes.yaxis):
+        if not axis.get_label_text():
+            axis.set_label_coords(0, 0)
+
+
 def shortened(name: str) -> str:
     """Returns a name that leaves room for a panel beside it."""
     return name if len(name) <= _LONGEST else f"{name[:20]}…{name[-10:]}"

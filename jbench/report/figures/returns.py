@@ -118,7 +118,7 @@ def comparisons(frames: Frames) -> Chart | None:
     if frames.request.curves is not None:
         rows = rows.assign(name=rows["a"] + " minus " + rows["b"], algo=rows["a"])
         note = "difference of the interquartile means of final returns; 95% interval"
-    looks = style.algorithm_looks(rows, "algo")
+    looks = style.looks(rows, "algo", "algo")
 
     def draw(group: pd.DataFrame, axes: Axes) -> None:
         marks.add_rows(axes, group, looks, value="difference", ends=("low", "high"), look="algo")
@@ -140,7 +140,7 @@ def errors(frames: Frames) -> Chart | None:
         series=(unsized + " " + settings).str.strip(),
         name=(rows["representation"] + " " + settings).str.strip(),
     )
-    looks = style.representation_looks(rows, "series")
+    looks = style.looks(rows, "series", "kind")
     panels = []
     for task, group in rows.groupby("task", sort=False):
         by_size = group.groupby("series")["latents"].nunique().max() > 1
@@ -188,7 +188,7 @@ def _draw_errors(
 def predictions(frames: Frames) -> Chart:
     """Returns final returns against what latents predict of the next control step."""
     rows = frames.predictions
-    looks = style.representation_looks(rows, "representation")
+    looks = style.looks(rows, "representation", "kind")
     counts = rows.groupby(["task", "algo"])["configuration"].transform("nunique")
 
     def draw(rows: pd.DataFrame, axes: Axes) -> None:

@@ -83,7 +83,7 @@ def profiles(frames: Frames) -> Chart:
 
 def motor(frames: Frames) -> Chart:
     """Returns the distribution of motor velocities of evaluated policies (Figure 4)."""
-    looks = style.algorithm_looks(frames.motor, "label")
+    looks = style.looks(frames.motor, "label", "label")
 
     def draw(rows: pd.DataFrame, axes: Axes) -> None:
         for name, line in rows.groupby("label", sort=False):

@@ -162,7 +162,7 @@ def _seed_points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
     parts = []
     for configuration, curve in curves:
         runs, seeds = configuration.runs, configuration.seeds
-        for run, seed, values in zip(runs, seeds, curve.each, strict=True):
+        for run, seed, values in zip(runs, seeds, curve.by_seed, strict=True):
             present = np.isfinite(values)
             names = dict(zip(_CURVE, configuration.key, strict=True))
             names |= {"run": run, "seed": seed, "returns": configuration.kind}

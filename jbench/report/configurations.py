@@ -110,7 +110,7 @@ def _steps_to_solved(config: Configuration, curve: Curve) -> FloatArray:
     """
     known = np.isfinite(config.returns).any(axis=1)
     at = moving_average(config.control_steps[known], curve.window)
-    return steps_to_threshold(curve.each[known][:, curve.widths == curve.window], at, SOLVED)
+    return steps_to_threshold(curve.by_seed[known][:, curve.widths == curve.window], at, SOLVED)
 
 
 def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
@@ -160,7 +160,7 @@ def run_curve_frame(curves: Curves) -> pd.DataFrame:
     """
     parts = []
     for config, curve in curves:
-        for run, seed, values in zip(config.runs, config.seeds, curve.each, strict=True):
+        for run, seed, values in zip(config.runs, config.seeds, curve.by_seed, strict=True):
             shown = np.flatnonzero(np.isfinite(values))
             if len(shown) > _SHOWN_POINTS:
                 shown = shown[np.linspace(0, len(shown) - 1, _SHOWN_POINTS).round().astype(int)]

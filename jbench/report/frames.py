@@ -129,9 +129,9 @@ def _read(results: Results | None, request: Request) -> tuple[Source, list[list[
     if request.compare is not None:
         ours, theirs = (sources.side(side, results, request) for side in request.compare)
         return _compared(ours, theirs, request)
-    source = own = sources.own_and_imported(results, request)
+    source = read = sources.own_and_imported(results, request)
     if request.reference:
-        source = sources.joined([own, sources.reference(request, shipped_results())])
+        source = sources.joined([source, sources.reference(request, shipped_results())])
     if request.baseline is not None:
         sources.check_baseline(request.baseline, source.configurations)
     saved = (record.settings for record in results.scan("evaluation")[0])
@@ -142,8 +142,8 @@ def _read(results: Results | None, request: Request) -> tuple[Source, list[list[
         or any(s.get("states") and request.task in (None, s.get("task")) for s in saved)
     ):
         return source, []
-    if len(own.runs):
-        raise NothingYetError(f"No run has an episode yet; wait for them. {' '.join(own.notes)}")
+    if len(read.runs):
+        raise NothingYetError(f"No run has an episode yet; wait for them. {' '.join(read.notes)}")
     raise _nothing_to_report(results, source.problems)
 
 

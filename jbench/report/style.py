@@ -139,6 +139,7 @@ def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Loo
     """
     by = by or ("kind" if rows["kind"].nunique() > 1 else "algo")
     groups = dict(zip(rows[name], rows[by], strict=True))
+    others: tuple[str, ...]
     known, others = _ALGORITHMS, _OTHER_ALGORITHMS
     if by == "kind":
         groups = {series: _family(kind) for series, kind in groups.items()}

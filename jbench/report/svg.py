@@ -11,6 +11,7 @@ import re
 from xml.etree import ElementTree
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -63,7 +64,7 @@ def _fill(figure: Figure, axes: Axes) -> None:
     assert written is not None
     inner = axes.get_position(original=True).get_points()
     outer = written.transformed(figure.transFigure.inverted()).get_points()
-    edge = _EDGE / figure.bbox.size
+    edge = _EDGE / np.array(figure.bbox.size)
     (left, bottom), (right, top) = inner - outer + [[0, 0], [1, 1]] + [edge, -edge]
     axes.set_position((left, bottom, right - left, top - bottom))
 

@@ -157,7 +157,7 @@ class Configuration:
             parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
         joined: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts], axis=-1)
-            for name in ("control_steps", "seeds", "quantiles", "each", "widths")
+            for name in ("control_steps", "seeds", "quantiles", "by_seed", "widths")
         }
         return replace(parts[0], **joined)
 

@@ -29,8 +29,8 @@ class Curve:
         control_steps: (points,) center of each window, over all environments.
         seeds: (points,) number of seeds that completed the window and have a return in it.
         quantiles: (5, points) returns, a row for each of `QUANTILES`.
-        each: (seeds of the configuration, points) mean return of each seed over the window; NaN if
-            the seed has not completed it.
+        by_seed: (seeds of the configuration, points) mean return over the window; NaN if the seed
+            has not completed it.
         widths: (points,) episodes averaged in each point: `window`, or fewer near the ends.
     """
 
@@ -39,7 +39,7 @@ class Curve:
     control_steps: FloatArray
     seeds: IntArray
     quantiles: FloatArray
-    each: FloatArray
+    by_seed: FloatArray
     widths: IntArray
 
     def quantile(self, percent: int) -> FloatArray:
@@ -69,20 +69,20 @@ def learning_curve(
     first = np.arange(episodes + 2 * (window // 2) - window + 1) - window // 2
     last = np.minimum(first + window, episodes) - 1
     # A run has no windows after its end, although some of them contain returns.
-    each = np.where(last >= lengths[:, None], np.nan, sliding_average(returns, window))
+    by_seed = np.where(last >= lengths[:, None], np.nan, sliding_average(returns, window))
     if order == "quantile-first":
         quantiles = sliding_average(quantiles_across_seeds(returns), window)
     else:
-        quantiles = quantiles_across_seeds(each)
+        quantiles = quantiles_across_seeds(by_seed)
     # The mean of fewer seeds may be smaller, if imported points are at different control steps.
     mean_steps = np.maximum.accumulate(np.nanmean(control_steps, axis=0))
     return Curve(
         order=order,
         window=window,
         control_steps=centers(mean_steps, window),
-        seeds=np.sum(np.isfinite(each), axis=0),
+        seeds=np.sum(np.isfinite(by_seed), axis=0),
         quantiles=quantiles,
-        each=each,
+        by_seed=by_seed,
         widths=last + 1 - np.maximum(first, 0),
     )
 

@@ -135,7 +135,9 @@ def count_divergence(
         if kind == TRAINING:
             more = max(0, max(1, -(-planned // EPISODE_STEPS)) - steps.shape[1])
         pad = ((0, 0), (0, more))
-        points = {name: np.pad(one, pad, constant_values=np.nan) for name, one in points.items()}
+        points = {
+            name: np.pad(field, pad, constant_values=np.nan) for name, field in points.items()
+        }
     returns, control_steps = points["returns"], points["control_steps"]
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)

@@ -27,6 +27,7 @@ from jbench.report.request import Request, setting
 from jbench.settings.alike import flatten
 from jbench.settings.recorded import parse_run
 from jbench.settings.variants import value_text
+from jbench.statistics import BoolArray
 from jbench.store import Results, query
 from jbench.wording import are, counted
 
@@ -183,7 +184,7 @@ def _source(
     return Source(built, runs.assign(source=name), notes + more_notes, problems, tables, paths)
 
 
-def _have_settings(text: str, recorded: Sequence[str] | pd.Series) -> pd.Series:
+def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
     """Returns which runs have all of the typed settings, by any of the names of each.
 
     Raises:
@@ -192,7 +193,7 @@ def _have_settings(text: str, recorded: Sequence[str] | pd.Series) -> pd.Series:
     flat = []
     for run in map(parse_run, recorded):
         values = {path: value_text(value) for path, value in flatten(run).items()}
-        flat.append([(n, v) for path, v in values.items() for n in {path[-1], ".".join(path)}])
+        flat.append({(n, v) for path, v in values.items() for n in (path[-1], ".".join(path))})
     have = np.ones(len(flat), bool)
     for part in map(str.strip, text.split(",")):
         name, value = setting(part)
@@ -201,14 +202,14 @@ def _have_settings(text: str, recorded: Sequence[str] | pd.Series) -> pd.Series:
                 f"--compare {text}: there is no such directory; type two results directories, or "
                 "settings such as engine=sb3 engine=batched."
             )
-        known = {recorded for run in flat for key, recorded in run if key == name}
+        known = {shown for run in flat for key, shown in run if key == name}
         if not known:
             names = sorted({key for run in flat for key, _ in run})
             raise RequestError(f"No run has a setting {name!r}; there are {', '.join(names)}.")
-        meant = {recorded for recorded in known if _equal(value, recorded)}
+        meant = {(name, shown) for shown in known if _equal(value, shown)}
         if not meant:
             raise RequestError(f"No run has {part}; there are {', '.join(sorted(known))}.")
-        have &= [any(key == name and recorded in meant for key, recorded in run) for run in flat]
+        have &= [not meant.isdisjoint(run) for run in flat]
     return have
 
 

@@ -123,7 +123,7 @@ def _chart(
             looks=looks,
             published=old,
             baselines=frames.baselines[frames.baselines["task"] == rows["task"].iloc[0]],
-            each=frames.run_curves,
+            run_curves=frames.run_curves,
             each_seed=frames.request.each_seed,
         )
         versions: dict[str, Draw] = {}
@@ -180,7 +180,7 @@ def draw_curves(
     looks: Mapping[str, Look],
     published: pd.DataFrame | None = None,
     baselines: pd.DataFrame | None = None,
-    each: pd.DataFrame | None = None,
+    run_curves: pd.DataFrame | None = None,
     each_seed: bool = False,
     scale: str = "linear",
     x: str = "control steps",
@@ -191,17 +191,18 @@ def draw_curves(
     Args:
         published: of the task and others.
         baselines: of the task.
-        each: `frames.run_curves`; drawn where there are too few seeds for a band.
+        run_curves: drawn where there are too few seeds for a band.
     """
     alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
     for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
         look, band = looks[str(name)], (curve["q10"], curve["q90"])
         at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
         marks.add_line(axes, at, median, _tips(str(name), curve), look, band=band, alpha=alpha)
-        if each is not None and (each_seed or band[0].isna().all()) and curve["seeds"].iloc[0] > 1:
+        without_band = each_seed or band[0].isna().all()
+        if run_curves is not None and without_band and curve["seeds"].iloc[0] > 1:
             first = curve.iloc[0]
             keys = ["configuration", "returns"]
-            mine = each[(each[keys] == first[keys]).all(axis=1)]
+            mine = run_curves[(run_curves[keys] == first[keys]).all(axis=1)]
             width = mpl.rcParams["lines.linewidth"] / 2
             thin: Any = {"color": look.color, "alpha": 0.5, "linewidth": width, "gid": look.series}
             for _, seed in mine.groupby("run", sort=False):

@@ -112,11 +112,10 @@ def stacked(runs: Sequence[pd.DataFrame], kind: ReturnsName) -> dict[str, FloatA
         steps = np.unique(np.concatenate([run["control_steps"] for run in runs]))
         columns = [np.searchsorted(steps, run["control_steps"]) for run in runs]
     shape = len(runs), max(int(column[-1]) + 1 if len(column) else 0 for column in columns)
-    stacked = {name: np.full(shape, np.nan) for name in FIELDS}
+    stacked = np.full((len(FIELDS), *shape), np.nan)
     for row, (run, column) in enumerate(zip(runs, columns, strict=True)):
-        for name in FIELDS:
-            stacked[name][row, column] = run[name]
-    return stacked
+        stacked[:, row, column] = run[FIELDS].to_numpy(float).T
+    return dict(zip(FIELDS, stacked, strict=True))
 
 
 def count_divergence(

@@ -5,8 +5,6 @@ import pytest
 
 from jbench.report.analysis import examine
 from jbench.report.analysis.claims import decide
-from jbench.report.frames import Frames
-from jbench.report.request import Request
 from jbench.statistics.bootstrap import Estimate
 
 
@@ -130,14 +128,6 @@ def test_cells_of_other_robots_or_algorithms_are_not_compared(fabric):
     learn(fabric, NARROW, algo="ppo", representation="dae12")
     assert not findings(fabric, "a")
     assert not findings(fabric, "e")
-
-
-def test_published_findings_are_filtered_by_algorithm(fabric):
-    learn(fabric, NARROW, algo="ppo")
-    claims = Frames(fabric.results, Request(claims=True, algo="ppo")).claims
-    published = claims[claims["source"].str.startswith("Figure")]
-    assert set(published["claim"]) == {"g"}
-    assert published["compared"].str.contains("ppo").all()
 
 
 def test_seeds_needed_for_ratio_use_its_logarithm():

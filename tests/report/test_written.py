@@ -76,7 +76,7 @@ def test_damaged_run_is_reported_and_others_are_used(fabric):
 def test_only_damaged_runs_are_refused(fabric, out):
     damaged = fabric.run(FLAT)
     (damaged.path / "manifest.json").write_text("{")
-    with pytest.raises(WorkError, match=r"can be reported.*manifest\.json"):
+    with pytest.raises(WorkError, match=r"can be reported.*manifest\.json.*`jbench repair"):
         write_report(fabric.results, out)
     assert not out.exists()
 

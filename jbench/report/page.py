@@ -97,8 +97,9 @@ def _title(frames: Frames) -> str:
 def _figure(chart: Chart) -> dict[str, Any]:
     """Returns what the template needs of a figure, its panels drawn."""
     panels = []
-    for panel in chart.panels:
-        svg = Markup(panel_svgs(panel, f"{chart.title}: {panel.title}. {chart.note}"))
+    for i, panel in enumerate(chart.panels):
+        label = f"{chart.title}: {panel.title}. {chart.note}"
+        svg = Markup(panel_svgs(panel, label, f"{chart.name}-{i}"))
         panels.append({"title": panel.title, "svg": svg})
     legend = {
         name: {

@@ -1,11 +1,10 @@
 """Makes matplotlib's SVG fit for a page.
 
-A page has many figures, a theme, and a policy that forbids style attributes. So ids get a prefix of
-their own, styles become presentation attributes, black becomes the color of the text, and the tip
-of a mark, which matplotlib keeps as a link, becomes its title.
+A page has many figures, a theme, and a policy that forbids style attributes. So ids differ between
+figures, styles become presentation attributes, black becomes the color of the text, and the tip of
+a mark, which matplotlib keeps as a link, becomes its title.
 """
 
-import hashlib
 import io
 import re
 from xml.etree import ElementTree
@@ -33,10 +32,11 @@ _EDGE = 3  # points around a panel
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
-def panel_svgs(panel: Panel, label: str) -> str:
+def panel_svgs(panel: Panel, label: str, name: str) -> str:
     """Returns the versions of a panel as SVG elements of a page, with their names as classes.
 
-    The label says what it shows to readers who can't see it.
+    The label says what it shows to readers who can't see it. The name is that of no other panel of
+    the page: ids are made of it.
     """
     texts: list[str] = []
     with mpl.rc_context(style.PAGE):
@@ -49,6 +49,7 @@ def panel_svgs(panel: Panel, label: str) -> str:
             marks.leave_out_empty(axes)
             if not texts:  # all versions have the same place, so that a switch moves nothing
                 _fill(figure, axes)
+            mpl.rcParams["svg.hashsalt"] = f"{name} {names}"
             sink = io.BytesIO()
             figure.savefig(sink, format="svg", transparent=True, metadata=_NO_DATES)
             texts.append(_element(sink.getvalue(), label, names))
@@ -72,7 +73,6 @@ def _fill(figure: Figure, axes: Axes) -> None:
 def _element(content: bytes, label: str, names: str) -> str:
     root = ElementTree.fromstring(content)
     _clean(root)
-    _rename(root)
     for name in ("width", "height", "version"):
         root.attrib.pop(name, None)
     root.attrib |= {"role": "img", "aria-label": label} | ({"class": names} if names else {})
@@ -87,6 +87,8 @@ def _clean(parent: ElementTree.Element) -> None:
             parent.remove(element)
             continue
         _set_attributes(element)
+        if parent.tag != f"{_SVG}defs":
+            element.attrib.pop("id", None)  # only definitions are referred to
         if element.tag == f"{_SVG}a":
             # A link around marks becomes a group with a title.
             tip, element.tag = element.get("href"), f"{_SVG}g"
@@ -133,22 +135,3 @@ def _set_attributes(element: ElementTree.Element) -> None:
         element.set("data-series", number[1])
     elif element.tag == f"{_SVG}text" and element.get("fill") is None:
         element.set("fill", "currentColor")
-
-
-def _rename(root: ElementTree.Element) -> None:
-    """Gives ids that are referred to a prefix by the content, and drops the others."""
-    texts = [text for element in root.iter() for text in element.attrib.values()]
-    used = {text[1:] for text in texts if text.startswith("#")}
-    used |= {text[5:-1] for text in texts if text.startswith("url(#")}
-    prefix = "p" + hashlib.sha256(ElementTree.tostring(root)).hexdigest()[:10]
-    for element in root.iter():
-        for name, text in list(element.attrib.items()):
-            if name == "id":
-                if text in used:
-                    element.set("id", prefix + text)
-                else:
-                    del element.attrib["id"]
-            elif name == "href" and text.startswith("#"):
-                element.set(name, f"#{prefix}{text[1:]}")
-            elif text.startswith("url(#"):
-                element.set(name, f"url(#{prefix}{text[5:]}")

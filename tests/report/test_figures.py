@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
 from jbench.report.figures import charts
+from jbench.report.figures.curves import drawn_points
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.report.svg import panel_svgs
@@ -109,6 +110,19 @@ def test_curves_by_representation_are_the_medians_of_evaluations(fabric):
     assert words == {"random", "hand-written", "solved"}
 
 
+def test_long_curves_are_drawn_with_200_points_of_each():
+    parts = [
+        pd.DataFrame({"configuration": name, "returns": "training", "steps": range(5000)})
+        for name in ("b", "a")
+    ]
+    drawn_rows = drawn_points(pd.concat(parts, ignore_index=True))
+    assert drawn_rows["configuration"].unique().tolist() == ["b", "a"]
+    for _, curve in drawn_rows.groupby("configuration"):
+        assert curve["steps"].is_monotonic_increasing
+        assert 150 < len(curve) <= 200
+        assert (curve["steps"].min(), curve["steps"].max()) == (0, 4999)
+
+
 def test_training_returns_come_first_where_evaluations_are_few(fabric):
     add_runs(fabric, points=4)
     add_runs(fabric, points=4, representation="dae12")
@@ -205,7 +219,7 @@ def test_svg_of_a_page_has_no_style_no_double_id_and_a_title_for_each_mark(fabri
     add_runs(fabric)
     add_runs(fabric, representation="dae12")
     panels = chart_of(fabric, "representations").panels
-    root = ElementTree.fromstring(f"<x>{panel_svgs(panels[0], 'label')}</x>")
+    root = ElementTree.fromstring(f"<x>{panel_svgs(panels[0], 'label', 'name')}</x>")
     elements = list(root.iter())
     ids = [element.get("id") for element in elements if element.get("id")]
     assert len(ids) == len(set(ids))
@@ -225,6 +239,6 @@ def test_names_are_drawn_as_they_are_but_for_control_characters(fabric):
     found.curves["representation"] = found.curves["representation"].replace("dae12", '"$x^2$<\a')
     found.clean()
     chart = next(c for c in charts(found) if c.name == "representations")
-    text = panel_svgs(chart.panels[0], chart.title)
+    text = panel_svgs(chart.panels[0], chart.title, chart.name)
     titles = [e.text for e in ElementTree.fromstring(f"<x>{text}</x>").iter() if e.text]
     assert any(title.startswith('"$x^2$<\ufffd at') for title in titles)

@@ -11,6 +11,7 @@ from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import (
     ID,
+    IMPORTED,
     Configuration,
     display_name,
     long_frame,
@@ -154,10 +155,7 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
 
 
 def run_curve_frame(curves: Curves) -> pd.DataFrame:
-    """Returns the learning curve of each run, at most 200 points.
-
-    Columns: configuration, source, run, seed, returns, steps, value.
-    """
+    """Returns the learning curve of each run, at most 200 points."""
     parts = []
     for config, curve in curves:
         for run, seed, values in zip(config.runs, config.seeds, curve.by_seed, strict=True):
@@ -191,12 +189,12 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
 
 
 def published_frame(
-    published: pd.DataFrame, tasks: Iterable[str], algo: str | None = None
+    published: pd.DataFrame, tasks: Iterable[str], algo: str | None = None, imported: Curves = ()
 ) -> pd.DataFrame:
     """Returns the paper's curves of training returns on some tasks, with the names of a page.
 
-    Columns: task, algo, representation, kind, figure (`Figure 9`), source, seeds, steps, q10, q25,
-    median, q75, q90; a figure that has only some quantiles leaves NaN.
+    Imported curves that are drawn like them stand below. A figure that has only some quantiles
+    leaves NaN.
     """
     shown = published[published["task"].isin([*tasks])]
     shown = shown if algo is None else shown[shown["algo"] == algo]
@@ -205,7 +203,9 @@ def published_frame(
         "kind": shown["representation"].map(kind_in),
         "representation": shown["representation"].map(shown_representation),
     }
-    return shown.assign(**names)[PUBLISHED_CURVES].reset_index(drop=True)
+    parts = [shown.assign(**names)]
+    parts += [curve_frame(imported).assign(figure=IMPORTED)] if imported else []
+    return pd.concat(parts, ignore_index=True)[PUBLISHED_CURVES]
 
 
 def sequence_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame:

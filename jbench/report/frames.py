@@ -25,7 +25,7 @@ from jbench.report.configurations import (
 )
 from jbench.report.data import sources
 from jbench.report.data.configuration import IMPORTED, Configuration, with_returns
-from jbench.report.data.published import SEQUENCE, imported_curve, read_published
+from jbench.report.data.published import SEQUENCE, read_published
 from jbench.report.data.returns import FILE, KINDS, TRAINING, clean, map_texts
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame, prediction_frame
@@ -63,8 +63,8 @@ class Frames:
         curves = [
             (config, config.curve(request.order, request.window)) for config in configurations
         ]
-        baseline = [(c.source, c.algo) == (IMPORTED, request.baseline) for c in configurations]
-        drawn = [pair for pair, apart in zip(curves, baseline, strict=True) if not apart]
+        apart = {c for c in configurations if (c.source, c.algo) == (IMPORTED, request.baseline)}
+        drawn = [pair for pair in curves if pair[0] not in apart]
         plain = [pair for pair in drawn if pair[0].robots <= 1]
         trained = [config for config in configurations if config.source != IMPORTED]
         lead, trained_lead = with_returns(configurations, returns), with_returns(trained, returns)
@@ -80,8 +80,8 @@ class Frames:
         self.headline = headline(self.lead(self.verdicts), leading, self.lead(self.comparisons))
         self.configurations = tasks.with_file_means(self.configurations, lead)
         self.curves = curve_frame(plain)
-        beside = [imported_curve(*pair) for pair in curves if pair not in drawn]
-        self.published = published_frame(pd.concat([figures, *beside]), known, request.algo)
+        beside = [pair for pair in curves if pair[0] in apart]
+        self.published = published_frame(figures, known, request.algo, beside)
         self.seeds = seed_frame(configurations)
         self.run_curves = run_curve_frame(plain)
         self.metrics, self.paths = metric_frame(source), source.paths

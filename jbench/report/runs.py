@@ -58,10 +58,7 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
 
 
 def metric_frame(source: Source) -> pd.DataFrame:
-    """Returns the finite metrics that runs of the results have recorded.
-
-    Columns: run, name, steps (control steps), value.
-    """
+    """Returns the finite metrics that runs of the results have recorded, by control step."""
     if "metrics" not in source.tables:
         return pd.DataFrame(columns=METRICS)
     rows = source.tables["metrics"].to_pandas(use_threads=False)
@@ -87,10 +84,7 @@ def provenance(recorded: str) -> dict[str, str]:
 
 
 def provenance_frame(runs: pd.DataFrame) -> pd.DataFrame:
-    """Returns the different values of each recorded name over all runs, with numbers of runs.
-
-    Columns: name, value, runs.
-    """
+    """Returns the different values of each recorded name over all runs, with numbers of runs."""
     pairs = [pair for named in runs["provenance"] for pair in named.items() if pair[0] != "command"]
     counted = pd.DataFrame(pairs, columns=["name", "value"])
     return counted.value_counts(["name", "value"], sort=False).reset_index(name="runs")

@@ -1,14 +1,12 @@
-"""The paper's learning curves, and imported ones that are drawn like them."""
-
-from typing import Any
+"""The paper's learning curves."""
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS, FULL
-from jbench.report.data.configuration import IMPORTED, Configuration
-from jbench.report.data.curves import BAND_SEEDS, QUANTILES, Curve, final_returns
+from jbench.report.data.configuration import Configuration
+from jbench.report.data.curves import QUANTILES, final_returns
 from jbench.report.data.returns import FINAL_POINTS, TRAINING
 
 PUBLISHED = "published"
@@ -52,17 +50,6 @@ def read_published(table: pa.Table) -> pd.DataFrame:
         source=PUBLISHED,
         seeds=np.where(figure == "Figure 7", 1, SEEDS),
     )
-
-
-def imported_curve(configuration: Configuration, curve: Curve) -> pd.DataFrame:
-    """Returns an imported curve in the form of a published one."""
-    known = curve.seeds > 0
-    percents = QUANTILES if len(configuration.seeds) >= BAND_SEEDS else (50,)
-    values: dict[str, Any] = {"figure": IMPORTED, "source": IMPORTED}
-    values |= {name: getattr(configuration, name) for name in CURVE[1:]}
-    values |= {"seeds": len(configuration.seeds), "steps": curve.control_steps[known]}
-    values |= {NAMES[f"q{percent}"]: curve.quantile(percent)[known] for percent in percents}
-    return pd.DataFrame(values)
 
 
 def best_median(

@@ -20,13 +20,13 @@ from jbench.report.data.returns import EVALUATION, FILE, TRAINING
 from jbench.settings.alike import comparable
 from jbench.settings.recorded import parse_run
 from jbench.settings.variants import variant_words
-from jbench.statistics import IntArray
+from jbench.statistics import FloatArray, IntArray
 from jbench.wording import are, counted
 
 _ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, True]
 _NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
-Points = Mapping[ReturnsName, Mapping[str, pd.DataFrame]]
+Points = Mapping[ReturnsName, Mapping[str, FloatArray]]
 """Points by kind of return and run; see `run_points`."""
 
 

@@ -21,7 +21,8 @@ PATHS = ("run", "evaluation", "control_steps", *_POSES)
 FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
 """Columns of points; see `configuration.Configuration`."""
 
-NOTHING = pd.DataFrame(columns=FIELDS, dtype=float)
+NOTHING = np.empty((0, len(FIELDS)))
+"""Points of a run without any."""
 
 
 def plain_evaluations(tables: Mapping[str, pa.Table]) -> pd.DataFrame:
@@ -79,8 +80,8 @@ def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
     return named[columns]
 
 
-def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, pd.DataFrame]:
-    """Returns the points in order of each run that has any, with the columns `FIELDS`.
+def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
+    """Returns the points (points, `FIELDS`) in order of each run that has any.
 
     A point is a training episode, or the mean over the episodes of an evaluation. Numbers that are
     not finite are NaN.
@@ -99,22 +100,25 @@ def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, pd.DataFrame]:
         points = points.assign(
             returns=returns.mean(), deviations=returns.std(), counts=returns.count()
         )
-    return {str(run): group for run, group in points.groupby("run", observed=True)}
+    places = points.groupby("run", observed=True).indices
+    numbers = points[FIELDS].to_numpy(float)
+    return {str(run): numbers[index] for run, index in places.items()}
 
 
-def stacked(runs: Sequence[pd.DataFrame], kind: ReturnsName) -> dict[str, FloatArray]:
+def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArray]:
     """Returns the points of runs stacked, (seeds, points) each, padded with NaN.
 
     Training episodes are aligned by their index, evaluations by the control steps before them.
     """
     columns = [np.arange(len(run)) for run in runs]
     if kind == EVALUATION:
-        steps = np.unique(np.concatenate([run["control_steps"] for run in runs]))
-        columns = [np.searchsorted(steps, run["control_steps"]) for run in runs]
+        at = [run[:, FIELDS.index("control_steps")] for run in runs]
+        grid = np.unique(np.concatenate(at))
+        columns = [np.searchsorted(grid, steps) for steps in at]
     shape = len(runs), max(int(column[-1]) + 1 if len(column) else 0 for column in columns)
     stacked = np.full((len(FIELDS), *shape), np.nan)
     for row, (run, column) in enumerate(zip(runs, columns, strict=True)):
-        stacked[:, row, column] = run[FIELDS].to_numpy(float).T
+        stacked[:, row, column] = run.T
     return dict(zip(FIELDS, stacked, strict=True))
 
 

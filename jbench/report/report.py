@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from jbench.report.frames import Frames
 from jbench.report.request import Request
-from jbench.report.table import WRITERS, to_csv
+from jbench.report.table import to_csv, to_latex, to_markdown
 from jbench.report.tables import tables
 from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
@@ -80,7 +80,7 @@ def table_files(frames: Frames) -> Iterator[tuple[str, str]]:
     for table in tables(frames):
         numbers = table.frame.drop(columns=["settings", "provenance"], errors="ignore")
         yield f"{table.name}.csv", to_csv(table.frame if table.name == "encoders" else numbers)
-        for ending, write in WRITERS.items():
+        for ending, write in (("md", to_markdown), ("tex", to_latex)):
             if table.name != "runs":
                 yield f"{table.name}.{ending}", write(table)
     for name in DATA:

@@ -113,10 +113,6 @@ def _latex(text: object) -> str:
     return str(text).translate(_LATEX)
 
 
-WRITERS: Mapping[str, Callable[[Table], str]] = {"md": to_markdown, "tex": to_latex}
-"""Writers of table files by ending, beside CSV."""
-
-
 def plain(title: str, key: str | None = None) -> Column:
     """Returns a column of texts."""
     name = key or title

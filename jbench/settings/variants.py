@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from functools import cache
 from typing import Any
@@ -103,11 +104,12 @@ def _labels(
         for path in paths
         if path[0] not in left_out
         and (
-            len({_exact(values.get(path, ...)) for values in flat.values()}) > 1
+            len({json.dumps(values.get(path, ...), default=repr) for values in flat.values()}) > 1
             or (always_named and any(_is_named(values, path) for values in flat.values()))
         )
     ]
-    names = _short_names(differing)
+    ends = Counter(path[-1] for path in differing)
+    names = {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in differing}
     rows = sorted(
         flat.items(), key=lambda item: ([_rank(item[1].get(path)) for path in differing], item[0])
     )
@@ -148,12 +150,6 @@ def _bases(algo: str) -> dict[str, Flat]:
     }
 
 
-def _short_names(paths: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
-    """Returns the last part of each path if it is unique, else the whole path."""
-    last = [path[-1] for path in paths]
-    return {path: path[-1] if last.count(path[-1]) == 1 else ".".join(path) for path in paths}
-
-
 def _text(value: Any) -> str:
     if value is ...:
         return "(not set)"
@@ -170,10 +166,6 @@ def value_text(value: Any) -> str:
             return f"{mantissa.rstrip('0').rstrip('.')}e{exponent}"
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value)
-
-
-def _exact(value: Any) -> str | None:
-    return None if value is ... else json.dumps(value)
 
 
 def _rank(value: Any) -> tuple[int, float, str]:

@@ -233,7 +233,8 @@ def test_whitened_latents_are_between_plain_ones_and_the_observation(returns):
     assert (len(plain), len(whitened), (whitened > plain.max()).sum()) == (10, 10, 9)
     for finals in (plain, whitened):
         assert f"({finals.min():.0f} to {finals.max():.0f})" in text_of("answer")
-    assert f"lower than with `scaled`: {decision(TASKS[0], WHITENED, 'scaled')} by" in text_of("answer")
+    tested = decision(TASKS[0], WHITENED, "scaled")
+    assert f"lower than with `scaled`: {tested} by" in text_of("answer")
     verdicts = chosen_from(Frames(shipped_results()).verdicts, returns="evaluation", claim="b")
     (row,) = verdicts[~verdicts["verdict"].isin(["undecided", None])].itertuples()
     assert (row.representation, row.against, row.verdict) == (WHITENED, "scaled", "more variable")

@@ -13,21 +13,18 @@ from typer.core import TyperCommand
 
 from jbench import __version__, names
 from jbench.commands import (
-    algorithms,
+    catalog,
     checking,
     data,
     demo,
     encoders,
     export,
-    imports,
-    leaderboard,
     output,
     policies,
     report,
     results,
+    runs,
     sweep,
-    tail,
-    tasks,
     train,
 )
 from jbench.errors import RequestError, WorkError
@@ -77,54 +74,53 @@ class _Command(TyperCommand):
                 parameter.metavar = parameter.opts[0].rpartition("-")[2].upper()
 
 
-_OLD_NAME = "train-agent"
-"""How older versions called `train`."""
-
-_COMMANDS: dict[str, dict[Callable[..., None], str]] = {
+_COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "Experiment": {
-        demo.demo: "demo --results demo-results",
-        data.collect: "collect --steps 100k",
-        encoders.train_dae: "train-dae --task face_direction --latent 12",
-        encoders.train_encoder: "train-encoder --kind pca --latent 12",
-        train.train: "train --algo td3 --encoder dae12 --seeds 0-4 --steps 1M",
-        sweep.sweep: "sweep question --dry-run",
-        report.report: "report --results reference --claims",
+        "demo --results demo-results": demo.demo,
+        "collect --steps 100k": data.collect,
+        "train-dae --task face_direction --latent 12": encoders.train_encoder,
+        "train-encoder --kind pca --latent 12": encoders.train_encoder,
+        "train --algo td3 --encoder dae12 --seeds 0-4 --steps 1M": train.train,
+        "sweep question --dry-run": sweep.sweep,
+        "report --results reference --claims": report.report,
     },
     "Policies": {
-        policies.evaluate: "evaluate reference/face_direction/ddpg/full",
-        policies.render: "render heuristic --task move_to_pose --out pose.gif",
-        policies.view: "view heuristic --task move_to_pose",
-        export.export: "export reference/face_direction/ddpg/full --out policy.onnx",
+        "evaluate reference/face_direction/ddpg/full": policies.evaluate,
+        "render heuristic --task move_to_pose --out pose.gif": policies.render,
+        "view heuristic --task move_to_pose": policies.view,
+        "export reference/face_direction/ddpg/full --out policy.onnx": export.export,
     },
     "Lists": {
-        algorithms.algorithms: "algorithms td3",
-        tasks.tasks: "tasks dmc:cheetah-run",
-        data.datasets: "datasets",
-        results.runs: "runs --algo td3 --status finished",
-        tail.tail: "tail --algo td3 --last 10",
-        results.query: "query 'SELECT run, count(*) FROM episodes GROUP BY run'",
-        leaderboard.leaderboard: "leaderboard reference",
+        "algorithms td3": catalog.algorithms,
+        "tasks dmc:cheetah-run": catalog.tasks,
+        "datasets": data.datasets,
+        "runs --algo td3 --status finished": runs.runs,
+        "tail --algo td3 --last 10": runs.tail,
+        "query 'SELECT run, count(*) FROM episodes GROUP BY run'": results.query,
+        "leaderboard reference": runs.leaderboard,
     },
     "Database": {
-        imports.import_: "import --from csv --seed-column seed --task face_direction --algo ppo "
-        "FILE",
-        results.merge: "merge other-results",
-        checking.reproduce: "reproduce reference/face_direction/td3/dae12/s00 --episodes 1",
-        results.verify: "verify --results reference",
-        results.repair: "repair --dry-run",
+        "import --from csv --seed-column seed --task face_direction --algo ppo FILE": (
+            results.import_
+        ),
+        "merge other-results": results.merge,
+        "reproduce reference/face_direction/td3/dae12/s00 --episodes 1": checking.reproduce,
+        "verify --results reference": checking.verify,
+        "repair --dry-run": results.repair,
     },
 }
-"""The commands by the headings of the help, and an example of each."""
+"""Each command by an example, which begins with its name, by the headings of the help."""
+
+_HELP = {"train-dae": "Train the paper's denoising autoencoder on a dataset."}
+"""Help of commands that are others with their defaults."""
 
 for heading, commands in _COMMANDS.items():
-    for command, example in commands.items():
-        name = command.__name__.rstrip("_").replace("_", "-")
-        add = partial(
-            app.command, cls=_Command, epilog=f"Example: jbench {example}", rich_help_panel=heading
-        )
-        add(name)(command)
-        if command is train.train:
-            add(_OLD_NAME, hidden=True)(command)
+    for example, command in commands.items():
+        name, epilog = example.split()[0], f"Example: jbench {example}"
+        add = partial(app.command, cls=_Command, epilog=epilog, rich_help_panel=heading)
+        add(name, help=_HELP.get(name))(command)
+        if name == "train":
+            add("train-agent", hidden=True)(command)  # as older versions called it
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -145,7 +141,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (RequestError, WorkError) as error:
         return _failed(str(error), error.exit_code, as_json)
     except (KeyboardInterrupt, typer.Abort):
-        return _ended("Stopped. The same command continues from the last commit, if any.", 1)
+        with contextlib.suppress(OSError):
+            sentence = "Stopped. The same command continues from the last commit, if any."
+            print(sentence, file=sys.stderr, flush=True)
+        return 1
     except BrokenPipeError:
         return 0
     except SystemExit as end:
@@ -160,18 +159,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _discard_unwritten()
 
 
-_COMMANDS_ELSEWHERE = {
+_ELSEWHERE = {
     **{"encoders": "query 'FROM encoders'", "list": "runs", "ls": "runs", "plot": "report"},
     **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in names.ENCODER_KINDS},
-}
-"""Commands that users may look for, and what to type instead."""
-
-_OPTIONS_ELSEWHERE = {
     **{"--n-envs": "--environments", "--num-envs": "--environments", "--env": "--task"},
     **{"--timesteps": "--steps", "--total-timesteps": "--steps"},
-    **{"--lr": "--set learning_rate=VALUE", "--kind": "train-encoder --kind"},
+    **{"--lr": "--set learning_rate=VALUE"},
 }
-"""Options that users may know from other programs or commands, and what to type instead."""
+"""Commands and options that users may look for, and what to type instead."""
 
 
 def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
@@ -179,44 +174,40 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
     message = " ".join(error.format_message().replace("Value error, ", "").split()).rstrip(".")
     context = getattr(error, "ctx", None)
     if context is None or context.parent is None:
-        if arguments and arguments[0] in _COMMANDS_ELSEWHERE:
-            here = _COMMANDS_ELSEWHERE[arguments[0]]
-            message = f"No such command '{arguments[0]}'; type jbench {here} instead"
-        if arguments and any(arguments[0] == info.name for info in app.registered_commands):
-            help_ = f"jbench {arguments[0]} --help lists the options and shows an example."
-        else:
+        verb = next(iter(arguments), "")
+        if verb in _ELSEWHERE:
+            message = f"No such command '{verb}'; type jbench {_ELSEWHERE[verb]} instead"
+        if all(verb != command.name for command in app.registered_commands):
             help_ = "jbench --help lists the commands."
+            return f"{message}{'' if message.endswith('?') else ';'} {help_}"
     else:
         from jbench.settings.algorithms import SETTINGS
 
-        option = getattr(error, "option_name", "")
+        verb, option = context.info_name, getattr(error, "option_name", "")
         name = option.removeprefix("--").replace("-", "_")
         is_setting = any(name in settings.model_fields for settings in SETTINGS.values())
-        instead = _OPTIONS_ELSEWHERE.get(option, f"--set {name}=VALUE" if is_setting else "")
-        first = instead.partition(" ")[0]
-        if first and (
-            not first.startswith("--")
-            or any(first in parameter.opts for parameter in context.command.params)
-        ):
+        instead = _ELSEWHERE.get(option, f"--set {name}=VALUE" if is_setting else "")
+        options = [text for parameter in context.command.params for text in parameter.opts]
+        if instead.partition(" ")[0] in options:
             message = f"No such option: {option}; type {instead} instead"
-        elif context.info_name == "report" and "unexpected extra argument" in message:
+        elif verb == "report" and "unexpected extra argument" in message:
             message += ": type --curves FILE, or --results DIR"
-        help_ = f"jbench {context.info_name} --help lists the options and shows an example."
+        typed = {word.partition("=")[0] for word in arguments}
+        required = [p.opts for p in context.command.params if p.required and "-" in p.opts[0]]
+        missing = [opts[0] for opts in required if typed.isdisjoint(opts)]
+        if message.startswith("Missing option") and len(missing) > 1:
+            message = f"Missing options {names.in_prose(missing, 'and')}"
+    help_ = f"jbench {verb} --help lists the options and shows an example."
     return f"{message}{'' if message.endswith('?') else ';'} {help_}"
 
 
 def _failed(sentence: str, exit_code: int, as_json: bool) -> int:
     """Prints an error, also as the JSON document if none was printed; returns the exit code."""
-    if as_json and not output.Output.has_document:
-        with contextlib.suppress(OSError, WorkError):
+    with contextlib.suppress(OSError, WorkError):
+        if as_json and not output.Output.has_document:
             output.Output(as_json=True).document({"error": sentence})
-    return _ended(f"Error: {sentence}", exit_code)
-
-
-def _ended(sentence: str, exit_code: int) -> int:
-    """Prints the last sentence, if stderr is writable; returns the exit code."""
     with contextlib.suppress(OSError):
-        print(output.printable(sentence), file=sys.stderr, flush=True)
+        print(output.printable(f"Error: {sentence}"), file=sys.stderr, flush=True)
     return exit_code
 
 

@@ -80,11 +80,11 @@ def succeed(*arguments, results, short=False):
 def wait_until(condition, process=None, seconds=300):
     """Returns the value of a condition once it is true; the process must not end before."""
     deadline = time.monotonic() + seconds
-    while not (found := condition()):
+    while not (value := condition()):
         assert time.monotonic() < deadline
         assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.02)
-    return found
+    return value
 
 
 def kill_when(condition, process):

@@ -1,21 +1,109 @@
-"""Commands that compute recorded results again: reproduce, and verify --reevaluate."""
+"""Commands that check results: verify, reproduce."""
 
+import contextlib
 import os
-from collections import Counter
+from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import options, parsing
-from jbench.commands.output import Output
+from jbench.commands import completion, options, parsing
+from jbench.commands.output import Output, tally
 from jbench.errors import RequestError, WorkError
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
-    from jbench.store import Record, Results
+    from jbench.store import Results
     from jbench.training.repeat import Repeated
+
+
+def verify(
+    threads: int = options.FILES,
+    reevaluate: bool = Option(
+        False,
+        "--reevaluate",
+        help="Also repeat each run's last evaluation with its kept policy.",
+    ),
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
+) -> None:
+    """Check every manifest, row count and checksum.
+
+    Files that no manifest lists are reported as well.
+    """
+    if reevaluate:
+        os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
+    from jbench.store.verify import verify as check
+
+    output, database = Output(json), parsing.existing_results(results)
+    progress = partial(output.progress, "verify", unit="folders")
+    checked = check(database, threads, progress)
+    for (kind, id), flaws in groupby(checked.findings, lambda flaw: (flaw.kind, flaw.id)):
+        output.say(f"{kind} {id}")
+        for flaw in flaws:
+            output.say(f"  {'Warning: ' if flaw.sort == 'warning' else ''}{flaw}")
+    output.say(
+        f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
+        f"{checked.bytes / 1e6:,.1f} MB: "
+        f"{tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
+    )
+    repeated = _reevaluate_all(database, output) if reevaluate else []
+    output.document(
+        {
+            "records": checked.records,
+            "files": checked.files,
+            "bytes": checked.bytes,
+            "findings": [{**flaw._asdict(), "path": str(flaw.path)} for flaw in checked.findings],
+            **({"reevaluations": [part._asdict() for part in repeated]} if reevaluate else {}),
+        }
+    )
+    if any(fault.sort != "foreign" for fault in checked.faults):
+        raise WorkError(
+            f"Some results are damaged or left over; {with_results('jbench repair', results)} sets "
+            "them aside. Intact results can still be used."
+        )
+    if checked.faults:
+        raise WorkError("Some results can't be checked; see above. The others can still be used.")
+    compared = [part for part in repeated if part.control_steps is not None]
+    if different := sum(part.verdict == "different" for part in compared):
+        raise WorkError(
+            f"{different} of {len(compared)} repeated runs have other returns than recorded; "
+            "see above."
+        )
+    if reevaluate and not compared:
+        raise WorkError("No run could be compared with its last evaluation.")
+
+
+def _reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
+    """Repeats the last evaluation of every finished run, and prints those that are not equal.
+
+    Damaged runs are left out, and runs without a policy are only counted.
+    """
+    from jbench.store.provenance import describe_changes
+    from jbench.training.repeat import changes_since, reevaluate
+
+    records = [record for record in database.scan("run")[0] if record.status == "finished"]
+    outcomes = []
+    with output.progress("reevaluate", len(records), "runs") as progress:
+        for done, record in enumerate(records, 1):
+            with contextlib.suppress(WorkError):  # it is reported as damaged
+                outcomes.append(reevaluate(database, record))
+                if outcomes[-1].verdict == "different" and (changed := changes_since(record)):
+                    reason = f"{outcomes[-1].reason} Since then, {describe_changes(changed)}."
+                    outcomes[-1] = outcomes[-1]._replace(reason=reason)
+            progress(done)
+    for outcome in outcomes:
+        if outcome.verdict in ("different", "not comparable"):
+            output.say(f"run {outcome.run}\n  {outcome.verdict}: {outcome.reason}")
+    verdicts = [outcome.verdict for outcome in outcomes if outcome.verdict != "no policy"]
+    if without := len(outcomes) - len(verdicts):
+        left_out = counted(without, "finished run")
+        output.say(f"Left out {left_out} without a saved policy; --json lists them.")
+    output.say(f"Repeated the last evaluations of finished runs: {tally(verdicts) or 'none'}.")
+    return outcomes
 
 
 def reproduce(
@@ -24,7 +112,7 @@ def reproduce(
         metavar="RUN",
         help="The id of a run or its beginning, or reference/ID of a run that is shipped with "
         "jbench.",
-        autocompletion=options.complete_policies,
+        autocompletion=completion.complete_policies,
     ),
     episodes: int | None = Option(
         None,
@@ -39,16 +127,24 @@ def reproduce(
 
     The parts are its last evaluation and its first training episodes.
     """
-    limit_threads()
+    os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
+    from jbench.policies.find import SHIPPED
     from jbench.store.provenance import describe_changes
+    from jbench.store.shipped import shipped_results
     from jbench.training.repeat import changes_since, default_episodes, reevaluate, retrain
 
     output = Output(json)
-    database, record = _find_run(results, run)
+    # A shipped run needs no results directory.
+    is_shipped = run.startswith(SHIPPED)
+    database = shipped_results() if is_shipped else parsing.existing_results(results)
+    record = database.find("run", database.complete_id("run", run.removeprefix(SHIPPED)))
+    if record is None:
+        runs = with_results("jbench runs", database.name)
+        raise RequestError(f"There is no run {run} in {database.name}; {runs} lists them.")
     if episodes is None:
         episodes = default_episodes(record)
-    finished = record.status == "finished"
-    evaluation, retraining = reevaluate(database, record) if finished else None, None
+    evaluation = reevaluate(database, record) if record.status == "finished" else None
+    retraining = None
     if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
         reason = "has not finished" if evaluation is None else "was saved without its policy"
         raise RequestError(f"{record.id} {reason}: type --episodes 1 or more.")
@@ -57,51 +153,30 @@ def reproduce(
         with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
             retraining = retrain(database, record, episodes, progress)
     changed = changes_since(record)
-    output.say(f"run {record.id}")
     unfinished = f"not repeated; the run is {record.status}."
-    output.say(f"  evaluation: {_sentence(evaluation) or unfinished}")
-    output.say(f"  training: {_sentence(retraining) or 'not repeated.'}")
+    output.say(f"run {record.id}\n  evaluation: {_sentence(evaluation, unfinished)}")
+    output.say(f"  training: {_sentence(retraining, 'not repeated.')}")
     if changed:
         output.say(f"  Since the run began, {describe_changes(changed)}.")
-    parts = [part for part in (evaluation, retraining) if part is not None]
-    equal = all(part.verdict != "different" for part in parts)
-    output.document(
-        {
-            "run": record.id,
-            "equal": equal,
-            "evaluation": None if evaluation is None else evaluation._asdict(),
-            "training": None if retraining is None else retraining._asdict(),
-            "changed": changed,
-        }
-    )
+    parts = {"evaluation": evaluation, "training": retraining}
+    repeated = [part for part in parts.values() if part is not None]
+    equal = all(part.verdict != "different" for part in repeated)
+    entries = {name: part and part._asdict() for name, part in parts.items()}
+    output.document({"run": record.id, "equal": equal, **entries, "changed": changed})
     if not equal:
         why = f"{', '.join(changed)} changed since then, and may round numbers differently"
         same = "versions and processor are the same, so the record was altered or is incomplete"
         raise WorkError(f"{record.id} was not reproduced: {why if changed else same}.")
-    if all(part.control_steps is None for part in parts):
+    if all(part.control_steps is None for part in repeated):
         raise WorkError(
             f"Nothing of {record.id} could be compared; repeat episodes (--episodes 1)."
         )
 
 
-def _find_run(path: Path, name: str) -> tuple["Results", "Record"]:
-    """Returns a run and its results, by its id or the beginning, after "reference/" if shipped."""
-    from jbench.policies.find import SHIPPED
-    from jbench.store.shipped import shipped_results
-
-    # A shipped run needs no results directory.
-    results = shipped_results() if name.startswith(SHIPPED) else parsing.existing_results(path)
-    record = results.find("run", results.complete_id("run", name.removeprefix(SHIPPED)))
-    if record is None:
-        runs = with_results("jbench runs", results.name)
-        raise RequestError(f"There is no run {name} in {results.name}; {runs} lists them.")
-    return results, record
-
-
-def _sentence(part: "Repeated | None") -> str:
-    """Returns what became of a part of a run that was repeated; "" if it was not."""
+def _sentence(part: "Repeated | None", otherwise: str) -> str:
+    """Returns what became of a part of a run that was repeated, or another sentence."""
     if part is None:
-        return ""
+        return otherwise
     if part.verdict != "equal":
         return f"{part.verdict}. {part.reason}"
     episodes = counted(len(part.recorded), "episode")
@@ -109,42 +184,3 @@ def _sentence(part: "Repeated | None") -> str:
         f"equal. The returns of {episodes}, up to control step {part.control_steps:,}, are the "
         f"recorded ones. {part.reason}"
     ).rstrip()
-
-
-def limit_threads() -> None:
-    """Limits the libraries to one thread, as in training; call it before they are imported."""
-    os.environ.update(names.ONE_THREAD)
-
-
-def reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
-    """Repeats the last evaluation of every finished run, and prints those that are not equal.
-
-    Damaged runs are left out, and runs without a policy are only counted.
-    """
-    from jbench.store.provenance import describe_changes
-    from jbench.training.repeat import changes_since, reevaluate
-
-    records = [record for record in database.scan("run")[0] if record.status == "finished"]
-    outcomes = []
-    with output.progress("reevaluate", len(records), "runs") as progress:
-        for done, record in enumerate(records, 1):
-            try:
-                outcome = reevaluate(database, record)
-            except WorkError:
-                continue  # reported as damaged
-            if outcome.verdict == "different" and (changed := changes_since(record)):
-                reason = f"{outcome.reason} Since then, {describe_changes(changed)}."
-                outcome = outcome._replace(reason=reason)
-            outcomes.append(outcome)
-            progress(done)
-    for outcome in outcomes:
-        if outcome.verdict in ("different", "not comparable"):
-            output.say(f"run {outcome.run}\n  {outcome.verdict}: {outcome.reason}")
-    counts = Counter(outcome.verdict for outcome in outcomes)
-    without = counts.pop("no policy", 0)
-    if without:
-        left_out = counted(without, "finished run")
-        output.say(f"Left out {left_out} without a saved policy; --json lists them.")
-    verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in counts.items())
-    output.say(f"Repeated the last evaluations of finished runs: {verdicts or 'none'}.")
-    return outcomes

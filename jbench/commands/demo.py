@@ -1,18 +1,15 @@
 """The demo command."""
 
-import contextlib
-import io
 import shlex
-import signal
+import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 from typer import Option
 
-from jbench.commands import options
+from jbench.commands import parsing
 from jbench.commands.output import Output
 
 if TYPE_CHECKING:
@@ -37,25 +34,22 @@ COMMANDS = (
 
 
 def demo(
-    context: typer.Context,
     results: Path = Option(
-        Path("demo-results"), parser=options.path, metavar="DIR", help="Results directory."
+        Path("demo-results"), parser=parsing.path, metavar="DIR", help="Results directory."
     ),
 ) -> None:
     """Run the whole pipeline on a small scale, in minutes.
 
     It collects a dataset, trains an encoder and agents, and writes a report.
     """
-    from jbench.commands.parsing import results_to_write
-
-    output, database = Output(), results_to_write(results)
+    output, database = Output(), parsing.results_to_write(results)
     output.say(
         "jbench demo: TD3 on face_direction, on the full observation and on 14 latents of an\n"
         "autoencoder; networks of [128, 128] instead of the paper's [350, 250], 20,000 steps "
         "instead of 5,000,000."
     )
     for command in COMMANDS:
-        _run(context, [*command.split(), "--results", str(results)], output)
+        _run([*command.split(), "--results", str(results)], output)
     _show_curves(database, output)
     output.say(
         f"Open {results / 'report' / 'index.html'} in a browser. The paper's experiment on one "
@@ -64,20 +58,18 @@ def demo(
     )
 
 
-def _run(context: typer.Context, arguments: list[str], output: Output) -> None:
-    """Runs a command; what it prints for people is printed only if it fails."""
+def _run(arguments: list[str], output: Output) -> None:
+    """Runs a command as if it was typed alone; what it prints is printed only if it fails."""
     output.say(f"$ {shlex.join(['jbench', *arguments])}")
-    said = io.StringIO()
+    command = [sys.executable, "-m", "jbench", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        with _recorded_as(arguments), contextlib.redirect_stdout(said):
-            answer = context.find_root().command.main(
-                arguments, prog_name="jbench", standalone_mode=False
-            )
-    except BaseException:
-        output.say(said.getvalue().rstrip())
-        raise
-    if answer == 128 + signal.SIGINT:  # typer returns this on Ctrl-C
-        raise KeyboardInterrupt
+        said, _ = process.communicate()
+    finally:
+        process.wait()  # after Ctrl-C, which stops it as well
+    if process.returncode:
+        output.say(said.rstrip())
+        raise typer.Exit(process.returncode)
 
 
 _CURVES = """
@@ -94,37 +86,16 @@ _CURVES = """
 
 def _show_curves(results: "Results", output: Output) -> None:
     """Prints the evaluation returns of each representation as a row with a sparkline."""
-    from jbench.commands.live_batch import sparkline
+    from jbench.commands.progress import sparkline
     from jbench.store.query import query_results
 
     rows = []
     for representation, curve in query_results(results, _CURVES).rows.groupby("representation"):
         last = curve.iloc[-1]
-        rows.append(
-            (
-                representation,
-                sparkline(curve["median"].tolist()),
-                f"{last['median']:.0f}",
-                int(last["seeds"]),
-                f"{last['lowest']:.0f} and {last['highest']:.0f}",
-            )
-        )
-    if not rows:
-        return
-    title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
-    output.table(
-        title,
-        ("representation", "learning curve", "evaluation return", "seeds", "lowest and highest"),
-        rows,
-    )
-
-
-@contextlib.contextmanager
-def _recorded_as(arguments: list[str]) -> Iterator[None]:
-    """Makes records contain a command of the demo, as if it had been typed alone."""
-    before = sys.argv
-    sys.argv = ["jbench", *arguments]
-    try:
-        yield
-    finally:
-        sys.argv = before
+        extremes = f"{last['lowest']:.0f} and {last['highest']:.0f}"
+        line = sparkline(curve["median"].tolist())
+        rows.append((representation, line, f"{last['median']:.0f}", int(last["seeds"]), extremes))
+    if rows:
+        title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
+        header = "representation", "learning curve", "evaluation return", "seeds"
+        output.table(title, (*header, "lowest and highest"), rows)

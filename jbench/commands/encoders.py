@@ -1,15 +1,15 @@
-"""Commands that train encoders: train-dae, train-encoder."""
+"""The commands train-encoder and train-dae, which is the same with another help."""
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from typer import Option
 
 from jbench import names
-from jbench.commands import options, parsing
-from jbench.commands.output import Output
-from jbench.errors import RequestError
+from jbench.commands import completion, options, parsing
+from jbench.commands.output import Output, described
 from jbench.seeds import parse_numbers
 from jbench.wording import counted, with_results
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jbench.store import Record, Results
 
 _FAR_LESS = 0.1  # of the variance
-
+_EPOCHS = 20  # rows of a table, about
 _TRIAL = 1000  # episodes; who collects fewer first tries what comes next
 
 
@@ -31,13 +31,13 @@ def train_encoder(
         "dae",
         help=f"Kind of encoder: {', '.join(names.ENCODER_KINDS)}, one of another package, or "
         "MODULE:CLASS; several: a,b.",
-        autocompletion=options.complete(*names.ENCODER_KINDS),
+        autocompletion=completion.complete(*names.ENCODER_KINDS),
     ),
     task: str = Option(
         "face_direction",
         help=f"Task of the observations: {', '.join(names.TASKS)}, all (of these), or a task of "
         "another robot (jbench tasks).",
-        autocompletion=options.complete_tasks,
+        autocompletion=completion.complete_tasks,
     ),
     latent: str | None = Option(
         None,
@@ -62,19 +62,13 @@ def train_encoder(
     learning_rate: float | None = Option(
         None, help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4)."
     ),
-    set_: list[str] = Option(
-        [], "--set", metavar="NAME=VALUE", help="Set an option of the kind; repeatable."
-    ),
+    set_: list[str] = options.SET,
     seed: str = Option(
         "0",
         help="Random seed of weights, minibatches, noise and the held-out split, or several, such "
         "as 0-9: an encoder for each.",
     ),
-    device: str = Option(
-        "auto",
-        help="Device to train on: auto (a GPU if there is one), cpu, cuda or such as cuda:1.",
-        autocompletion=options.complete(*names.DEVICES),
-    ),
+    device: str = options.DEVICE,
     verbose: bool = Option(False, "--verbose", help="Also print the errors as tables."),
     results: Path = options.RESULTS,
     json: bool = options.JSON,
@@ -83,7 +77,6 @@ def train_encoder(
 
     One encoder is trained for each kind and number of latents.
     """
-    from jbench.commands import display
     from jbench.datasets import find_dataset
     from jbench.devices import find_device
     from jbench.encoders.states import States
@@ -92,39 +85,28 @@ def train_encoder(
     train_on = find_device(device)
     typed = {"noise": noise, "horizon": horizon, "epochs": epochs, "batch": batch}
     typed |= {"learning_rate": learning_rate}
-    given: dict[str, Any] = {name: value for name, value in typed.items() if value is not None}
-    for name, value in parsing.parse_overrides(set_).items():
-        if name in given:
-            raise RequestError(f"{name} is given twice; type it once.")
-        given[name] = value
+    assigned = (f"{name}={value}" for name, value in typed.items() if value is not None)
+    given = parsing.parse_overrides([*assigned, *set_])
     tasks, seeds = names.TASKS if task == "all" else (task,), parse_numbers(seed)
     # Wrong requests are refused before a dataset is missed.
     _planned(kind, given, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
     planned = _planned(kind, given, latent, tasks, seeds, source)
-    records = []
-    states: States | None = None
+    records, states = [], None
     for settings in planned:
         if states is None or (states.task, states.seed) != (settings.task, settings.seed):
             scale = given.get("scale", "dataset")
             states = States(source, settings.task, settings.seed, scale=scale)
         records.append(_train_one(settings, states, database, train_on, output))
-    display.show_encoders(records, output, verbose=verbose)
+    for record in records if verbose else ():
+        _show_errors(record, output)
+    show_explained(records, output)
     first = planned[0]
     draws = " --encoder-seeds each" if planned[-1].seed != first.seed else ""
     trial = " --algo td3 --steps 20k --seeds 0-1" if source.episodes < _TRIAL else ""
     command = f"jbench train --task {first.task} --encoder {first.representation}{draws}{trial}"
     output.say(f"Next: {with_results(command, results)}")
-    output.document({"encoders": [display.described(record) for record in records]})
-
-
-@options.like(train_encoder, "kind", "horizon", "set_")
-def train_dae(**typed: Any) -> None:
-    """Train the paper's denoising autoencoder on a dataset.
-
-    An interrupted training resumes.
-    """
-    train_encoder(kind="dae", horizon=None, set_=[], **typed)
+    output.document({"encoders": [described(record) for record in records]})
 
 
 def _train_one(
@@ -165,12 +147,10 @@ def _warn_of_error(record: "Record", output: Output) -> None:
     from jbench.encoders.kinds.predictive import Predictive
     from jbench.encoders.registry import find_kind
 
-    kind = find_kind(record.settings["kind"])
-    if not issubclass(kind, Learned) or issubclass(kind, Predictive):
-        return
-    (errors,) = record.read("encoder_errors").to_pylist()
+    kind, (errors,) = find_kind(record.settings["kind"]), record.read("encoder_errors").to_pylist()
     explained, pca = errors["test_explained"], errors["pca_explained"]
-    if explained < pca - _FAR_LESS:
+    reconstructs = issubclass(kind, Learned) and not issubclass(kind, Predictive)
+    if reconstructs and explained < pca - _FAR_LESS:
         output.warn(
             f"{record.id} explains {explained:.3f} of the variance and PCA of the same size "
             f"{pca:.3f}; train it longer, with --epochs of more than "
@@ -180,7 +160,7 @@ def _warn_of_error(record: "Record", output: Output) -> None:
 
 def _planned(
     kinds: str,
-    options: dict[str, Any],
+    typed: dict[str, Any],
     latent: str | None,
     tasks: Sequence[str],
     seeds: Sequence[int],
@@ -188,39 +168,76 @@ def _planned(
 ) -> list["EncoderSettings"]:
     """Returns the settings of an encoder for each task, seed, kind and number of latents.
 
+    If any kind has several sizes, --latent is ignored for kinds that have only one.
+
     Args:
         source: dataset to train on; None if it is not known yet.
     """
+    from jbench.encoders.registry import latent_sizes
     from jbench.encoders.settings import encoder_settings, options_with_epochs
 
-    typed = dict.fromkeys(
+    numbers = parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
+    known = dict.fromkeys(
         name.lower() if name.lower() in names.ENCODER_KINDS else name for name in kinds.split(",")
     )
-    return [
-        encoder_settings(
-            kind,
-            options_with_epochs(kind, options, source.episodes, seed) if source else options,
-            task=task,
-            latents=size,
-            dataset=source.id if source else "any",
-            seed=seed,
-        )
-        for task in tasks
-        for seed in seeds
-        for kind, size in _sizes([*typed], task, latent)
-    ]
+    planned = []
+    for task in tasks:
+        possible = {kind: list(latent_sizes(kind, task)) for kind in known}
+        only = {kind: sizes for kind, sizes in possible.items() if len(sizes) == 1}
+        if latent is not None and len(only) == len(known):
+            only = {}
+        for seed, kind in product(seeds, known):
+            options = options_with_epochs(kind, typed, source.episodes, seed) if source else typed
+            dataset = source.id if source else "any"
+            planned += [
+                encoder_settings(kind, options, task=task, latents=size, dataset=dataset, seed=seed)
+                for size in only.get(kind, numbers)
+            ]
+    return planned
 
 
-def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, int]]:
-    """Returns the kinds with their numbers of latents for a task.
+_ERRORS = {
+    "encoder_errors": "Errors on held-out episodes and on those of the hand-written policy",
+    "encoder_predictions": "R² of the next control step, and effective rank of the latents",
+    "encoder_epochs": "Mean squared error by epoch (scaled features)",
+    "encoder_features": "Mean squared error of each scaled feature on held-out episodes and on "
+    "those of the hand-written policy",
+}
+"""Titles of the tables of an encoder's errors."""
 
-    If any kind has several sizes, --latent is ignored for kinds that have only one.
-    """
-    from jbench.encoders.registry import latent_sizes
 
-    numbers = parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
-    sizes = {kind: latent_sizes(kind, task) for kind in kinds}
-    only = {kind: list(some) for kind, some in sizes.items() if len(some) == 1}
-    if latent is not None and len(only) == len(kinds):
-        only = {}
-    return [(kind, number) for kind in kinds for number in only.get(kind, numbers)]
+def _show_errors(record: "Record", output: Output) -> None:
+    """Prints the tables of the errors of an encoder, with some of its epochs."""
+    for name, title in _ERRORS.items():
+        frame = record.read(name).to_pandas().drop(columns=["encoder", "index"], errors="ignore")
+        if len(frame):
+            some = frame.iloc[:: -max(1, len(frame) // _EPOCHS)][::-1]
+            output.frame(f"{record.id}: {title}", some)
+    values = record.manifest.summary.get("singular_values")
+    if values is not None:  # of an encoder with linear dynamics
+        shown = ", ".join(f"{value:.3f}" for value in values)
+        output.say(f"{record.id}: singular values of the dynamics {shown}.")
+
+
+def show_explained(records: Sequence["Record"], output: Output) -> None:
+    """Prints what encoders explain and predict: a sentence on a single one, a table of several."""
+    texts = []
+    for record in records:
+        (errors,) = record.read("encoder_errors").to_pylist()
+        shares = {"explained": errors["test_explained"], "PCA": errors["pca_explained"]}
+        # Encoders trained before this table existed have no rows.
+        for row in record.read("encoder_predictions").to_pylist():
+            shares[row["target"].replace("_", " ")] = row["r2"]
+        shown = {name: "" if share is None else f"{share:.3f}" for name, share in shares.items()}
+        texts.append({"encoder": record.id, **shown})
+    if len(records) > 1:
+        title = "Variance explained and R² of the next control step, on held-out episodes"
+        output.table(title, list(texts[0]), [list(row.values()) for row in texts])
+        return
+    (row,), latents = texts, records[0].settings["latents"]
+    predicted = ", ".join(f"{target} {r2}" for target, r2 in list(row.items())[3:] if r2)
+    output.say(
+        f"On held-out episodes it explains {row['explained']} of the variance (PCA with "
+        f"{counted(latents, 'latent')}: {row['PCA']})"
+        + (f" and predicts the next control step with R² {predicted}." if predicted else ".")
+    )

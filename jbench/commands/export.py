@@ -7,11 +7,10 @@ from typing import Literal
 from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import options, parsing
+from jbench.commands import completion, options, parsing
 from jbench.commands.output import Output
 from jbench.commands.policies import database_and_policy
 from jbench.errors import RequestError
-from jbench.names import in_prose
 from jbench.wording import counted, repair_hint
 
 _TASK = "face_direction"
@@ -29,7 +28,7 @@ def export(
         None,
         metavar="RUN",
         help="Id of a run, to export its policy (default: export a dataset, or --curves).",
-        autocompletion=options.complete_policies,
+        autocompletion=completion.complete_policies,
     ),
     dataset: str | None = options.DATASET,
     task: str | None = Option(
@@ -37,7 +36,7 @@ def export(
         help="Task whose observations and rewards a dataset is exported with (default: "
         "face_direction, or the task of another robot's --dataset), or whose curves are exported "
         "(default: all).",
-        autocompletion=options.complete_tasks,
+        autocompletion=completion.complete_tasks,
     ),
     format: Literal["onnx", "minari"] | None = Option(
         None,
@@ -51,7 +50,7 @@ def export(
     ),
     curves: Path | None = Option(
         None,
-        parser=options.path,
+        parser=parsing.path,
         metavar="FILE",
         help="Write the learning curves of all runs to this file, as the JSON of HumanoidBench: "
         "task, method, seed_0, million_steps and return.",
@@ -61,7 +60,7 @@ def export(
     ),
     out: Path | None = Option(
         None,
-        parser=options.path,
+        parser=parsing.path,
         help="File of the policy (default: RESULTS/onnx/RUN.onnx), or directory of Minari datasets "
         "(default: RESULTS/minari).",
     ),
@@ -73,7 +72,7 @@ def export(
     typed = {"RUN": run, "--dataset": dataset, "--task": task, "--format": format}
     for option, value in {**typed, "--inputs": inputs, "--returns": returns, "--out": out}.items():
         if value is not None and option not in _OPTIONS[what]:
-            has = in_prose(_OPTIONS[what], "and")
+            has = names.in_prose(_OPTIONS[what], "and")
             raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")
     output = Output(json)
     if curves is not None:
@@ -105,30 +104,22 @@ def _curves(
     if not chosen:
         (other,) = {*names.RETURNS} - {returns}
         raise RequestError(f"No run has {returns} returns; type --returns {other}.")
-    points = pd.concat(
-        pd.DataFrame(
-            {
-                "task": configuration.task,
-                "method": configuration.label,
-                "seed": seed,
-                "steps": steps,
-                "return": values,
-            }
-        )
-        for configuration in chosen
-        for seed, steps, values in zip(
-            configuration.seeds, configuration.control_steps, configuration.returns, strict=True
-        )
-    )
+    curves = []
+    for config in chosen:
+        values = zip(config.seeds, config.control_steps, config.returns, strict=True)
+        for seed, steps, achieved in values:
+            named = {"task": config.task, "method": config.label, "seed": seed}
+            curves.append(pd.DataFrame({**named, "steps": steps, "return": achieved}))
     # A seed has no return after its end, or where it was not finite.
-    points = points.dropna()
+    points = pd.concat(curves).dropna()
     write_atomic(file, to_json(points).encode())
-    runs = sum(len(configuration.runs) for configuration in chosen)
     output.say(
-        f"Exported the {returns} returns of {counted(runs, 'run')} to {file}: task, method, seed, "
-        "million_steps and return."
+        f"Exported the {returns} returns of {counted(len(curves), 'run')} to {file}: task, method, "
+        "seed, million_steps and return."
     )
-    output.document({"path": str(file), "returns": returns, "runs": runs, "points": len(points)})
+    output.document(
+        {"path": str(file), "returns": returns, "runs": len(curves), "points": len(points)}
+    )
     output.warn_of_damage(read.problems, repair_hint(database.name))
 
 
@@ -166,8 +157,7 @@ def _dataset(
     from jbench.settings.records import JITTERBUG
 
     source = find_dataset(parsing.results_to_write(results), dataset, task or _TASK)
-    if task is None:
-        task = _TASK if source.robot == JITTERBUG else source.robot
+    task = task or (_TASK if source.robot == JITTERBUG else source.robot)
     root = out or results / "minari"
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:
         done = export_minari(source, task, root, progress)
@@ -176,6 +166,5 @@ def _dataset(
         f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "
         f'loads it by minari.load_dataset("{done.id}").'
     )
-    output.document(
-        {"dataset": source.id, "task": task, "path": str(done.path), "minari_id": done.id}
-    )
+    place = {"path": str(done.path), "minari_id": done.id}
+    output.document({"dataset": source.id, "task": task, **place})

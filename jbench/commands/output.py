@@ -2,20 +2,21 @@
 
 import shutil
 import sys
-import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from jbench.errors import WorkError
 from jbench.json_text import json_text
-from jbench.wording import are, counted, duration
+from jbench.wording import are, counted
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-_PLAIN_EVERY = 10.0  # s between plain lines of progress, where there is no terminal
+    from jbench.store import Record
+
 _MAX_TERMINAL_LINES = 3  # of a row whose words don't fit side by side
 
 
@@ -51,8 +52,10 @@ class Output:
 
     def table(self, title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         """Prints a table for people; no word is broken, and numbers are aligned to the right."""
+        from rich import box
         from rich.console import Console
         from rich.measure import Measurement
+        from rich.table import Table
         from rich.text import Text
 
         # A pipe has no width but that of COLUMNS: use one that holds most tables.
@@ -65,7 +68,13 @@ class Output:
             if widths.maximum <= _MAX_TERMINAL_LINES * width or not cells:
                 console.width = widths.maximum  # the terminal wraps the lines
             else:
-                table = _table_of_cells(header, cells)
+                table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
+                table.add_column(no_wrap=True, style="bold")
+                table.add_column(overflow="fold")
+                for row in cells:
+                    for pair in zip(header, row, strict=True):
+                        table.add_row(*map(Text, pair))
+                    table.add_section()
         with _writing():
             console.print(Text(title, style="bold"), soft_wrap=True)
             console.print(table)
@@ -115,11 +124,14 @@ class Output:
         """
         if not total:
             yield lambda done: None
-        elif sys.stderr.isatty():
-            with _bar(what, total, then) as update:
-                yield update
-        else:
-            yield _Lines(what, total, unit, then).update
+            return
+        from jbench.commands.meters import Meters
+
+        with Meters() as meters:
+            task = meters.add_task(what, total=total, unit=unit)
+            yield lambda done: meters.show_done(
+                task, done, description=f"{what}, {then}" if then and done >= total else what
+            )
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
@@ -144,81 +156,12 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
     return table
 
 
-def _table_of_cells(header: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
-    """Returns a table of column names and cells, with a rule after each row of `rows`."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
-    table.add_column(no_wrap=True, style="bold")
-    table.add_column(overflow="fold")
-    for row in rows:
-        for name, cell in zip(header, row, strict=True):
-            table.add_row(Text(name), Text(cell))
-        table.add_section()
-    return table
-
-
 def _is_number(cell: str) -> bool:
     try:
         float(cell.replace(",", "") or "0")
     except ValueError:
         return False
     return True
-
-
-class _Lines:
-    """A plain line every few seconds."""
-
-    def __init__(self, what: str, total: int, unit: str, then: str) -> None:
-        self._what, self._total, self._unit, self._then = what, total, unit, then
-        self._first: tuple[float, int] | None = None
-        self._printed, self._ended = time.monotonic(), False
-
-    def update(self, done: int) -> None:
-        now = time.monotonic()
-        if self._first is None:
-            self._first = (now, done)
-        ended = done >= self._total and not self._ended
-        if now - self._printed < _PLAIN_EVERY and not ended:
-            return
-        self._printed, self._ended = now, done >= self._total
-        began, already = self._first
-        rate = (done - already) / (now - began) if now > began else 0.0
-        parts = [f"{done:,} of {self._total:,} {self._unit} ({done / self._total:.0%})"]
-        if rate > 0 and done < self._total:
-            speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"
-            parts += [f"{speed}/s", f"{duration((self._total - done) / rate)} left"]
-        elif self._then and done >= self._total:
-            parts.append(f"now {self._then}")
-        print(f"{self._what}: {', '.join(parts)}", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def _bar(what: str, total: int, then: str) -> Iterator[Callable[[int], None]]:
-    """A progress bar on a terminal."""
-    from rich import progress as rich
-
-    columns = (
-        rich.TextColumn("{task.description}", markup=False),
-        rich.BarColumn(bar_width=16),
-        rich.TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
-        rich.TimeRemainingColumn(compact=True, elapsed_when_finished=True),
-    )
-    from rich.console import Console
-
-    with rich.Progress(
-        *columns,
-        console=Console(stderr=True),
-        speed_estimate_period=120,
-        # Lines printed meanwhile appear above the bar, unless stdout is a pipe.
-        redirect_stdout=sys.stdout.isatty(),
-    ) as bars:
-        task = bars.add_task(what, total=total)
-        yield lambda done: bars.update(
-            task, completed=done, description=then if then and done >= total else what
-        )
 
 
 def printable(text: str) -> str:
@@ -233,3 +176,19 @@ def short(cell: object) -> str:
     if not isinstance(cell, float):
         return str(cell)
     return f"{cell:.0f}" if cell.is_integer() and abs(cell) < 1e15 else f"{cell:.6g}"
+
+
+def tally(words: Iterable[str]) -> str:
+    """Returns the count of each word, such as `3 damaged, 1 leftover`."""
+    return ", ".join(f"{count:,} {word}" for word, count in Counter(words).items())
+
+
+def described(record: "Record", **more: Any) -> dict[str, Any]:
+    """Returns the entry of a record in a command's JSON document."""
+    return {
+        "id": record.id,
+        "path": str(record.path),
+        "settings": record.settings,
+        "summary": record.manifest.summary,
+        **more,
+    }

@@ -1,7 +1,6 @@
 """Parsing of option values: names, counts, seeds, settings and results directories."""
 
 import contextlib
-import difflib
 import json
 from collections.abc import Collection, Sequence
 from decimal import Decimal
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from typer import BadParameter
 
 from jbench import names
+from jbench.cores import cores
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers
 from jbench.settings.algorithms import ALGORITHMS
@@ -29,22 +29,23 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
         databases: results whose runs may have other values.
 
     Raises:
-        RequestError: if the value is unknown; the message lists the values of the runs.
+        RequestError: if the value is unknown; the message lists the others.
     """
-    known = {"task": names.TASKS, "algo": ALGORITHMS, "representation": ()}[setting]
-    if value.lower() in known:
-        return value.lower()
+    known, name = _KNOWN[setting], value.lower()
+    if (names.kind_in(name) if setting == "representation" else name) in known:
+        return name
     from jbench.store.listing import setting_values
 
-    held = sorted({text for results in databases for text in setting_values(results, setting)})
-    if value in held or (setting == "representation" and _is_representation(value)):
-        return value
-    close = difflib.get_close_matches(value, sorted({*held, *known}), 1)
+    held = {text for results in databases for text in setting_values(results, setting)}
     what = "algorithm" if setting == "algo" else setting
-    where = " and ".join(str(results.name) for results in databases)
-    there = f"the runs in {where} have {', '.join(held)}" if held else f"{where} has no runs"
-    hint = f"did you mean {close[0]}? {there[0].upper()}{there[1:]}" if close else there
-    raise RequestError(f"Unknown {what} {value!r}; {hint}.")
+    return names.known(what, value, sorted({*known, *held}))
+
+
+_KNOWN = {
+    "task": names.TASKS,
+    "algo": ALGORITHMS,
+    "representation": (names.FULL, names.OFE, *names.ENCODER_KINDS),
+}
 
 
 def run_filters(
@@ -64,46 +65,22 @@ def run_filters(
     if seed is not None:
         filters["seed"] = parse_numbers(seed, "--seed")
     for setting, value in typed.items():
-        if setting == "representation" and value is not None:
+        if value is None:
+            continue
+        sizes = []
+        if setting == "representation":
             value = names.FULL if value.lower() in names.NO_ENCODER else value
             held = setting_values(results, setting)
-            filters[setting] = [name for name in held if names.kind_in(name) == value]
-        if value is not None and not filters.get(setting):
-            filters[setting] = [known_or_held(setting, value, [results])]
+            sizes = [name for name in held if names.kind_in(name) == value]
+        filters[setting] = sizes or [known_or_held(setting, value, [results])]
     return filters
 
 
-def _is_representation(value: str) -> bool:
-    """Returns whether a value is `full`, or a built-in kind with its size, such as dae12."""
-    kind = names.kind_in(value)
-    return value == names.FULL or (value != kind and kind in {*names.ENCODER_KINDS, names.OFE})
-
-
-def results_at(path: Path) -> "Results":
-    """Returns the results to read, which need not exist; `reference` names the shipped ones.
-
-    Raises:
-        RequestError: if the path is not a directory.
-    """
-    from jbench.store import Results
-    from jbench.store.shipped import shipped_results
-
-    return shipped_results() if names.is_reference(path) else Results(path)
-
-
 def existing_results(path: Path) -> "Results":
-    """Returns results to read; `reference` names the shipped ones.
+    """Returns results to read; see `jbench.store.shipped.results_to_read`."""
+    from jbench.store.shipped import results_to_read
 
-    Raises:
-        RequestError: if the directory does not exist.
-    """
-    results = results_at(path)
-    if not results.path.exists():
-        raise RequestError(
-            f"{path} does not exist; name another directory, such as {names.REFERENCE} (the "
-            "results shipped with jbench), or type jbench demo to make results."
-        )
-    return results
+    return results_to_read(path)
 
 
 def results_to_write(path: Path) -> "Results":
@@ -111,6 +88,18 @@ def results_to_write(path: Path) -> "Results":
     from jbench.store import shipped
 
     return shipped.results_to_write(path)
+
+
+def path(text: str | Path) -> Path:
+    """Returns a path as typed; an empty one, as of an unset shell variable, is refused."""
+    if not str(text):
+        raise BadParameter("it is empty; type . for the working directory")
+    return Path(text)
+
+
+def all_cores(number: int) -> int:
+    """Returns a number of threads; 0 is replaced by the number of cores."""
+    return number or cores()
 
 
 def count(text: str | int) -> int:
@@ -153,17 +142,3 @@ def _setting(text: str) -> Any:
         with contextlib.suppress(ValueError):  # also of thousands of digits
             return json.loads(written)
     return text
-
-
-def processes(jobs: int, device: str) -> int:
-    """Returns the processes at a time that `--jobs` requests; 0: one per core, or one for a GPU."""
-    from jbench.sweeps.executors import default_jobs
-
-    return all_cores(jobs) if jobs else default_jobs(device)
-
-
-def all_cores(number: int) -> int:
-    """Returns a number of threads or processes; 0 is replaced by the number of cores."""
-    from jbench.cores import cores
-
-    return number or cores()

@@ -8,7 +8,7 @@ from typer import Option
 
 from jbench import names
 from jbench.commands import options, parsing
-from jbench.commands.output import Output
+from jbench.commands.output import Output, described
 from jbench.errors import RequestError
 from jbench.settings.records import EvaluationSettings
 from jbench.wording import counted
@@ -35,20 +35,17 @@ def evaluate(
     **chosen: Any,
 ) -> None:
     """Run episodes of any policy and save their returns."""
-    from jbench.commands import display
     from jbench.policies.evaluate import evaluate as run_episodes
-    from jbench.policies.find import full_name, policy_code
+    from jbench.policies.find import policy_code
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
     from jbench.simulation import find_task
     from jbench.task_specs import TASK_SPECS
 
-    output = Output(json)
-    database, policy = database_and_policy(results, _chosen(policy, policy_option))
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
-    policy = full_name(database, policy)
-    task = _task(database, policy, task, "face_direction")
+    output = Output(json)
+    database, policy, task = _find(results, policy, policy_option, task, "face_direction")
     if target_yaw is not None and task in TASK_SPECS and not TASK_SPECS[task].draws_yaw:
         raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
     settings = validated(
@@ -67,17 +64,16 @@ def evaluate(
     _say_other_robot(output, database, policy, settings.augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
-        record = run_episodes(settings, database, parsing.all_cores(threads), progress, policy)
-    returns = record.read("policy_episodes")["episode_return"].to_numpy()
-    summary = record.manifest.summary
+        record = run_episodes(settings, database, threads, progress, policy)
+    returns, summary = record.read("policy_episodes")["episode_return"], record.manifest.summary
     tails = f" [10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}]"
+    mean, worst = returns.to_numpy().mean(), returns.to_numpy().min()
     output.say(
         f"{task}, {policy}: median return {summary['median']:.0f}"
-        f"{tails if len(returns) >= _TAILS else ''}, mean {returns.mean():.0f}, "
-        f"worst {returns.min():.0f}, over {counted(len(returns), 'episode')}; "
-        f"saved in {record.path}"
+        f"{tails if len(returns) >= _TAILS else ''}, mean {mean:.0f}, worst {worst:.0f}, over "
+        f"{counted(len(returns), 'episode')}; saved in {record.path}"
     )
-    output.document(display.described(record))
+    output.document(described(record))
 
 
 def render(
@@ -109,9 +105,8 @@ def render(
     from jbench.rendering.write import default_size, render_to_file
 
     output = Output(json)
-    database, policy = database_and_policy(results, _chosen(policy, policy_option))
     width, height = default_size(out)
-    task = _task(database, policy, task, "move_to_pose")
+    database, policy, task = _find(results, policy, policy_option, task, "move_to_pose")
     if camera is not None and task in names.TASKS:
         names.known("camera", camera, names.CAMERAS)
     scene = Scene(task, seed, camera, width, height, augment)
@@ -139,20 +134,28 @@ def view(
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer
 
-    database, policy = database_and_policy(results, _chosen(policy, policy_option))
-    task = _task(database, policy, task, "move_to_pose")
+    database, policy, task = _find(results, policy, policy_option, task, "move_to_pose")
     runner = find_policy(database, policy, task, seed)
     _say_other_robot(Output(), database, policy, augment)
     steps = open_viewer(runner, Scene(task, seed, augment=augment))
     Output().say(f"Watched {steps} control steps.")
 
 
-def _chosen(policy: str | None, option: str | None) -> str:
-    """Returns the policy that was typed as an argument or with --policy."""
+def _find(
+    results: Path, policy: str | None, option: str | None, task: str | None, default: str
+) -> tuple["Results", str, str]:
+    """Returns writable results, the full name of the typed policy, and its task or the default."""
+    from jbench.policies.find import find_run, full_name
+    from jbench.simulation.find import checked_task
+
     if policy is not None and option is not None:
         raise RequestError(f"Two policies, {policy} and {option}: type one.")
-    typed = policy if option is None else option
-    return names.HEURISTIC if typed is None else typed
+    database, name = database_and_policy(results, policy or option or names.HEURISTIC)
+    name = full_name(database, name)
+    if task is not None:
+        return database, name, checked_task(task).name
+    run = find_run(database, name)
+    return database, name, default if run is None or run.task is None else run.task
 
 
 def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
@@ -166,17 +169,6 @@ def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
         return parsing.results_to_write(results), policy
     is_run = "/" in policy and not policy.startswith(SHIPPED)
     return parsing.results_to_write(Path(names.RESULTS)), f"{SHIPPED}{policy}" if is_run else policy
-
-
-def _task(database: "Results", policy: str, task: str | None, default: str) -> str:
-    """Returns the task that was typed, that of a trained policy, or the default."""
-    from jbench.policies.find import find_run
-    from jbench.simulation.find import checked_task
-
-    if task is not None:
-        return checked_task(task).name
-    run = find_run(database, policy)
-    return default if run is None or run.task is None else run.task
 
 
 def _say_other_robot(output: Output, database: "Results", policy: str, augment: int | None) -> None:

@@ -1,16 +1,14 @@
 """The sweep command."""
 
-import sys
-from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import options, parsing
+from jbench.commands import completion, options, parsing
 from jbench.commands.output import Output
-from jbench.commands.train import CHECKPOINT_EVERY
+from jbench.commands.train import check_failures, check_runs, train_cells
 from jbench.errors import RequestError, WorkError
 from jbench.seeds import parse_numbers
 from jbench.wording import counted, with_results
@@ -29,7 +27,7 @@ def sweep(
     matrix: str = Argument(
         ...,
         help=f"Matrix of runs: {', '.join(names.SWEEPS)}, or a FILE.toml.",
-        autocompletion=options.complete(*names.SWEEPS),
+        autocompletion=completion.complete(*names.SWEEPS),
     ),
     claims: list[str] = Argument(
         None,
@@ -70,12 +68,8 @@ def sweep(
     gpus_per_task: float = Option(
         0.0, min=0, help="With --executor ray: GPUs per process; may be a fraction."
     ),
-    device: str = Option(
-        "auto",
-        help="With --executor local: device of agents and encoders: auto, cpu, cuda or cuda:1.",
-        autocompletion=options.complete(*names.DEVICES),
-    ),
-    checkpoint_every: float = CHECKPOINT_EVERY,
+    device: str = options.DEVICE,
+    checkpoint_every: float = options.CHECKPOINT_EVERY,
     keep_state: bool = options.KEEP_STATE,
     final_episodes: int | None = options.FINAL_EPISODES,
     log: names.LoggerName | None = options.LOG,
@@ -87,16 +81,10 @@ def sweep(
 
     A matrix has tasks, algorithms, representations and seeds.
     """
-    from jbench.commands.display import warn_of_short_runs
-    from jbench.commands.live_view import TrainingView
-    from jbench.commands.log import logged
-    from jbench.commands.sweep_view import described, show_matrix, show_missing
-    from jbench.sweeps import scheduler
+    from jbench.commands.sweep_view import show_missing, show_status
     from jbench.sweeps.cell import all_runs, matrix_cells
-    from jbench.sweeps.cell_status import cell_statuses, seconds_left
-    from jbench.sweeps.executors import Local
+    from jbench.sweeps.executors import Local, default_jobs
     from jbench.sweeps.matrix import read_matrix
-    from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.status import failures_among, run_statuses
 
     output, database = Output(json), parsing.results_to_write(results)
@@ -104,71 +92,42 @@ def sweep(
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
-    changes: dict[str, Any] = {
-        **({} if seeds is None else {"seeds": parse_numbers(seeds)}),
-        **({} if steps is None else {"steps": steps}),
-    }
+    changes: dict[str, Any] = {} if seeds is None else {"seeds": parse_numbers(seeds)}
+    changes |= {} if steps is None else {"steps": steps}
     parts = read_matrix(matrix, **changes)
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
-    at_a_time = parsing.processes(jobs, train_on)
-
-    worker_options = {
-        "checkpoint_every": checkpoint_every,
-        "final_episodes": final_episodes,
-        "keep_state": keep_state,
-    }
+    at_a_time = jobs or default_jobs(train_on)
+    worker: dict[str, Any] = {"final_episodes": final_episodes, "keep_state": keep_state}
+    worker["checkpoint_every"] = checkpoint_every
 
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, **worker_options)
+            return Local(database, at_a_time, train_on, **worker)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, **worker_options)
+        return Ray(database, address, jobs, gpus_per_task, **worker)
+
+    how: dict[str, Any] = {"device": device, "retry_failed": retry_failed}
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
-        # Ray prints to standard output, which is only for the JSON document.
-        stdout = redirect_stdout(sys.stderr) if json else nullcontext()
-        runs = list(all_runs(cells))
-        with stdout, logged(log, database, runs, output), TrainingView(output) as view:
-            return scheduler.sweep(
-                cells,
-                database,
-                make,
-                view.show,
-                device=device,
-                retry_failed=retry_failed,
-            )
+        return train_cells(cells, database, make, log, output, **how)
 
     cells = matrix_cells(parts, database)
-    if keep_state:
-        check_state_can_be_kept(cell.runs[0] for cell in cells)
-    warn_of_short_runs([cell.runs[0] for cell in cells], output)
+    check_runs([cell.runs[0] for cell in cells], keep_state, output)
     if until_decided:
         limit = _MAX_SEEDS if max_seeds is None else max_seeds
         _decide(matrix, cells, claims or [], database, limit, None if dry_run else train, output)
         return
     runs = list(all_runs(cells))
     failures = {} if dry_run else train(cells)
-    statuses = cell_statuses(cells, database, at_a_time, train_on, quick=dry_run)
-    show_matrix(f"{matrix}: {counted(len(runs), 'run')}", statuses, at_a_time, dry_run, output)
-    missing = show_missing(cells, database, output)
+    title = f"{matrix}: {counted(len(runs), 'run')}"
+    status = show_status(title, cells, database, at_a_time, train_on, output, times=dry_run)
+    status["made_first"] = show_missing(cells, database, output)
     failures |= failures_among(run_statuses(runs, database))
-    output.document(
-        {
-            "matrix": matrix,
-            "configurations": described(statuses),
-            "seconds_left": seconds_left(statuses, at_a_time),
-            "made_first": missing,
-            "failures": failures,
-        }
-    )
-    if dry_run:
-        return
-    if failures:
-        raise WorkError(
-            f"{len(failures)} of {counted(len(runs), 'run')} failed; --retry-failed tries again."
-        )
-    output.say(f"Next: {with_results('jbench report', results)}")
+    output.document({"matrix": matrix, **status, "failures": failures})
+    if not dry_run:
+        check_failures(failures, len(runs))
+        output.say(f"Next: {with_results('jbench report', results)}")
 
 
 def _decide(
@@ -181,7 +140,7 @@ def _decide(
     output: Output,
 ) -> None:
     """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
-    from jbench.commands.deciding_view import described_outcomes, introduction, show_analysis
+    from jbench.commands.sweep_view import described_outcomes, introduction, show_analysis
     from jbench.statistics.sequential import BLOCK
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.comparisons import comparisons
@@ -209,9 +168,9 @@ def _decide(
             "failures": failures,
         }
     )
-    if failures and train is not None:
-        raise WorkError(f"{counted(len(failures), 'run')} failed; --retry-failed tries again.")
     if train is not None:
+        if failures:
+            raise WorkError(f"{counted(len(failures), 'run')} failed; --retry-failed tries again.")
         output.say(f"Next: {with_results('jbench report', results.name)}")
 
 

@@ -1,12 +1,16 @@
 """The train command."""
 
+import sys
+from collections.abc import Callable, Sequence, Sized
+from contextlib import ExitStack, redirect_stdout
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from typer import Option
 
 from jbench import names
-from jbench.commands import options, parsing
+from jbench.commands import completion, options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.seeds import parse_numbers
@@ -14,12 +18,10 @@ from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.wording import counted, with_results
 
-CHECKPOINT_EVERY = Option(
-    names.CHECKPOINT_EVERY,
-    min=0,
-    help="Minimum seconds between checkpoints of a run of the batched engine; each is at the end "
-    "of an episode.",
-)
+if TYPE_CHECKING:
+    from jbench.store import Results
+    from jbench.sweeps.cell import Cell
+    from jbench.sweeps.executors import Executor
 
 
 @options.with_settings(RunSettings, *TYPED, main=("task", "algo", "encoder", "seeds", "steps"))
@@ -30,14 +32,14 @@ def train(
         help=f"Algorithm: {', '.join(ALGORITHMS)}, one of another package "
         "(jbench algorithms), or MODULE:CLASS: a jbench.Agent, a jbench.Rule, or a class with the "
         "interface of stable-baselines3.",
-        autocompletion=options.complete(*ALGORITHMS),
+        autocompletion=completion.complete(*ALGORITHMS),
     ),
     encoder: str = Option(
         "none",
         help="Representation of the observation: none (or full), a kind with its number of "
         "latents, such as dae12 (the newest encoder), the id of an encoder, or ofeN (N features "
         "learned with the agent).",
-        autocompletion=options.complete_encoders,
+        autocompletion=completion.complete_encoders,
     ),
     encoder_seeds: names.EncoderSeeds = Option(
         "newest",
@@ -51,20 +53,10 @@ def train(
         "differs), sb3 (stable-baselines3's defaults for settings missing in Table 1) or suite "
         "(for other robots) (default: published, and suite for other robots).",
     ),
-    set_: list[str] = Option(
-        [],
-        "--set",
-        metavar="NAME=VALUE",
-        help="Set a hyperparameter; repeatable.",
-        autocompletion=options.complete_settings,
-    ),
+    set_: list[str] = options.SET,
     final_episodes: int | None = options.FINAL_EPISODES,
-    device: str = Option(
-        "auto",
-        help="Device of the batched engine: auto, cpu, cuda or such as cuda:1.",
-        autocompletion=options.complete(*names.DEVICES),
-    ),
-    checkpoint_every: float = CHECKPOINT_EVERY,
+    device: str = options.DEVICE,
+    checkpoint_every: float = options.CHECKPOINT_EVERY,
     keep_state: bool = options.KEEP_STATE,
     log: names.LoggerName | None = options.LOG,
     dry_run: bool = options.DRY_RUN,
@@ -76,15 +68,10 @@ def train(
 ) -> None:
     """Train agents, one run per seed; finished runs are skipped."""
     from jbench.agents.algorithms import choose_engine
-    from jbench.commands import display
-    from jbench.commands.live_view import TrainingView
-    from jbench.commands.log import logged
-    from jbench.commands.sweep_view import show_dry_run
+    from jbench.commands.sweep_view import show_status
     from jbench.settings.algorithms import default_base
     from jbench.sweeps.cell import Cell
-    from jbench.sweeps.executors import Local
-    from jbench.sweeps.scheduler import sweep
-    from jbench.training.continuation import check_state_can_be_kept
+    from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.request import request_runs, training_device
     from jbench.training.status import failures_among, run_statuses
 
@@ -97,7 +84,7 @@ def train(
         chosen["steps"]
     )
     train_on = training_device(chosen["engine"], device, chosen["precision"])
-    processes = parsing.processes(jobs, train_on)
+    processes = jobs or default_jobs(train_on)
     runs = request_runs(
         database,
         algo=algo,
@@ -109,38 +96,124 @@ def train(
         overrides=parsing.parse_overrides(set_),
         **chosen,
     )
-    if keep_state:
-        check_state_can_be_kept(runs[:1])
-    display.warn_of_short_runs(runs[:1], output)
+    check_runs(runs[:1], keep_state, output)
     cells = [Cell(task, algo, runs[0].representation, runs, default_base(task, settings))]
+    title = counted(len(runs), "run")
     if dry_run:
-        show_dry_run(cells, database, processes, train_on, output)
+        at_once = min(processes, len(runs))
+        status = show_status(title, cells, database, at_once, train_on, output, times=True)
+        output.document(status)
         return
-    with logged(log, database, runs, output), TrainingView(output) as view:
-        failures = sweep(
-            cells,
-            database,
-            lambda: Local(
-                database,
-                processes,
-                train_on,
-                checkpoint_every=checkpoint_every,
-                final_episodes=final_episodes,
-                keep_state=keep_state,
-            ),
-            view.show,
-            retry_failed=retry_failed,
-            wait=False,
-        )
-    statuses = run_statuses(runs, database)
-    failures |= failures_among(statuses)
-    # Other processes are training them.
-    left = [id for id, status in statuses.items() if not status.is_ended]
-    display.show_runs(runs, database, output)
-    if len(left) + len(failures) < len(runs):
+    worker: dict[str, Any] = {"final_episodes": final_episodes, "keep_state": keep_state}
+    worker["checkpoint_every"] = checkpoint_every
+    make = partial(Local, database, processes, train_on, **worker)
+    how: dict[str, Any] = {"retry_failed": retry_failed, "wait": False}
+    failures = train_cells(cells, database, make, log, output, **how)
+    after = run_statuses(runs, database)
+    failures |= failures_among(after)
+    elsewhere = [id for id, status in after.items() if not status.is_ended]
+    show_runs(runs, database, output)
+    if len(elsewhere) + len(failures) < len(runs):
         output.say(f"Next: {with_results('jbench report', results)}")
-    output.document({"runs": [run.id for run in runs], "left": left, "failures": failures})
+    output.document({"runs": [run.id for run in runs], "left": elsewhere, "failures": failures})
+    check_failures(failures, len(runs))
+
+
+def train_cells(
+    cells: Sequence["Cell"],
+    results: "Results",
+    make_executor: Callable[[], "Executor"],
+    log: str | None,
+    output: Output,
+    **options: Any,
+) -> dict[str, str]:
+    """Trains the missing runs of cells with the options of `jbench.sweeps.scheduler.sweep`.
+
+    Their progress is shown, and their rows are copied to an experiment tracker if one is named.
+
+    Returns:
+        A sentence for each run that failed, by run id.
+
+    Raises:
+        RequestError: if the tracker's library is not installed; see also `sweep`.
+    """
+    from jbench.commands.progress import TrainingView
+    from jbench.loggers.logger import make_logger
+    from jbench.loggers.mirror import mirrored
+    from jbench.sweeps.cell import all_runs
+    from jbench.sweeps.scheduler import sweep
+
+    with ExitStack() as stack:
+        if output.as_json:  # Ray prints to standard output, which is only for the JSON document
+            stack.enter_context(redirect_stdout(sys.stderr))
+        if log is not None:
+            logger, ids = make_logger(log, results.path), {run.id for run in all_runs(cells)}
+            output.say(logger.where)
+            stack.enter_context(mirrored(results, ids, logger, output.warn))
+        view = stack.enter_context(TrainingView(output))
+        return sweep(cells, results, make_executor, view.show, **options)
+
+
+def check_failures(failures: Sized, runs: int) -> None:
+    """Raises a WorkError if some of a number of runs have failed."""
     if failures:
-        raise WorkError(
-            f"{len(failures)} of {counted(len(runs), 'run')} failed; --retry-failed tries again."
-        )
+        failed = f"{len(failures)} of {counted(runs, 'run')} failed"
+        raise WorkError(f"{failed}; --retry-failed tries again.")
+
+
+_FINAL_RETURNS = (
+    "Final returns. Quote the evaluation return: the mean over the last evaluation, in which the "
+    "policy is\ndeterministic. The training return, exploration included, is the mean over the "
+    "last quarter of the\nepisodes, at most 100."
+)
+
+
+def show_runs(runs: Sequence[RunSettings], results: "Results", output: Output) -> None:
+    """Prints the final returns of each run in the results."""
+    from jbench.returns import final_return
+    from jbench.store.listing import evaluation_return
+
+    rows = []
+    for run in runs:
+        try:
+            record = results.find("run", run.id)
+            if record is not None:
+                status = "" if record.status == "finished" else f" ({record.status})"
+                returns = record.read("episodes")["episode_return"].to_numpy()
+                finals = final_return(returns), evaluation_return(record)
+                means = ("" if mean is None else f"{mean:.0f}" for mean in finals)
+                rows.append((record.id + status, len(returns), *means))
+        except WorkError as error:
+            output.warn(str(error))
+    output.table(_FINAL_RETURNS, ("run", "episodes", "training return", "evaluation return"), rows)
+
+
+def check_runs(runs: Sequence[RunSettings], keep_state: bool, output: Output) -> None:
+    """Checks runs, one of each configuration, before they are trained.
+
+    Their state must be one that can be kept, if it is to be; unexpected numbers of control steps
+    are warned of.
+    """
+    from jbench.settings.algorithms import OffPolicySettings
+    from jbench.training.continuation import check_state_can_be_kept
+
+    if keep_state:
+        check_state_can_be_kept(runs)
+    sentences = []
+    for run in (run for run in runs if run.is_ours):
+        end, episode = run.last_step, names.EPISODE_STEPS
+        if run.steps % episode:
+            where = f"in the middle of an episode of {episode:,}, whose return is not recorded"
+            if end % (episode * run.environments) == 0:
+                where = f"at the end of an episode of {episode:,}"
+            sentences.append(f"a run of {run.steps:,} control steps ends after {end:,}, {where}.")
+        algorithm = run.algorithm
+        if isinstance(algorithm, OffPolicySettings) and end < algorithm.first_update:
+            sentences.append(
+                f"{run.algo} first updates its networks after {algorithm.first_update:,} control "
+                f"steps, so a run of {run.steps:,} learns nothing; raise --steps, or lower that "
+                "number with --set learning_starts=N and --set train_freq=N (in a matrix file, the "
+                f"same keys of [hyperparameters.{run.algo}])."
+            )
+    for sentence in dict.fromkeys(sentences):
+        output.warn(sentence)

@@ -1,17 +1,20 @@
 """What to import: the files, their format and columns, and where a seed's number is."""
 
+import hashlib
 import re
 from codecs import BOM_UTF8
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import pandas as pd
+from pydantic import Field
 
 from jbench.errors import RequestError
-from jbench.names import FULL, MAX_SEED, ImportFormat, ReturnsName, in_prose
-from jbench.store.files import sha256
+from jbench.names import FULL, IMPORT_FORMATS, MAX_SEED, ImportFormat, ReturnsName, in_prose
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAX_STEPS = 1 << 53
 """Largest number of control steps; float64 counts no further."""
@@ -28,18 +31,56 @@ _USED_BY = {
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """What to import; the options of `jbench import` describe the fields."""
+    """What to import."""
 
-    format: ImportFormat
+    format: Annotated[
+        ImportFormat,
+        Field(title="from", description=f"format of the files: {', '.join(IMPORT_FORMATS)}"),
+    ]
     task: str
-    algo: str
-    seed_from: str | None = None
-    representation: str = FULL
-    tag: str | None = None
-    steps_column: str | None = None
-    return_column: str | None = None
-    seed_column: str | None = None
-    returns: ReturnsName | None = None
+    algo: Annotated[str, Field(description="label of the algorithm, such as cleanrl-td3")]
+    seed_from: Annotated[
+        str | None,
+        Field(
+            description="regular expression that finds the seed in a file's path, or in the name "
+            "of a run of W&B; its first group, or the whole match"
+        ),
+    ] = None
+    representation: Annotated[
+        str, Field(description="label of what the agent observes: full, or one such as dae12")
+    ] = FULL
+    tag: Annotated[
+        str | None,
+        Field(
+            description="tensorboard: tag with the returns (default: charts/episodic_return or "
+            "rollout/ep_rew_mean)"
+        ),
+    ] = None
+    steps_column: Annotated[
+        str | None,
+        Field(
+            description="csv: column with the control steps (default: control_steps, global_step, "
+            "timesteps, steps or step; wandb-csv: the first column)"
+        ),
+    ] = None
+    return_column: Annotated[
+        str | None,
+        Field(
+            description="csv: column with the returns (default: episode_return, episodic_return, "
+            "return or reward); wandb-csv: the metric"
+        ),
+    ] = None
+    seed_column: Annotated[
+        str | None,
+        Field(description="csv: column with the seed, instead of --seed-from (default: seed)"),
+    ] = None
+    returns: Annotated[
+        ReturnsName | None,
+        Field(
+            description="kind of the returns: training or evaluation (default: evaluation if the "
+            "column or tag begins with eval, else training)"
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
         """Checks the fields; raises a RequestError if one is invalid."""
@@ -116,7 +157,7 @@ class Series(NamedTuple):
     file: ImportedFile
     seed: int
     returns: ReturnsName
-    points: pd.DataFrame
+    points: "pd.DataFrame"
     columns: Mapping[str, str] = {}
 
 
@@ -130,4 +171,4 @@ def open_file(path: Path) -> ImportedFile:
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
     if not content.removeprefix(BOM_UTF8).strip():
         raise RequestError(f"{path} is empty; leave the file out.")
-    return ImportedFile(path, content, sha256(content))
+    return ImportedFile(path, content, hashlib.sha256(content).hexdigest())

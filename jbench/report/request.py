@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from jbench.errors import RequestError
 from jbench.names import FIGURE_FORMATS, ORDERS, RETURNS, Order, ReturnsName, known
@@ -32,18 +35,9 @@ class Request:
     """Contents of a report.
 
     Attributes:
-        order: `quantile-first` (Figure 9) or `smooth-first` (Figure 8).
-        window: episodes in a moving average; fewer for short runs, see `curves.fitting_window`.
         task: report only this task.
         algo: report only this algorithm.
-        since: report only runs begun at this time or later (ISO 8601, UTC by default).
-        returns: kind of return that figures and statistics show first.
-        claims: whether to give verdicts on the paper's claims.
-        each_seed: whether to draw every seed as a thin line as well.
         formats: of the figures, from `names.FIGURE_FORMATS`.
-        columns: width of the figures in columns of a paper, 1 or 2; None for a screen.
-        reference: whether to add the runs shipped with jbench.
-        baseline: algorithm whose imported curves are drawn as published ones, or None.
         compare: two results directories, or two selections of settings; see `sources.side`.
         curves: file with the curves of any environment, which is reported instead of results.
         watched: whether the report is rewritten regularly: its page reloads itself, and figures
@@ -54,18 +48,43 @@ class Request:
         RequestError: if the order, window, date, a format or the columns are invalid.
     """
 
-    order: Order = "quantile-first"
-    window: int = WINDOW
     task: str | None = None
     algo: str | None = None
-    since: str | None = None
-    returns: ReturnsName = "evaluation"
-    claims: bool = False
-    each_seed: bool = False
+    since: Annotated[
+        str | None,
+        Field(description="only runs that began at this date or later, in UTC, such as 2026-11-21"),
+    ] = None
+    returns: Annotated[
+        ReturnsName,
+        Field(
+            description="returns that figures and statistics show first: evaluation (deterministic "
+            "policy) or training (exploration included)"
+        ),
+    ] = "evaluation"
+    order: Annotated[
+        Order,
+        Field(
+            description="order of smoothing: quantile-first (as Figure 9) or smooth-first (as "
+            "Figure 8)"
+        ),
+    ] = "quantile-first"
+    window: Annotated[
+        int, Field(description="number of episodes in a moving average; fewer for short runs")
+    ] = WINDOW
+    claims: Annotated[bool, Field(description="add verdicts on the paper's claims")] = False
+    each_seed: Annotated[bool, Field(description="draw every seed as a thin line as well")] = False
     formats: tuple[str, ...] = ("png", "svg")
-    columns: int | None = None
-    reference: bool = False
-    baseline: str | None = None
+    columns: Annotated[
+        int | None,
+        Field(description="draw figures for 1 or 2 columns of a paper (default: for a screen)"),
+    ] = None
+    reference: Annotated[bool, Field(description="add the runs shipped with jbench")] = False
+    baseline: Annotated[
+        str | None,
+        Field(
+            description="draw the imported curves of this algorithm dashed, as published curves are"
+        ),
+    ] = None
     compare: tuple[str, str] | None = None
     curves: Path | None = None
     watched: bool = False
@@ -89,8 +108,12 @@ class Request:
                 raise RequestError(
                     f"--{typed[0]} and --{first} exclude each other; type one of them."
                 )
-        if self.compare is not None and self.compare[0] == self.compare[1]:
-            raise RequestError(f"--compare {' '.join(self.compare)}: type two different ones.")
+        # An option is read as the second side if that is missing.
+        if self.compare and (len({*self.compare}) < 2 or self.compare[1].startswith("--")):
+            raise RequestError(
+                f"--compare {self.compare[0]}: type two results directories, or two settings such "
+                "as engine=sb3 engine=batched."
+            )
         self.begun_since()
 
     @property

@@ -22,7 +22,7 @@ def results_to_read(place: Results | Path | str) -> Results:
     """Returns the results in a directory that exists; "reference" names the shipped ones.
 
     Raises:
-        RequestError: if there is no such directory.
+        RequestError: if the path is not a directory.
     """
     if isinstance(place, Results):
         return place
@@ -30,9 +30,10 @@ def results_to_read(place: Results | Path | str) -> Results:
     if is_reference(path):
         return shipped_results()
     if not path.exists():
-        raise RequestError(f"{place} does not exist; pass a results directory.")
-    if not path.is_dir():
-        raise RequestError(f"{place} is a file; pass a results directory.")
+        raise RequestError(
+            f"{place} does not exist; name another directory, such as {REFERENCE} (the results "
+            "shipped with jbench), or type jbench demo to make results."
+        )
     return Results(path)
 
 

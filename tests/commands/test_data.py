@@ -68,21 +68,21 @@ def test_json_of_datasets_has_settings_status_and_size(results, capsys):
     assert main(["datasets", "--results", str(results), "--json"]) == 0
     output = json.loads(capsys.readouterr().out)
     assert output["problems"] == []
-    found = {each["settings"]["seed"]: each for each in output["datasets"]}
-    assert set(found) == {0, 4, 7}
+    listed = {entry["settings"]["seed"]: entry for entry in output["datasets"]}
+    assert set(listed) == {0, 4, 7}
     for seed, record in records(results).items():
         size = sum(path.stat().st_size for path in record.path.glob("*.parquet"))
-        assert found[seed]["id"] == record.id
-        assert found[seed]["path"] == str(record.path)
-        assert found[seed]["settings"] == record.settings
-        assert (found[seed]["status"], found[seed]["bytes"]) == (record.status, size)
-    assert [found[seed]["steps"] for seed in (0, 4, 7)] == [2000, 1000, 0]
+        assert listed[seed]["id"] == record.id
+        assert listed[seed]["path"] == str(record.path)
+        assert listed[seed]["settings"] == record.settings
+        assert (listed[seed]["status"], listed[seed]["bytes"]) == (record.status, size)
+    assert [listed[seed]["steps"] for seed in (0, 4, 7)] == [2000, 1000, 0]
 
 
 def test_json_of_summary_that_is_not_finite_has_null(results, capsys):
     alter_manifest(records(results)[0], summary={"wall_time": float("nan"), "seen": [float("inf")]})
     assert main(["datasets", "--results", str(results), "--json"]) == 0
-    summaries = [each["summary"] for each in json.loads(capsys.readouterr().out)["datasets"]]
+    summaries = [entry["summary"] for entry in json.loads(capsys.readouterr().out)["datasets"]]
     assert {"wall_time": None, "seen": [None]} in summaries
 
 
@@ -107,7 +107,7 @@ def test_unreadable_dataset_is_reported_and_others_listed(results, changes, mess
     assert main(["datasets", "--results", str(results), "--json"]) == 1
     printed = capsys.readouterr()
     listed = json.loads(printed.out)
-    assert {each["settings"]["seed"] for each in listed["datasets"]} == {4, 7}
+    assert {entry["settings"]["seed"] for entry in listed["datasets"]} == {4, 7}
     (problem,) = listed["problems"]
     assert message in problem
     assert f"Warning: {problem}" in printed.err
@@ -125,39 +125,3 @@ def test_export_defaults_to_newest_plain_dataset(results, tmp_path, capsys):
         root = tmp_path / "out" if more else results / "minari"
         assert output["path"] == str(root / output["minari_id"])
         assert (root / output["minari_id"] / "data" / "metadata.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000 in "),
-        (("--dataset", DatasetSettings(steps=9000, seed=7).id), "is unfinished; type the jbe"),
-        (("--out", "/proc/jbench"), "can't be made"),
-    ],
-)
-def test_invalid_export_is_refused(results, arguments, message, refused):
-    assert message in refused("export", *arguments, results=results)
-    assert not (results / "minari").exists()
-
-
-def test_export_refuses_damaged_dataset_and_other_schema_version(results, refused):
-    newest = records(results)[0]
-    part = newest.path / newest.parts("steps")[0].name
-    whole = part.read_bytes()
-    part.write_bytes(whole[:1000])
-    output = refused("export", results=results, code=1)
-    assert f"{part} is damaged (1000 bytes, not {len(whole)})" in output
-    part.write_bytes(whole)
-    alter_manifest(newest, schema_version=0)
-    output = refused("export", "--dataset", newest.id, results=results, code=1)
-    assert "is of schema version 0, and this jbench reads 1 to 5; install the jbench" in output
-    assert not list(results.glob("minari/**/*.hdf5"))
-
-
-def test_export_does_not_overwrite(results, tmp_path, refused):
-    command = ("export", "--results", str(results), "--out", str(tmp_path / "out"))
-    assert main(list(command)) == 0
-    written = [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")]
-    error = "exists already and is not overwritten; name another directory with --out."
-    assert error in refused(*command)
-    assert [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")] == written

@@ -175,10 +175,8 @@ def test_listed_comparisons_replace_those_with_baselines(listed, results, cells)
         for seed in range(5):
             finish(results, run_with_seed(cell, seed), [final + seed])
     outcomes = deciding.outcomes(asked, results, {})
-    assert [outcome.decision.difference for outcome in outcomes] == [
-        0,
-        -100,
-    ]  # (c): the first is -1 for all
+    # (c): the first evaluation is -1 for all.
+    assert [outcome.decision.difference for outcome in outcomes] == [0, -100]
     assert [len(outcome.needed) for outcome in outcomes] == [0, 10]  # the first has its maximum
 
 
@@ -196,11 +194,6 @@ def test_listed_comparisons_replace_those_with_baselines(listed, results, cells)
             "max_seeds of [[comparison]] can't be 7: it should be a multiple of 5",
         ),
         ("share = 0.01", "share = 0.05", "add up to 0.05, and 1 without a share need a rest"),
-        (
-            "share = 0.01",
-            "share = -0.01",
-            "share of [[comparison]] can't be -0.01: it should be greater than 0",
-        ),
         ('algo = "td3"\n', "", "the key algo of [[comparison]] is missing: give it a value."),
         (
             'algo = "td3"',
@@ -210,7 +203,6 @@ def test_listed_comparisons_replace_those_with_baselines(listed, results, cells)
         ('algo = "td3"', 'algo = "ddpg"', "has no pca3 and random2 of ddpg on face_direction that"),
         ('"random2"', '"random3"', "has no pca3 and random3 of td3 on face_direction that"),
         ('"random2"', '"pca3"', "first and second are both pca3"),
-        ('claim = "c"', 'claim = "b"', "claim of [[comparison]] can't be 'b'"),
         ('claim = "c"', "steps = 2e3", "with 2000 control steps that differ only"),
         ('second = "full"\nclaim = "c"', 'second = "random2"', "is listed twice"),
         ("[[comparison]]", "[comparison]", "write [[comparison]] above each"),

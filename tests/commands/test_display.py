@@ -5,8 +5,8 @@ import pyarrow as pa
 import pytest
 
 from jbench.cli import main
-from jbench.commands.display import show_runs
 from jbench.commands.output import Output
+from jbench.commands.train import show_runs
 from jbench.report.data.curves import final_returns
 from jbench.returns import final_return
 from jbench.settings.algorithms import algorithm_settings
@@ -46,8 +46,8 @@ def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tm
     (line,), _ = list_runs(Results(tmp_path), {}, returns=True)
     assert line["last_return"] == mean
     steps = 1000.0 * (returns + 1)
-    found, _ = final_returns(returns[None], steps[None], np.array([episodes]))
-    assert found.tolist() == [mean]
+    reported, _ = final_returns(returns[None], steps[None], np.array([episodes]))
+    assert reported.tolist() == [mean]
     show_runs([RUN], Results(tmp_path), Output())
     (row,) = (line for line in capsys.readouterr().out.splitlines() if RUN.id in line)
     assert row.split()[-2:] == [str(episodes), f"{mean:.0f}"]

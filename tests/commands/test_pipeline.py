@@ -65,7 +65,7 @@ def test_pipeline_finishes_every_run(pipeline):
 
 def test_each_record_keeps_its_command_line(pipeline):
     store = Results(pipeline)
-    records = [one for kind in ("dataset", "encoder", "run") for one in store.scan(kind)[0]]
+    records = [record for kind in ("dataset", "encoder", "run") for record in store.scan(kind)[0]]
     typed = {tuple(record.manifest.provenance["command"]) for record in records}
     where = ("--results", str(pipeline))
     trained = [train(algo, encoder) for algo in ALGOS for encoder in ("none", "5")]
@@ -78,8 +78,8 @@ def test_report_shows_every_cell(pipeline, tmp_path):
     done = succeed("report", "--json", "--out", str(tmp_path / "report"), results=pipeline)
     printed = json.loads(done.stdout)
     rows = printed["configurations"]
-    found = {(row["algo"], row["representation"], row["seeds"]) for row in rows}
-    assert found == {(algo.upper(), rep, 2) for algo in ALGOS for rep in ("full", "dae5")}
+    reported = {(row["algo"], row["representation"], row["seeds"]) for row in rows}
+    assert reported == {(algo.upper(), rep, 2) for algo in ALGOS for rep in ("full", "dae5")}
     names = {Path(path).name for path in printed["files"]}
     assert {"representations.png", "representations.svg", "curves.parquet", "curves.csv"} <= names
     assert all(Path(path).stat().st_size > 0 for path in printed["files"])

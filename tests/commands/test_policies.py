@@ -46,14 +46,6 @@ def test_percentiles_are_of_ten_episodes_or_more(episodes, tails, tmp_path):
     assert ("[10th" in printed) == tails
 
 
-def test_recorded_episodes_equal_printed_summary(tmp_path):
-    done = succeed("evaluate", "random", "--episodes", "3", "--json", results=tmp_path)
-    output = json.loads(done.stdout)
-    ask = "SELECT median(episode_return) AS m, count(*) AS n FROM policy_episodes"
-    (row,) = json.loads(succeed("query", ask, "--json", results=tmp_path).stdout)
-    assert (row["m"], row["n"]) == (output["summary"]["median"], 3)
-
-
 @pytest.mark.usefixtures("rendering")
 def test_render_writes_reported_file(tmp_path):
     out = tmp_path / "strip.png"

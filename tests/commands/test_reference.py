@@ -30,7 +30,7 @@ def test_shipped_runs_are_listed_and_queried(capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("runs", "--algo", "dpg"), "did you mean ddpg? The runs in reference have ddpg, "),
+        (("runs", "--algo", "dpg"), "did you mean ddpg? Choose "),
         (("evaluate", "face_direction/x"), "Error: No policy is shipped as reference/"),
         (
             ("reproduce", "face_direction/x"),
@@ -94,6 +94,6 @@ def test_existing_directory_named_reference_takes_precedence(tmp_path, capsys):
 def test_shipped_runs_are_merged_into_other_results(tmp_path, capsys):
     assert main(["merge", "reference", "--results", "mine", "--json"]) == 0
     merged = json.loads(capsys.readouterr().out)["records"]
-    assert {one["outcome"] for one in merged} == {"copied"}
+    assert {record["outcome"] for record in merged} == {"copied"}
     mine = Results(tmp_path / "mine")
     assert len(mine.scan("run")[0]) + len(mine.scan("encoder")[0]) == len(merged)

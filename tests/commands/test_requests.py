@@ -36,10 +36,6 @@ from tests.documentation import ROOT
             "stable_baselines3:DQN takes no continuous actions, which all tasks have",
         ),
         (("train", "--encoder", "vae12x"), "or jbench train-encoder for another kind"),
-        (("train", "--set", "net_arch=[64,64]"), "did you mean hidden_layers?"),
-        (("train", "--encoder", "12"), "jbench train-dae --task face_direction --latent 12"),
-        (("train", "--encoder", f"dae{'9' * 5000}"), "1 to 16 latents"),
-        (("train", "--encoder", "face_direction/dae12/s00-00000000"), "No encoder face_dir"),
         (("train", "--encoder", "../../etc/passwd"), "is not an id"),
         (("train", "--encoder", "ofe"), "ofe needs a number of features: type ofe12 or ofe240"),
         (("train", "--set", "ofe.layers=2"), "is for --encoder ofeN, such as ofe12"),
@@ -54,9 +50,6 @@ from tests.documentation import ROOT
         (("train", "--algo", "ppo", "--steps", "5000"), "in each of 8 environments; type 8000"),
         (("train", "--seeds", "3-1"), "type seeds like 0-9"),
         (("train", "--seeds", "9" * 5000), "type seeds like 0-9"),
-        (("train", "--set", "speed=2"), "ddpg has no setting speed; it has"),
-        (("train", "--set", f"batch_size={'9' * 5000}"), "batch_size of ddpg can't be"),
-        (("train", "--set", "tau=2"), "tau of ddpg can't be 2"),
         (
             ("train", "--algo", "sac", "--settings", "script"),
             "network; choose published",
@@ -72,7 +65,6 @@ from tests.documentation import ROOT
         ),
         (("train", "--environments", "0"), "Error: environments of the run can't be 0: "),
         (("train", "--jobs", "-1"), "Invalid value for '--jobs'"),
-        (("collect", "--steps", "1500"), "must be a multiple, such as 2000"),
         (("collect", "--seed", "-1"), "seed of the dataset can't be -1: it should be greater"),
         (("train-dae",), "No finished dataset in .*; run jbench collect --results .* first"),
         (("report",), "jbench train"),
@@ -86,7 +78,11 @@ from tests.documentation import ROOT
         (("train", "--task", "all"), "trains one task; type jbench sweep FILE for several"),
         (("collect", "--seed", "x"), "Invalid value for '--seed'"),
         (("train-vae",), "; type jbench train-encoder --kind vae instead; jbench --help lists"),
-        (("import", "a.csv", "--algo", "x"), "Missing option '--from'. Choose from: sb3-monitor,"),
+        (("import", "a.csv", "--algo", "x"), "Missing options --task and --from; jbench import"),
+        (
+            ("import", "a.csv", "--algo", "x", "--task", "fly"),
+            "Missing option '--from'. Choose from",
+        ),
         (
             ("report", "a.csv"),
             r"\(a.csv\): type --curves FILE, or --results DIR; jbench",
@@ -321,7 +317,7 @@ def test_ids_and_settings_are_completed(words, offered, demo_results, monkeypatc
     completed = sorted(capsys.readouterr().out.split())
     assert len(completed) == len(offered)
     begins = (begin.format(demo_results.path) for begin in offered)
-    assert all(one.startswith(begin) for one, begin in zip(completed, begins, strict=True))
+    assert all(word.startswith(begin) for word, begin in zip(completed, begins, strict=True))
 
 
 def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, capsys, monkeypatch):
@@ -394,7 +390,7 @@ def test_sweep_of_runs_too_short_to_learn_prints_one_warning(tmp_path, capsys):
     matrix = tmp_path / "short.toml"
     matrix.write_text('tasks = ["face_direction", "move_to_pose"]\nalgos = ["td3"]\nsteps = 5000')
     assert main(["sweep", str(matrix), "--dry-run", "--results", str(tmp_path)]) == 0
-    (warning,) = [one for one in capsys.readouterr().err.splitlines() if "Warning" in one]
+    (warning,) = [line for line in capsys.readouterr().err.splitlines() if "Warning" in line]
     assert "after 11,000 control steps, so a run of 5,000 learns nothing" in warning
     assert "[hyperparameters.td3]" in warning
 

@@ -89,9 +89,9 @@ def test_runs_with_unknown_names_are_listed(results, run_command):
 @pytest.mark.parametrize("verb", ["runs", "report"])
 def test_unknown_name_without_runs_is_refused_with_names_found(verb, results, refused):
     error = refused(verb, "--algo", "dqn", results=results.path)
-    assert error == f"Error: Unknown algorithm 'dqn'; the runs in {results.path} have ddpg, sac.\n"
+    assert error == "Error: Unknown algorithm 'dqn'; choose ddpg, ppo, sac or td3.\n"
     error = refused(verb, "--task", "face_direktion", results=results.path)
-    assert "did you mean face_direction? The runs in" in error
+    assert "did you mean face_direction? Choose" in error
 
 
 def test_json_of_runs_has_returns_times_and_status(results, run_command):
@@ -147,10 +147,10 @@ def test_intact_results_are_verified(results, run_command):
     assert code == 0
     assert out.startswith("Checked 6 records, 8 files, ")
     assert out.endswith(" MB: all of them intact.\n")
-    assert "100%" in err
+    assert "folders" in err
     code, out, _ = run_command("verify", "--json", results=results)
-    found = json.loads(out)
-    assert (code, found["records"], found["files"], found["findings"]) == (0, 6, 8, [])
+    document = json.loads(out)
+    assert (code, document["records"], document["files"], document["findings"]) == (0, 6, 8, [])
 
 
 def test_damage_is_reported_by_run_and_repaired(results, run_command):
@@ -179,7 +179,7 @@ def test_damage_is_reported_by_run_and_repaired(results, run_command):
     assert (code, document["dry_run"], document["left"]) == (0, False, [])
     assert document["commands"] == [command]
     assert len(document["moved"]) == 4
-    assert all(Path(one["to"]).exists() for one in document["moved"])
+    assert all(Path(moved["to"]).exists() for moved in document["moved"])
 
     code, out, _ = run_command("repair", results=results)
     assert (code, out) == (0, "Nothing to set aside.\n")
@@ -195,16 +195,6 @@ def test_verify_suggests_no_repair_of_newer_versions(results, run_command):
     assert "Error: Some results can't be checked; see above." in err
 
 
-def test_repair_reports_records_in_use(results, run_command):
-    run = results.scan("run")[0][0]
-    damage(run)
-    with run.lock():
-        code, out, err = run_command("repair", results=results)
-    assert (code, out) == (1, "Nothing to set aside.\n")
-    assert f"Warning: Another process is writing the run {run.id};" in err
-    assert err.endswith("Error: 1 problem is left as before; see above.\n")
-
-
 def test_merge_reports_copied_equal_and_conflicting_records(tmp_path, results, run_command):
     other, mine = Results(tmp_path / "other"), Results(tmp_path / "mine")
     for path, returns in ((other, [1.0]), (mine, [2.0])):
@@ -218,17 +208,9 @@ def test_merge_reports_copied_equal_and_conflicting_records(tmp_path, results, r
     assert "episode_return of episodes" in err
     assert err.endswith("Error: 1 record is refused, see above; the others are merged.\n")
     code, out, _ = run_command("merge", str(results.path), "--json", results=mine)
-    assert {one["outcome"] for one in json.loads(out)["records"]} == {"same"}
+    assert {record["outcome"] for record in json.loads(out)["records"]} == {"same"}
     code, _, err = run_command("merge", str(tmp_path), results=mine)
     assert (code, "holds no results" in err) == (2, True)
-
-
-def test_query_reports_damaged_run(results, run_command):
-    damage(results.scan("run")[0][0])
-    sql = "SELECT count(DISTINCT run) AS n FROM episodes"
-    code, out, err = run_command("query", sql, "--json", results=results)
-    assert (code, json.loads(out)) == (1, [{"n": 2}])
-    assert "is damaged" in err
 
 
 def test_query_prints_all_digits_of_whole_numbers(results, run_command):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.commands.display import show_encoders
+from jbench.commands.encoders import show_explained
 from jbench.commands.output import Output
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
@@ -107,7 +107,7 @@ def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys)
     assert problems == []
     assert tables["encoder_predictions"].num_rows == 0
     assert tables["encoders"].to_pylist()[0]["effective_rank"] is None
-    show_encoders([old], Output(), verbose=False)
+    show_explained([old], Output())
     printed = capsys.readouterr().out
     assert "of the variance" in printed
     assert "R²" not in printed

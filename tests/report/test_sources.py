@@ -120,7 +120,7 @@ class TestCompare:
             Frames(both, Request(compare=("tau=0.25", "tau=2.5e-1")))
 
     def test_comparison_of_equal_sides_is_refused(self):
-        with pytest.raises(RequestError, match="type two different ones"):
+        with pytest.raises(RequestError, match="type two results directories"):
             Request(compare=("a", "a"))
 
     @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all names are Unicode")

@@ -37,8 +37,8 @@ def test_observations_of_wrong_size_are_refused():
 
 
 def test_missing_directory_and_file_are_refused(tmp_path):
-    with pytest.raises(RequestError, match="none does not exist; pass a results directory"):
+    with pytest.raises(RequestError, match="none does not exist; name another directory"):
         load_agent(tmp_path / "none", RUN)
     (tmp_path / "file").touch()
-    with pytest.raises(RequestError, match="file is a file; pass a results directory"):
+    with pytest.raises(RequestError, match="file is a file"):
         find_dataset(str(tmp_path / "file"))

@@ -38,7 +38,7 @@ def keep(event):
 cells = matrix_cells(read_matrix(matrix), results)
 assert sweep(cells, results, lambda: Local(results, jobs=1), keep) == {}
 assert sweep(cells, results) == {}
-commands = ("jbench.cli", "jbench.commands.display", "jbench.commands.output")
+commands = ("jbench.cli", "jbench.commands")
 of_the_command_line = [name for name in sys.modules if name.startswith(commands)]
 print(json.dumps([events, of_the_command_line]))
 """

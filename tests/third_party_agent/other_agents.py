@@ -3,7 +3,6 @@
 import numpy as np
 import torch
 from random_search import RandomSearch
-from torch import nn
 
 import jbench
 
@@ -25,30 +24,14 @@ class NoSettings(RandomSearch):
     Settings = RandomSearch.Settings()
 
 
-class WrongShape(RandomSearch):
-    """Returns actions of one dimension."""
+class NotFiniteWeights(RandomSearch):
+    """Its deterministic policy has a NaN after a step, its exploration does not."""
 
-    def explore(self, observations):
-        return super().explore(observations)[:, 0]
-
-
-class _LaterNotFinite(RandomSearch):
     steps = 0
 
     def learn(self, transition):
         self.steps += 1
         return super().learn(transition)
-
-
-class NotFinite(_LaterNotFinite):
-    """Returns NaN after 120 control steps."""
-
-    def explore(self, observations):
-        return super().explore(observations) * (np.nan if self.steps == 120 else 1)
-
-
-class NotFiniteWeights(_LaterNotFinite):
-    """Its deterministic policy has a NaN, its exploration does not."""
 
     def policy(self):
         module = super().policy()
@@ -62,13 +45,6 @@ class UnknownLoss(RandomSearch):
 
     def learn(self, transition):
         return {"q_loss": 0.5}
-
-
-class UnsavedPolicy(RandomSearch):
-    """Has a layer that jbench can't save."""
-
-    def policy(self):
-        return nn.Sequential(super().policy(), nn.Softsign())
 
 
 class Raises(RandomSearch):

@@ -1,0 +1,75 @@
+"""Progress of long work: a live line for each part of it on a terminal, plain lines elsewhere."""
+
+import sys
+import time
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID
+from rich.table import Column
+from rich.text import Text
+
+from jbench.wording import duration
+
+
+class Meters(Progress):
+    """Shows on standard error how much of each task is done, its speed and the time left."""
+
+    def __init__(self, plain_every: float = 10, alone: bool = True) -> None:
+        """Shows nothing yet.
+
+        Args:
+            plain_every: s between plain lines, which are printed if there is no terminal.
+            alone: whether a single task is shown, with a bar, and a plain line when it is done.
+        """
+        super().__init__(
+            _Cell(0),
+            *([BarColumn(bar_width=16)] if alone else []),
+            *map(_Cell, range(1, 5)),
+            console=Console(stderr=True),
+            refresh_per_second=2,
+            speed_estimate_period=600,
+            # Lines printed meanwhile appear above the live ones, unless stdout is a pipe.
+            redirect_stdout=sys.stdout.isatty(),
+            disable=not sys.stderr.isatty(),
+        )
+        self._plain_every, self._alone, self._printed = plain_every, alone, time.monotonic()
+
+    def show_done(self, id: TaskID, done: int, **fields: Any) -> None:
+        """Shows how much of a task is done, with its description and other fields."""
+        (task,) = (task for task in self.tasks if task.id == id)
+        was_finished = task.finished
+        self.update(id, completed=done, **fields)
+        is_due = time.monotonic() - self._printed >= self._plain_every
+        if is_due or (self._alone and task.finished and not was_finished):
+            self.print_lines()
+
+    def print_lines(self) -> None:
+        """Prints a plain line for each task if there is no terminal."""
+        self._printed = time.monotonic()
+        for name, *cells in map(_cells, self.tasks) if self.disable else ():
+            print(f"{name}: {', '.join(filter(None, cells))}", file=sys.stderr, flush=True)
+
+
+class _Cell(ProgressColumn):
+    """One of the texts of a line."""
+
+    def __init__(self, index: int) -> None:
+        super().__init__(Column(no_wrap=index in (1, 2)))
+        self._index = index
+
+    def render(self, task: Task) -> Text:
+        return Text(_cells(task)[self._index])
+
+
+def _cells(task: Task) -> tuple[str, ...]:
+    """Returns what is done, how much, how fast, the time left, and what else there is to say."""
+    total, speed, left = task.total or 0, task.speed, task.time_remaining
+    running = speed is not None and left is not None and not task.finished
+    return (
+        task.description,
+        f"{task.completed:,.0f} of {total:,.0f} {task.fields['unit']}",
+        (f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s") if speed and running else "",
+        f"{duration(left)} left" if left and running else "",
+        task.fields.get("more", ""),
+    )

@@ -1,0 +1,222 @@
+"""Commands that list runs: runs, tail, leaderboard."""
+
+import json as json_format
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from typer import Argument, Option
+
+from jbench import names
+from jbench.commands import options, parsing
+from jbench.commands.output import Output
+from jbench.errors import RequestError, WorkError
+from jbench.report.request import Request
+from jbench.wording import are, counted, duration, progress_text, repair_hint
+
+if TYPE_CHECKING:
+    from jbench.store.follow import Change, Row
+
+
+def runs(
+    task: str | None = options.ONE_TASK,
+    algo: str | None = options.ONE_ALGORITHM,
+    representation: str | None = options.ONE_REPRESENTATION,
+    status: names.Status | None = options.ONE_STATUS,
+    seed: str | None = options.SOME_SEEDS,
+    returns: bool = Option(
+        False,
+        "--returns",
+        help="Show final returns (reads all episodes); quote that of the evaluation. A report also "
+        "counts the episodes of jbench evaluate RUN.",
+    ),
+    imports: bool = Option(
+        False, "--imports", help="List imported learning curves instead of runs."
+    ),
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
+) -> None:
+    """List runs with their status, progress and wall time.
+
+    The oldest run comes first.
+    """
+    from jbench.store.listing import list_runs
+
+    database = parsing.existing_results(results)
+    typed = {"task": task, "algo": algo, "representation": representation}
+    filters = parsing.run_filters(database, seed, status, **typed)
+    what: Literal["run", "import"] = "import" if imports else "run"
+    lines, problems = list_runs(database, filters, returns, what)
+    rows = [
+        {
+            what: line["run"],
+            "status": line["status"],
+            "points" if imports else "episodes": f"{line['episodes']:,}",
+            "steps": progress_text(line["steps_done"], line["steps"]),
+            "wall time": None if line["wall_time"] is None else duration(line["wall_time"]),
+            "created": line["created"][:16].replace("T", " "),
+            "returns": line["returns"],
+            "variant": line["variant"],
+            "error": line["error"],
+            "training return": None if line["returns"] == "evaluation" else line["last_return"],
+            "evaluation return": line["evaluation_return"],
+        }
+        for line in lines
+    ]
+    output = Output(json)
+    if rows:
+        header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
+        values = ([row[name] for name in header] for row in rows)
+        cells = [[f"{v:.0f}" if isinstance(v, float) else v or "" for v in row] for row in values]
+        output.table(counted(len(rows), what), header, cells)
+    else:
+        output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
+    output.document({f"{what}s": lines, "problems": problems})
+    output.warn_of_damage(problems, repair_hint(results))
+
+
+def tail(
+    task: str | None = options.ONE_TASK,
+    algo: str | None = options.ONE_ALGORITHM,
+    representation: str | None = options.ONE_REPRESENTATION,
+    status: names.Status | None = options.ONE_STATUS,
+    seed: str | None = options.SOME_SEEDS,
+    last: int | None = Option(
+        None,
+        min=0,
+        help="Of the rows that are already committed, print those of the last N training episodes "
+        "of each run (default: all).",
+    ),
+    once: bool = Option(False, "--once", help="Print the committed rows and end."),
+    results: Path = options.READ_RESULTS,
+    json: bool = Option(False, "--json", help="Print each row as a line of JSON to stdout."),
+) -> None:
+    """Print episodes and evaluations as runs commit them.
+
+    Ctrl-C ends it.
+    """
+    from jbench.store.follow import LOOK_EVERY, Follower
+
+    database = parsing.existing_results(results)
+    typed = {"task": task, "algo": algo, "representation": representation}
+    filters = parsing.run_filters(database, seed, status, **typed)
+    output, follower, problems = Output(json), Follower(database, filters), 0
+    lines, is_empty = _json_lines if json else _text_lines, True
+    try:
+        while True:
+            for change in follower.look():
+                if isinstance(change, str):
+                    output.warn(change)
+                    problems += 1
+                    continue
+                is_empty = False
+                rows = change.rows if last is None else _last(change.rows, last)
+                output.raw("".join(f"{line}\n" for line in lines(change._replace(rows=rows))))
+            if once:
+                break
+            last = None
+            time.sleep(LOOK_EVERY)
+    except KeyboardInterrupt:
+        return
+    if problems:
+        verb = are(problems)
+        raise WorkError(f"{counted(problems, 'run')} {verb} damaged and left out; see above.")
+    if is_empty:
+        output.say(f"No such runs in {results}.")
+
+
+def _last(rows: list["Row"], episodes: int) -> list["Row"]:
+    """Returns the rows of the last training episodes and those after them."""
+    starts = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
+    if episodes == 0:
+        return []
+    return rows[starts[-episodes] :] if len(starts) > episodes else rows
+
+
+def _json_lines(change: "Change") -> Iterator[str]:
+    """Yields the rows; before them the run if it is new, after them if its status has changed."""
+    from jbench.store.listing import make_line
+
+    state = [("runs", make_line(change.record))]
+    rows = [*state, *change.rows] if change.is_new else change.rows
+    ended = state if change.status_changed and not change.is_new else []
+    for table, row in (*rows, *ended):
+        yield json_format.dumps({"table": table, **row}, allow_nan=False)
+
+
+def _text_lines(change: "Change") -> Iterator[str]:
+    """Yields a line for each episode, evaluation and logged step, and one for the run's end."""
+    from jbench.store.follow import grouped
+
+    run = change.record
+    for table, rows in grouped(change.rows):
+        row, steps = rows[0], f"{rows[0]['control_steps']:,} control steps"
+        if table == "metrics":
+            values = ", ".join(f"{row['name']} {_mean([row['value']], '.4g')}" for row in rows)
+            yield f"{run.id}: {steps}, {values}"
+            continue
+        mean = _mean([row["episode_return"] for row in rows], ".1f")
+        if table == "episodes":
+            after = "" if row["wall_time"] is None else f", {duration(row['wall_time'])}"
+            yield f"{run.id}: episode {row['episode']}, return {mean}, {steps}{after}"
+        else:
+            number, count = row["evaluation"], counted(len(rows), "episode")
+            yield f"{run.id}: evaluation {number} after {steps}, mean return {mean} of {count}"
+    if change.status_changed and run.status != "unfinished":
+        yield f"{run.id}: {run.status}{f': {run.error}' if run.error else ''}"
+
+
+def _mean(values: list[float | None], format: str) -> str:
+    """Formats the mean of values; one that is not finite is None."""
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
+        return "not finite"
+    return f"{sum(known) / len(known):{format}}"
+
+
+@options.with_settings(Request, "returns")
+def leaderboard(
+    directories: list[Path] = Argument(
+        None,
+        parser=parsing.path,
+        metavar="DIR",
+        help="Results directories, of which reference is the shipped one (default: --results).",
+    ),
+    task: str | None = options.ONE_TASK,
+    algo: str | None = options.ONE_ALGORITHM,
+    markdown: bool = Option(False, "--markdown", help="Print Markdown to standard output."),
+    as_csv: bool = options.CSV,
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
+    **chosen: Any,
+) -> None:
+    """Rank algorithms and representations on each task.
+
+    Entries whose intervals overlap share a rank.
+    """
+    if markdown + as_csv + json > 1:
+        raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
+    from jbench.report.leaderboard import ranked_configurations
+    from jbench.report.table import to_csv, to_markdown
+    from jbench.report.tables import leaderboard_table
+    from jbench.store.query import records
+
+    named = [parsing.existing_results(directory) for directory in directories or [results]]
+    # A directory may be typed twice, also by two paths.
+    read = list({database.path.resolve(): database for database in named}.values())
+    databases = {str(database.name): database for database in read}
+    request = Request(
+        task=task and parsing.known_or_held("task", task, read),
+        algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
+        **chosen,
+    )
+    ranked, problems = ranked_configurations(databases, request)
+    output, table = Output(json), leaderboard_table(ranked, request.returns)
+    if markdown or as_csv:
+        output.raw(to_markdown(table) if markdown else to_csv(ranked))
+    else:
+        output.frame(table.title, table.texts())
+        output.say(table.caption)
+    output.document({"entries": records(ranked), "problems": problems})
+    output.warn_of_damage(problems)

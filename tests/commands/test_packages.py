@@ -1,0 +1,366 @@
+"""Tests of agents, update rules and policies of installed third-party packages."""
+
+import hashlib
+import json
+import re
+import shutil
+import signal
+
+import pytest
+
+from jbench.agents.algorithms import algorithm_fields
+from jbench.cli import main
+from jbench.policies.saved import WEIGHTS, has_policy
+from jbench.settings.run import RunSettings
+from jbench.store import Results
+from jbench.training.batched_run import run_batch
+from tests.agents.killed_run import stack_seeds
+from tests.command_line import SHORT, Process, jbench, succeed
+from tests.commands.distributions import install, make_importable
+from tests.training.small_runs import resumed, rows, shorten_episodes
+
+NAME = "random_search:RandomSearch"
+"""The agent without its entry point."""
+
+SMALL = {
+    **{"hidden_layers": [8], "batch_size": 8, "learning_starts": 60},
+    **{"train_freq": 10, "gradient_steps": 2},
+}
+SETTINGS = {"random-search": {"noise": 0.2}, "tqc": {**SMALL, "quantiles": 5}}
+"""Those of the runs that are trained and swept, by the algorithms of the packages."""
+
+ABOUT = {
+    "random-search": ("plugin", "random-search-agent", "random-search-agent 1.0"),
+    "tqc": ("batched", "tqc-rule", "tqc-rule 2.1"),
+}
+"""Engine, package, and package with its version."""
+
+
+def matrix(settings):
+    """The text of a matrix with settings by algorithm, whose runs have one short episode."""
+    lines = ['tasks = ["face_direction"]', f"algos = {[*settings]}", 'seeds = "0-1"']
+    lines += [f"steps = {SHORT}", "[evaluation]", "episodes = 1"]
+    for algo, chosen in settings.items():
+        lines += [f"[hyperparameters.{json.dumps(algo)}]"]
+        lines += [f"{name} = {value}" for name, value in chosen.items()]
+    return "\n".join(lines)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder with both packages."""
+    folder = install("third_party_agent", "your-own-agent.md", "random_search.py", tmp_path_factory)
+    return install("third_party_rule", "your-own-rule.md", "tqc.py", tmp_path_factory, folder)
+
+
+@pytest.fixture
+def installed(site, monkeypatch):
+    make_importable(site, monkeypatch)
+
+
+def agent_run(algo="random-search", seed=0, **changes):
+    about = {"task": "face_direction", "algo": algo, "seed": seed, "steps": 400}
+    about |= {
+        "engine": "plugin",
+        "package": "random-search-agent",
+        "hyperparameters": {"noise": 0.5},
+    }
+    return RunSettings(**{**about, "evaluate_every": 150, "evaluate_episodes": 1, **changes})
+
+
+def rule_run(algo="tqc", **changes):
+    """A run whose episodes have 50 control steps."""
+    about = {"task": "face_direction", "seed": 0, "steps": 400, "evaluate_every": 150}
+    fields = algorithm_fields(algo, overrides=SMALL)
+    return RunSettings(**{**about, **fields, "evaluate_episodes": 1, **changes})
+
+
+@pytest.fixture(scope="module")
+def swept(site, tmp_path_factory):
+    """Results of a sweep with two seeds of each, the first of them trained by `jbench train`."""
+    place = tmp_path_factory.mktemp("swept")
+    (place / "matrix.toml").write_text(matrix(SETTINGS))
+    with pytest.MonkeyPatch.context() as patch:
+        make_importable(site, patch)
+        for algo, chosen in SETTINGS.items():
+            typed = ["--algo", algo, "--evaluate-episodes", "1", "--seeds", "0", "--steps", SHORT]
+            for name, value in chosen.items():
+                typed += ["--set", f"{name}={json.dumps(value)}"]
+            succeed("train", *typed, results=place / "results", short=True)
+        succeed("sweep", place / "matrix.toml", results=place / "results", short=True)
+    return Results(place / "results")
+
+
+def test_train_and_sweep_make_same_runs(swept):
+    runs, problems = swept.scan("run")
+    assert not problems
+    made = sorted((run.settings["algo"], run.settings["seed"]) for run in runs)
+    assert made == [(algo, seed) for algo in SETTINGS for seed in (0, 1)]
+    for run in runs:
+        assert run.status == "finished"
+        assert (run.rows("episodes"), run.rows("evaluations")) == (1, 1)
+        assert has_policy(run)
+        engine, package, version = ABOUT[run.settings["algo"]]
+        assert (run.settings["engine"], run.settings["package"]) == (engine, package)
+        assert run.manifest.provenance["package"] == version
+        chosen = run.settings["hyperparameters"]
+        assert chosen.items() >= SETTINGS[run.settings["algo"]].items()
+        if engine == "batched":
+            assert (chosen["dropped"], chosen["tau"]) == (2, 0.005)
+            (episode,) = run.read("episodes").to_pylist()
+            assert episode["critic_loss"] > 0
+            assert episode["entropy_coefficient"] is None
+
+
+def test_trained_policy_of_rule_is_evaluated_and_reevaluated(swept, installed):
+    run = next(run for run in swept.scan("run")[0] if run.settings["algo"] == "tqc")
+    evaluate = ("evaluate", run.id, "--episodes", "1", "--json")
+    evaluated = succeed(*evaluate, results=swept.path, short=True)
+    assert json.loads(evaluated.stdout)["settings"]["task"] == "face_direction"
+    assert "equal" in succeed("verify", "--reevaluate", results=swept.path, short=True).stdout
+    succeed("reproduce", run.id, "--episodes", "1", results=swept.path, short=True)
+
+
+def test_runs_of_uninstalled_packages_are_listed_reported_and_verified(swept, capsys, refused):
+    here = ("--results", str(swept.path))
+    assert main(["runs", *here]) == main(["verify", *here]) == 0
+    listed = capsys.readouterr().out
+    assert all(f"face_direction/{algo}/full/s00-" in listed for algo in SETTINGS)
+    report = ("report", "--json", "--format", "png", "--out", swept.path / "out")
+    printed = json.loads(succeed(*report, results=swept.path, short=True).stdout)
+    configurations = printed["configurations"]
+    assert {(row["algo"], row["seeds"]) for row in configurations} == {(n, 2) for n in SETTINGS}
+    before = sorted(swept.path.rglob("*"))
+    for algo in SETTINGS:
+        error = refused("train", "--algo", algo, results=swept.path)
+        assert f"Unknown algorithm {algo!r}" in error
+    assert "install the package of another agent, or type MODULE:CLASS." in refused(
+        "train", "--algo", "random-search", results=swept.path
+    )
+    assert sorted(swept.path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        (("random-search", "--set", "noise=-1"), "noise of random-search can't be -1: .*greater"),
+        (
+            ("random-search", "--set", "nose=1"),
+            r"random-search has no setting nose; did you mean noise\?",
+        ),
+        (("random-search", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
+        (("tqc", "--set", "quantiles=0"), "quantiles of tqc can't be 0: .*greater"),
+        (("tqc", "--set", "quantile=9"), "tqc has no setting quantile; did you mean quantiles"),
+        (("tqc", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
+        (("tqc", "--engine", "sb3"), "tqc has the engine batched, not sb3"),
+        (("tqc", "--encoder", "ofe12"), "of the batched engine, not for tqc"),
+        (("tqc", "--precision", "bfloat16"), "tqc does not learn in bfloat16"),
+        (("random-search", "--engine", "batched"), "has the engine plugin, not batched"),
+        (("random-search", "--encoder", "ofe12"), "of the batched engine, not for random-search"),
+        (("td3", "--engine", "plugin"), "td3 is not an agent of another package"),
+        (("random-serch",), "did you mean random-search"),
+        (("sb3_contrib:TQC", "--engine", "plugin"), "has the engine sb3, not plugin"),
+        (("nowhere:TQC",), "there is no module nowhere"),
+        (("math:cos",), r"no subclass of jbench\.Agent, jbench\.Rule or stable-b"),
+    ],
+)
+def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refused):
+    assert re.search(sentence, refused("train", "--algo", *typed, results=tmp_path / "results"))
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("algo", "sentence"),
+    [
+        ("broken", "The agent broken can't be loaded from other_agents:Missing"),
+        ("no-agent", "The agent no-agent is no subclass of jbench.Agent"),
+        ("jbench:Agent", "is no subclass of jbench.Agent with explore, act and learn; fix it, or"),
+        ("no-settings", "Settings of the agent no-settings is no subclass of jbench.AgentSettings"),
+    ],
+)
+def test_entry_point_that_is_not_an_agent_is_refused(installed, algo, sentence, tmp_path, refused):
+    assert sentence in refused("train", "--algo", algo, results=tmp_path / "results", code=1)
+
+
+@pytest.mark.parametrize(
+    ("make", "algo", "sentence", "episodes"),
+    [
+        (agent_run, "unknown-loss", "learn of the agent unknown-loss returned the loss q_loss", 0),
+        (agent_run, "not-finite-weights", "its weights are not finite at control step 50", 1),
+        (rule_run, "no-actor", "The rule NoActor can't be trained: its actor is no nn.Seque", 0),
+        (rule_run, "not-finite", "its critic_loss is not finite after update 2, at control st", 1),
+    ],
+)
+def test_faulty_class_fails_its_run(
+    installed, make, algo, sentence, episodes, tmp_path, monkeypatch
+):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = make(algo), Results(tmp_path)
+    try:
+        reason = str(run_batch([run], results, checkpoint_every=0)[run.id])
+    except (RuntimeError, ValueError) as error:
+        reason = str(error)
+    record = results.find("run", run.id)
+    assert sentence in reason
+    assert sentence in record.manifest.summary["error"]
+    assert (record.status, record.rows("episodes")) == ("failed", episodes)
+
+
+def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
+    typed = ("train", "--algo", "raises", "--seeds", "0-1", "--steps", SHORT)
+    done = jbench(*typed, results=tmp_path, short=True)
+    assert done.returncode == 1
+    lines = [line for line in done.stderr.splitlines() if not line.startswith(" ")]
+    error = "AttributeError: 'Raises' object has no attribute 'missing'"
+    sentence = f"failed: learn of the agent raises failed ({error})."
+    assert [line.endswith(sentence) for line in lines[:2]] == [True, False]
+    # The same traceback of the second run is not shown again.
+    assert done.stderr.count("Traceback (most recent call last):\n") == 1
+    assert lines.index("Traceback (most recent call last):") < lines.index(error)
+    assert "Next:" not in done.stdout
+
+
+@pytest.mark.parametrize(("name", "kills"), [("random-search", 5), (NAME, 2)])
+def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, name, kills, tmp_path):
+    run = agent_run(name, package=None if name == NAME else "random-search-agent")
+    request = {"path": str(tmp_path), "runs": [run.model_dump(mode="json")]}
+    request |= {"at": "random", "kills": kills}
+    done = Process("tests.training.kills:main", request, short=True).finished()
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert (answer["kills"], answer["problems"]) == (kills, [])
+    # Some kills were in the middle of the run.
+    assert {steps for folder in answer["steps"] for (steps,) in folder} & set(range(50, 400, 50))
+    whole = Results(tmp_path / "whole").find("run", run.id)
+    for folder in range(answer["folders"]):
+        record = Results(tmp_path / str(folder)).find("run", run.id)
+        assert rows(record) == rows(whole)
+        assert record.read_file(WEIGHTS) == whole.read_file(WEIGHTS)
+
+
+def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = agent_run("without-state"), Results(tmp_path)
+
+    def stop(event):
+        if event.steps == 200:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch([run], results, checkpoint_every=0, report=stop)
+    assert results.find("run", run.id).rows("episodes") == 3
+    events = []
+    run_batch([run], results, report=events.append)
+    reason = "The agent without-state has no state and restore, so its runs can't be resumed."
+    assert resumed(events, [run]) == [(run.seed, 0, reason)]
+    record = results.find("run", run.id)
+    assert record.read("episodes")["episode"].to_pylist() == list(range(8))
+
+
+def test_run_of_agent_with_state_is_continued(installed, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    whole = agent_run()
+    short = whole.model_copy(update={"steps": 225})
+    assert run_batch([whole], Results(tmp_path / "once")) == {}
+    assert run_batch([short], Results(tmp_path), keep_state=True) == {}
+    events = []
+    run_batch([whole], Results(tmp_path), report=events.append)
+    assert resumed(events, [whole]) == [(whole.seed, 225, "", short.id)]
+    once, twice = (Results(path).find("run", whole.id) for path in (tmp_path / "once", tmp_path))
+    assert rows(twice) == rows(once)
+    assert twice.read_file(WEIGHTS) == once.read_file(WEIGHTS)
+
+
+def test_state_of_agent_without_it_is_refused(installed, tmp_path, refused):
+    error = refused("train", "--algo", "without-state", "--keep-state", "--results", str(tmp_path))
+    assert "the agent without-state has no state and restore; leave --keep-state out" in error
+
+
+def test_classes_are_named_without_entry_points(site, tmp_path):
+    for module in ("random_search.py", "other_agents.py"):
+        shutil.copy(site / module, tmp_path)
+    text = matrix({NAME: {"noise": 0.2}, "other_agents:WithoutState": {}})
+    (tmp_path / "two.toml").write_text(text)
+    results = tmp_path / "results"
+    done = jbench("sweep", "two.toml", results=results, cwd=tmp_path, short=True)
+    assert done.returncode == 0, done.stderr
+    typed = ("train", "--algo", NAME, "--set", "noise=0.2", "--evaluate-episodes", "1")
+    typed += ("--seeds", "0-1", "--steps", SHORT)
+    again = jbench(*typed, results=results, cwd=tmp_path, short=True)
+    assert "2 of 2 runs are already finished" in again.stdout
+    runs, _ = Results(results).scan("run")
+    assert {(run.settings["algo"], run.settings["hyperparameters"]["noise"]) for run in runs} == {
+        *((NAME, 0.2), ("other_agents:WithoutState", 0.5))
+    }
+    checksum = hashlib.sha256((tmp_path / "random_search.py").read_bytes()).hexdigest()
+    (run, _) = (run for run in runs if run.settings["algo"] == NAME)
+    assert run.id.startswith("face_direction/random_search.RandomSearch/full/s0")
+    assert run.manifest.provenance["source_sha256"] == checksum
+    assert (run.settings["engine"], run.settings.get("package")) == ("plugin", None)
+    report = ("report", "--json", "--format", "png")
+    rows = json.loads(succeed(*report, results=results, short=True).stdout)["configurations"]
+    assert {(row["algo"], row["seeds"]) for row in rows} == {
+        *((NAME, 2), ("other_agents:WithoutState", 2))
+    }
+
+
+def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
+    # Some entry points of the packages can't be loaded.
+    assert main(["algorithms", "--json"]) == 1
+    printed = json.loads(capsys.readouterr().out)
+    listed = {entry["name"]: entry for entry in printed["algorithms"]}
+    assert {"ddpg", "ppo", "sac", "td3", "random-search"} <= set(listed)
+    assert listed["random-search"] == {
+        "name": "random-search",
+        "engine": "plugin",
+        "package": "random-search-agent 1.0",
+        "settings": [
+            {"name": "noise", "default": 0.5, "description": "standard deviation of a change"}
+        ],
+    }
+    td3 = {setting["name"]: setting["default"] for setting in listed["td3"]["settings"]}
+    assert (td3["tau"], td3["hidden_layers"]) == (0.005, [350, 250])
+    broken = {entry["name"] for entry in printed["broken"]}
+    assert {"broken", "no-agent", "no-settings"} <= broken
+    assert not broken & {"random-search", "tqc"}
+    assert main(["algorithms", "sb3_contrib:TQC"]) == 0
+    assert "top_quantiles_to_drop_per_net" in capsys.readouterr().out
+
+
+def test_installed_policy_is_evaluated(installed, tmp_path):
+    typed = ("evaluate", "bang-bang", "--task", "face_direction", "--episodes", "1")
+    printed = json.loads(succeed(*typed, "--json", results=tmp_path, short=True).stdout)
+    assert printed["settings"]["code"] == "random-search-agent 1.0"
+
+
+def test_rule_is_named_without_entry_point(installed, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = rule_run("tqc:TQC"), Results(tmp_path)
+    assert (run.engine, run.package) == ("batched", None)
+    assert run_batch([run], results) == {}
+    record = results.find("run", run.id)
+    assert record.manifest.provenance["package"] == "tqc-rule 2.1"
+    same = Results(tmp_path / "installed")
+    assert run_batch([rule_run()], same) == {}
+    other = same.find("run", rule_run().id)
+    assert record.read_file(WEIGHTS) == other.read_file(WEIGHTS)
+
+
+@pytest.mark.parametrize("stacked", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_killed_run_of_rule_resumes_bit_for_bit(installed, stacked, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    if stacked:
+        stack_seeds(monkeypatch.setattr)
+    run = rule_run()
+    request = (str(tmp_path / "killed"), run.model_dump(mode="json"), "cpu", 200, stacked)
+    done = Process("tests.agents.killed_run:main", *request, short=True).finished()
+    assert done.returncode == -signal.SIGKILL
+    events, records = [], []
+    for name in ("whole", "killed"):
+        results = Results(tmp_path / name)
+        assert run_batch([run], results, report=events.append) == {}
+        records.append(results.find("run", run.id))
+    assert [event.steps for event in events if event.kind == "resumed"] == [200]
+    assert rows(records[0]) == rows(records[1])
+    assert len(rows(records[0])) == 8 + 3
+    assert records[0].read_file(WEIGHTS) == records[1].read_file(WEIGHTS)

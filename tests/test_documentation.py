@@ -6,6 +6,7 @@ blocks are parsed, not run. Outputs are compared with the rows of the results.
 
 import html
 import json
+import math
 import pydoc
 import re
 import shlex
@@ -22,6 +23,7 @@ from jbench.paper import citation
 from jbench.report import page
 from jbench.report.frames import Frames
 from jbench.store import Results
+from jbench.sweeps.matrix import read_matrix
 from jbench.tasks import features
 from tests.documentation import PAGES, ROOT, Session, blocks_of
 
@@ -106,6 +108,13 @@ def test_commands_of_illustrations_parse(page):
 def test_named_files_exist(page):
     named = re.findall(r"\b(?:benchmarks|docs|tests)/[\w/.]+\.\w+", page.read_text())
     assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_page_on_sweeps_counts_the_runs_of_each_matrix():
+    page = (ROOT / "docs" / "sweeps.md").read_text()
+    for name, runs in re.findall(r"^\| `(\w+)` \|.*\| (\d+) of ", page, re.MULTILINE):
+        axes = [(p.tasks, p.algos, p.representations, p.seeds) for p in read_matrix(name)]
+        assert (name, sum(math.prod(map(len, part)) for part in axes)) == (name, int(runs))
 
 
 def test_objects_of_python_api_exist():

@@ -15,7 +15,7 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.make import ON_FEATURES
 from jbench.agents.batched.td3 import TD3
-from jbench.agents.batched.tensors import SeedView, Tensors
+from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
 from jbench.settings.records import OFESettings
 
@@ -28,11 +28,9 @@ def main() -> None:
     """Prints a line for each representation."""
     torch.set_num_threads(1)
     settings = TD3Settings()
-    learners: dict[str, OffPolicyLearner] = {
-        "full": TD3(settings, _SIZE, 1, SeedView(Tensors(1), 0))
-    }
+    learners: dict[str, OffPolicyLearner] = {"full": TD3(settings, _SIZE, 1, Tensors(1).select(0))}
     for units in _UNITS:
-        ofe, part = OFESettings(units=units), SeedView(Tensors(1), 0)
+        ofe, part = OFESettings(units=units), Tensors(1).select(0)
         learners[f"ofe{units}"] = ON_FEATURES["td3"](settings, _SIZE, 1, part, ofe=ofe)
     rows = settings.batch_size, _SIZE + 2
     batches = {

@@ -27,8 +27,9 @@ import torch
 from clock import Clock
 from stacked_updates import Updates, peak
 
-from jbench.agents.batched.make import Computation, make_engine
+from jbench.agents.batched.make import make_engine
 from jbench.agents.engine import Engine
+from jbench.agents.environments import Environments
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.errors import RequestError
@@ -123,15 +124,17 @@ def engine_of(
     seeds: int,
     device: torch.device,
     precision: str = "float32",
-    **options: Any,
+    environments: int | None = None,
 ) -> Engine:
     """Returns untrained agents in one stack."""
     overrides = dict(size.overrides.get(algo, {}))
     if algo != "ppo":
         overrides["buffer_size"] = size.transitions
     settings = algorithm_settings(algo, overrides=overrides)
-    computation = Computation(str(device), precision, stacked=True)
-    return make_engine(algo, settings, TASK, range(seeds), computation=computation, **options)
+    count = environments or getattr(settings, "n_envs", 1)
+    threads = cores() if device.type == "cuda" else 1
+    robots = Environments(TASK, range(seeds), count, threads=threads)
+    return make_engine(algo, settings, robots, device=device, precision=precision, stacked=True)
 
 
 def report_tests(size: Size, report: Report) -> bool:

@@ -15,10 +15,11 @@ import torch
 from torch import Tensor, nn
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.make import Computation, make_engine
+from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.rule import Rule
 from jbench.agents.batched.updates import Updates
+from jbench.agents.environments import Environments
 from jbench.settings.algorithms import TD3Settings
 
 BURST = 20  # updates at a time
@@ -74,11 +75,11 @@ def mlp(*sizes: int) -> nn.Sequential:
 
 def updates_of(algo: str | type[Rule]) -> Updates:
     """Returns the updates of a seed whose replay buffer is full of random numbers."""
-    settings, on_cpu = TD3Settings(buffer_size=TRANSITIONS), Computation("cpu")
-    engine = make_engine(algo, settings, "face_direction", [0], computation=on_cpu)
+    settings = TD3Settings(buffer_size=TRANSITIONS)
+    engine = make_engine(algo, settings, Environments("face_direction", [0]))
     assert isinstance(engine, OffPolicyEngine)
     engine.replay.restore(0, torch.randn(1, TRANSITIONS, engine.environments.size + 2), TRANSITIONS)
-    (updates,) = engine._groups
+    (updates,) = engine._group_updates
     return updates
 
 

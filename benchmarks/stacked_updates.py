@@ -18,10 +18,10 @@ class Updates:
     def __init__(self, engine: Engine, transitions: int) -> None:
         """Fills the buffers with random transitions."""
         self._engine, self._done = engine, 0
-        self.device = engine._team.tensors.device
+        self.device = engine.tensors.device
         if isinstance(engine, OffPolicyEngine):
             rows = torch.randn(1, transitions, engine.environments.size + 2)
-            for seed in range(len(engine._generators)):
+            for seed in range(len(engine.learners)):
                 engine.replay.restore(seed, rows, transitions)
         else:
             assert isinstance(engine, OnPolicyEngine)
@@ -37,13 +37,13 @@ class Updates:
         engine = self._engine
         began = drawn = self._now()
         if isinstance(engine, OffPolicyEngine):
-            (group,) = engine._groups
-            group.prepare(self._done + 1, count)
+            (updates,) = engine._group_updates
+            updates.prepare(self._done + 1, count)
             drawn = self._now()
-            group.run()
+            updates.run()
         else:
             assert isinstance(engine, OnPolicyEngine)
-            (epochs,), settings = engine._epochs, engine._settings
+            (epochs,), settings = engine._group_updates, engine._settings
             count = settings.n_epochs * -(-epochs._transitions // settings.batch_size)
             epochs.run()
         ended = self._now()
@@ -54,14 +54,14 @@ class Updates:
         """Returns floating point operations of the products of matrices of one update."""
         engine = self._engine
         if isinstance(engine, OffPolicyEngine):
-            (group,) = engine._groups
+            (updates,) = engine._group_updates
             # TD3 updates its actor every other time.
-            arguments: list[Any] = [(group._learner.is_delayed_update(i, 0),) for i in (1, 2)]
-            function = group._update_some
+            arguments: list[Any] = [updates._learner.is_delayed_update(i, 0) for i in (1, 2)]
+            function = updates._update_once
         else:
             assert isinstance(engine, OnPolicyEngine)
             arguments = [engine._settings.batch_size]
-            function = engine._epochs[0]._update_once
+            function = engine._group_updates[0]._update_once
         with FlopCounterMode(display=False) as counter:
             for argument in arguments:
                 function(argument)

@@ -37,11 +37,12 @@ def settings_of(request: Request) -> Any:
 
 def batched(request: Request) -> Run:
     """Returns whole training on the batched engine."""
-    from jbench.agents.batched.make import Computation, make_engine
+    from jbench.agents.batched.make import make_engine
+    from jbench.agents.environments import Environments
 
-    settings, computation = settings_of(request), Computation(**request.get("options", {}))
-    about = request["algo"], settings, request["task"], request["seeds"]
-    engine = make_engine(*about, computation=computation)
+    settings = settings_of(request)
+    robots = Environments(request["task"], request["seeds"], getattr(settings, "n_envs", 1))
+    engine = make_engine(request["algo"], settings, robots, **request.get("options", {}))
     steps, episodes = engine.learn(10**12), Episodes()
 
     def step() -> None:

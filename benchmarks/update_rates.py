@@ -9,8 +9,9 @@ from statistics import median
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.make import Computation, make_engine
+from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.environments import Environments
 from jbench.settings.algorithms import algorithm_settings
 
 BATCH, OBSERVATION, HIDDEN = 256, 16, (350, 250)
@@ -22,8 +23,8 @@ BURSTS = 30
 def engine_with_transitions(seeds: int, precision: str) -> OffPolicyEngine:
     """Returns agents of DDPG whose replay buffers are full of random numbers."""
     settings = algorithm_settings("ddpg", overrides={"buffer_size": TRANSITIONS})
-    computation = Computation("cpu", precision)
-    engine = make_engine("ddpg", settings, "face_direction", range(seeds), computation=computation)
+    robots = Environments("face_direction", range(seeds))
+    engine = make_engine("ddpg", settings, robots, precision=precision)
     assert isinstance(engine, OffPolicyEngine)
     rows = torch.randn(1, TRANSITIONS, OBSERVATION + 2)
     for seed in range(seeds):
@@ -84,7 +85,7 @@ def fraction_of_products(seeds: int, precision: str = "float32") -> tuple[float,
     engine, alone = engine_with_transitions(seeds, precision), products()
     times: list[tuple[float, float]] = []
     for burst in range(BURSTS // seeds + 2):
-        for group in engine._groups:
+        for group in engine._group_updates:
             group.prepare(1 + burst * BURST, BURST)
             began = time.thread_time()
             group.run()

@@ -11,9 +11,10 @@ from torch import Tensor
 
 from jbench.agents.divergence import Divergence
 from jbench.agents.environments import Environments, StepResult
-from jbench.agents.generators import Generators
 from jbench.closing import Closing
 from jbench.policies.network import SavedNetwork
+
+CPU = torch.device("cpu")
 
 _WORLD = "environments/"
 """Prefix of the tensors of the robots in a state."""
@@ -49,16 +50,13 @@ class Engine(Closing):
     is_resumable = keeps_policy_exactly = True
     updates: int | None = None
 
-    def __init__(
-        self, environments: Environments, generators: Sequence[Generators], rollout_steps: int = 1
-    ) -> None:
+    def __init__(self, environments: Environments, rollout_steps: int = 1) -> None:
         """Starts with untrained agents.
 
         Args:
-            generators: one per seed.
             rollout_steps: steps of each environment between learning phases.
         """
-        self.environments, self._generators = environments, generators
+        self.environments = environments
         self.control_steps = 0
         self.diverged: dict[int, Divergence] = {}
         self._rollout_steps, self._collected = rollout_steps, 0
@@ -144,7 +142,7 @@ class Engine(Closing):
         scalars = {
             "episodes": self.environments.episodes,
             "episode_steps": self.environments.steps,
-            "streams": self._generators[seed].state(),
+            "streams": self.environments.generators[seed].state(),
         }
         return SeedState({_WORLD + n: torch.from_numpy(v) for n, v in world.items()}, scalars)
 
@@ -153,7 +151,7 @@ class Engine(Closing):
         world = {name: tensor.numpy() for name, tensor in under(_WORLD, state.tensors).items()}
         scalars = state.scalars
         self.environments.restore(seed, world, scalars["episodes"], scalars["episode_steps"])
-        self._generators[seed].restore(scalars["streams"])
+        self.environments.generators[seed].restore(scalars["streams"])
 
     def _record_divergence(self, seed: int, what: str) -> None:
         """Records the first sign that a seed has diverged."""

@@ -1,15 +1,14 @@
 """The simulated robots of all seeds, stepped together."""
 
 from collections.abc import Callable, Sequence
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.random import Generator
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.agents.generators import Generators
 from jbench.closing import Closing
 from jbench.encoders import Encoder, action_signs
 from jbench.names import EPISODE_STEPS
@@ -41,6 +40,7 @@ class Environments(Closing):
 
     Attributes:
         task: its name.
+        generators: of each seed.
         encoders: of each seed's observations; None for the full observation.
         size: dimension of the agents' inputs.
         action_size: numbers in an action.
@@ -52,7 +52,8 @@ class Environments(Closing):
     def __init__(
         self,
         task: str,
-        generators: Sequence[Sequence[Generator]],
+        seeds: Sequence[int],
+        count: int = 1,
         encoders: Sequence[Encoder | None] | None = None,
         *,
         threads: int = 1,
@@ -62,7 +63,8 @@ class Environments(Closing):
         """Starts the first episodes.
 
         Args:
-            generators: per seed and environment, of the episodes' random numbers.
+            seeds: of the agents.
+            count: environments of each seed.
             encoders: of each seed, with the same number of latents; None for no encoders.
             augment: the robot of each episode.
             episode_steps: control steps in an episode; tests use short episodes.
@@ -71,14 +73,14 @@ class Environments(Closing):
             ValueError: if the encoders have different numbers of latents.
         """
         self.task, self.threads, self.episode_steps = task, threads, episode_steps
-        self.encoders = encoders or [None] * len(generators)
-        self._task, self._generators = find_task(task), list(chain.from_iterable(generators))
+        self.encoders = encoders or [None] * len(seeds)
+        self.generators = [Generators(seed, count) for seed in seeds]
+        self._task, self._shape = find_task(task), (len(seeds), count)
         self.action_size, full = self._task.action_size, self._task.observation_size
         sizes = {full if encoder is None else encoder.latent_size for encoder in self.encoders}
         if len(sizes) > 1:
             raise ValueError(f"All seeds must have the same number of inputs, not {sizes}.")
         (self.size,) = sizes
-        self._shape = len(generators), len(generators[0])
         blank = torch.zeros(1, full)
         self._mirrors = any(action_signs(encoder, blank) is not None for encoder in self.encoders)
         self._augment, self._robot = augment, augment(0)
@@ -146,7 +148,8 @@ class Environments(Closing):
         self._switch_robot(self.episodes)
         self._returns = np.zeros(self._shape)
         self.steps = 0
-        self.observations = self._inputs(self._worlds.reset(self._generators))
+        generators = [one for seed in self.generators for one in seed.environments]
+        self.observations = self._inputs(self._worlds.reset(generators))
 
     def _switch_robot(self, episode: int) -> None:
         """Switches to the robot of an episode if it differs from the current one."""
@@ -157,7 +160,7 @@ class Environments(Closing):
             self._worlds = self._new_worlds()
 
     def _new_worlds(self) -> Worlds:
-        return self._task.worlds(len(self._generators), self.threads, self._robot)
+        return self._task.worlds(self._shape[0] * self._shape[1], self.threads, self._robot)
 
     def _inputs(self, observations: NDArray[np.float32]) -> Tensor:
         """Returns the agents' inputs (seeds, environments, size); notes which are mirrored."""

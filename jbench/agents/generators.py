@@ -14,13 +14,15 @@ class Generators:
     and noise as on a CPU.
 
     Attributes:
+        seed: non-negative.
         actions: for exploration.
         updates: for minibatches and noise in updates.
         environments: for initial states, one per environment.
     """
 
     def __init__(self, seed: int, environments: int) -> None:
-        """Seeds the generators; `seed` is non-negative."""
+        """Seeds the generators."""
+        self.seed = seed
         weights, actions, updates, *others = SeedSequence(seed).spawn(3 + environments)
         self._weights = weights
         self.actions, self.updates = Generator(PCG64(actions)), Generator(PCG64(updates))

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from jbench.agents.divergence import divergent_loss
-from jbench.agents.engine import Engine, SeedState
-from jbench.agents.environments import Augment, Environments, StepResult
-from jbench.agents.generators import Generators
+from jbench.agents.engine import CPU, Engine, SeedState
+from jbench.agents.environments import Environments, StepResult
 from jbench.agents.plugin import (
     Agent,
     EnvironmentSpec,
@@ -22,9 +21,8 @@ from jbench.agents.plugin import (
     pack,
     unpack,
 )
-from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import EPISODE_STEPS, TimeLimit
+from jbench.names import TimeLimit
 from jbench.policies.copied import copy_module
 from jbench.policies.network import SavedNetwork
 from jbench.settings.base import Settings
@@ -41,23 +39,17 @@ class PluginEngine(Engine):
         name: str,
         kind: type[Agent],
         settings: Settings,
-        task: str,
-        seed: int,
+        environments: Environments,
         *,
-        environments: int = 1,
         time_limit: TimeLimit = "bootstrap",
-        encoder: Encoder | None = None,
-        augment: Augment = lambda episode: None,
-        device: torch.device | None = None,
-        episode_steps: int = EPISODE_STEPS,
+        device: torch.device = CPU,
     ) -> None:
-        """Makes an untrained agent and its robots.
+        """Makes an untrained agent.
 
         Args:
             name: of the agent, in errors.
             settings: an object of the agent's class of settings.
-            augment: the robot of each episode.
-            episode_steps: control steps in an episode; tests use short episodes.
+            environments: of one seed.
 
         Raises:
             UnsupportedPolicyError: if its policy can't be saved.
@@ -65,23 +57,17 @@ class PluginEngine(Engine):
                 losses that are no dictionary or have no column, here and below.
         """
         self._name, self._time_limit = name, time_limit
-        generators = Generators(seed, environments)
-        robots = Environments(
-            task,
-            [generators.environments],
-            [encoder],
-            augment=augment,
-            episode_steps=episode_steps,
-        )
-        super().__init__(robots, [generators])
+        super().__init__(environments)
+        self._device = device
         self.is_resumable = is_resumable(kind)
         self._losses: dict[str, float] = {}
-        spec = EnvironmentSpec(robots.size, robots.action_size, environments, episode_steps)
+        size, action_size = environments.size, environments.action_size
+        count, seed = environments.observations.shape[1], environments.generators[0].seed
+        spec = EnvironmentSpec(size, action_size, count, environments.episode_steps)
         torch.manual_seed(seed)
         np.random.seed(seed)  # noqa: NPY002 - agents of others may use it
         random.seed(seed)
-        self._device = device or torch.device("cpu")
-        self._agent: Agent = self._call(kind, settings, spec, seed, self._device)
+        self._agent: Agent = self._call(kind, settings, spec, seed, device)
         # A policy that can't be saved is refused now, not after the training.
         self.policy(0)
 

@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.algorithms import find_class, hyperparameters
-from jbench.agents.batched.make import Computation, make_engine
+from jbench.agents.batched.make import make_engine
 from jbench.agents.engine import Engine
+from jbench.agents.environments import Environments
 from jbench.agents.plugin_engine import PluginEngine
+from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
@@ -52,21 +54,24 @@ def make_trainer(
     def augment(episode: int) -> int | None:
         return settings.robot_seed(episode // settings.episodes_on_each)
 
-    options: dict[str, Any] = {
-        "environments": settings.environments,
-        "time_limit": settings.time_limit,
-        "augment": augment,
-        "episode_steps": EPISODE_STEPS,
-    }
     algorithm: Any = settings.algo if settings.is_ours else find_class(settings.algo)
     values: Any = hyperparameters(settings)
+    train_on = find_device(device)
+    environments = Environments(
+        settings.task,
+        seeds,
+        settings.environments,
+        encoders,
+        # On a CPU, learning dominates, and one process per core is faster.
+        threads=cores() if train_on.type == "cuda" else 1,
+        augment=augment,
+        episode_steps=EPISODE_STEPS,
+    )
+    options: dict[str, Any] = {"time_limit": settings.time_limit, "device": train_on}
     if settings.engine == "plugin":
-        (seed,), (encoder,) = seeds, encoders
-        options |= {"encoder": encoder, "device": find_device(device)}
-        return PluginEngine(settings.algo, algorithm, values, settings.task, seed, **options)
-    options |= {"encoder": encoders, "ofe": settings.ofe}
-    computation = Computation(device, settings.precision)
-    return make_engine(algorithm, values, settings.task, seeds, computation=computation, **options)
+        return PluginEngine(settings.algo, algorithm, values, environments, **options)
+    options |= {"ofe": settings.ofe, "precision": settings.precision}
+    return make_engine(algorithm, values, environments, **options)
 
 
 def train(engine: Trainer, steps: int, after_step: AfterStep) -> None:

@@ -9,7 +9,7 @@ from torch import nn
 from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.make import LEARNERS
-from jbench.agents.batched.tensors import SeedView, Tensors, aligned
+from jbench.agents.batched.tensors import Tensors, aligned
 from jbench.agents.sb3_classes import Spaces
 from jbench.settings.algorithms import algorithm_settings
 
@@ -44,7 +44,7 @@ def oracle_of(algo, settings, dtype, monkeypatch, actions=1):
 def learners_of(algo, settings, dtype=torch.float32, seeds=1, action_size=1):
     """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
-    views = [SeedView(tensors), *(SeedView(tensors, seed) for seed in range(seeds))]
+    views = [tensors, *(tensors.select(seed) for seed in range(seeds))]
     stack, *each = (LEARNERS[algo](settings, SIZE, action_size, view) for view in views)
     return tensors, each, stack
 

@@ -20,8 +20,7 @@ from tests.training.small_runs import shorten_episodes
 
 def stack_seeds(set_attribute=setattr):
     """Makes engines compute their seeds in one stack on a CPU, too."""
-    stacked = functools.partial(engines.Computation, stacked=True)
-    set_attribute(engines, "Computation", stacked)
+    set_attribute(engines, "make_engine", functools.partial(engines.make_engine, stacked=True))
 
 
 def main(path, run, device, after, stacked=True):

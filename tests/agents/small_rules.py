@@ -10,7 +10,7 @@ from benchmarks.rules import TD3, mlp
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.learner import LOSS_SUMS
 from jbench.agents.batched.rule import make_rule
-from jbench.agents.batched.tensors import SeedView, Tensors
+from jbench.agents.batched.tensors import Tensors
 from tests.agents.batched_oracle import SIZE
 from tests.agents.test_batched_engine import short_engine
 from tests.documentation import code_of
@@ -66,7 +66,7 @@ RULES = pytest.mark.parametrize(
 def learners(rule, settings, dtype=torch.float32, seeds=1, actions=1):
     """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
-    views = [SeedView(tensors), *(SeedView(tensors, seed) for seed in range(seeds))]
+    views = [tensors, *(tensors.select(seed) for seed in range(seeds))]
     made = make_rule(rule, settings, SIZE, actions)
     make = partial(AutogradLearner, settings, SIZE, actions, rule=made)
     stack, *each = (make(view) for view in views)

@@ -208,7 +208,7 @@ def test_diverged_seed_does_not_affect_others():
     for poisoned in (False, True):
         with engine_of(TD3, TD3_SETTINGS, [0, 5]) as engine:
             if poisoned:
-                engine._team.learners[1]._parameters["critics.0.2.weight"][3, 4] = torch.inf
+                engine.learners[1]._parameters["critics.0.2.weight"][3, 4] = torch.inf
             for _ in engine.learn(STEPS):
                 pass
             states.append(engine.state(0).tensors)

@@ -22,7 +22,7 @@ CRITICS = {
 
 def poison(engine, network):
     """Sets a weight of one seed's network to infinity; `network` is a path of attributes."""
-    attribute = engine._team.learners[DIVERGED]
+    attribute = engine.learners[DIVERGED]
     for part in network.split():
         attribute = attribute[int(part)] if part.isdigit() else getattr(attribute, part)
     attribute.values[3] = math.inf
@@ -108,7 +108,7 @@ def test_diverged_features_are_detected_and_do_not_affect_others(stacked):
             for _ in engine.learn(60):
                 if poisoned and engine.control_steps == 59:
                     # The layer that predicts the next observation; the agent does not use it.
-                    last = engine._team.learners[DIVERGED].features.layers[-1]
+                    last = engine.learners[DIVERGED].features.layers[-1]
                     last.weight[0, 0] = math.inf
             engine.check_weights()
             states.append(engine.state(2).tensors)

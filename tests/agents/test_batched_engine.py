@@ -1,6 +1,5 @@
 """Tests of engines: independent seeds, resuming, and agreement with stable-baselines3."""
 
-import dataclasses
 import gc
 import json
 import math
@@ -13,7 +12,7 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
-from jbench.agents.batched.make import Computation, make_engine
+from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import ActionNoise, OffPolicyEngine
 from jbench.agents.engine import SeedState
 from jbench.agents.environments import Environments
@@ -51,14 +50,21 @@ def engine_of(algo, seeds, *, task="face_direction", changes=None, **options):
 
 
 def short_engine(algo, settings, task, seeds, **options):
-    """An engine with short episodes; `options` may contain fields of `Computation`."""
-    fields = {"device": "cpu"} | {
-        field.name: options.pop(field.name)
-        for field in dataclasses.fields(Computation)
-        if field.name in options
-    }
-    options = {"computation": Computation(**fields), "episode_steps": LENGTH} | options
-    return make_engine(algo, settings, task, seeds, **options)
+    """An engine with short episodes; `options` are of `robots` and `make_engine`."""
+    count = getattr(settings, "n_envs", 1)
+    about = {name: options.pop(name) for name in ROBOTS if name in options}
+    environments = robots(task, seeds, **{"environments": count, **about})
+    device = torch.device(options.pop("device", "cpu"))
+    return make_engine(algo, settings, environments, device=device, **options)
+
+
+ROBOTS = ("environments", "encoder", "augment", "episode_steps")
+
+
+def robots(task, seeds, environments=1, encoder=None, **options):
+    """Robots of some seeds with short episodes."""
+    encoders = encoder if isinstance(encoder, list) else [encoder] * len(seeds)
+    return Environments(task, seeds, environments, encoders, **{"episode_steps": LENGTH, **options})
 
 
 class TanhEncoder:
@@ -177,8 +183,8 @@ def test_engine_is_freed_with_last_reference(algo, stacked):
         with engine_of(algo, [0, 1], stacked=stacked) as engine:
             for _ in engine.learn(STEPS):
                 pass
-            updates = engine._groups if isinstance(engine, OffPolicyEngine) else engine._epochs
-            parts = [engine, engine._team.tensors, *updates]
+            updates = engine._group_updates
+            parts = [engine, engine.tensors, *updates]
             references = [weakref.ref(part) for part in parts]
         del engine, updates, parts
         assert [reference() for reference in references] == [None] * len(references)
@@ -202,7 +208,6 @@ def test_restoring_seeds_with_different_step_counts_is_refused():
 
 @pytest.mark.parametrize("augment", [None, 3])
 def test_environments_equal_gymnasium_environment(augment):
-    generators = [Generators(seed, 2) for seed in (3, 4)]
     actions = np.random.default_rng(0).uniform(-1, 1, (2 * LENGTH + 1, 2, 2, 1))
     plain = [JitterbugEnv("move_to_pose", augment=augment) for _ in range(4)]
     same = [generator for seed in (3, 4) for generator in Generators(seed, 2).environments]
@@ -211,7 +216,8 @@ def test_environments_equal_gymnasium_environment(augment):
     seen = [env.reset()[0] for env in plain]
     with Environments(
         "move_to_pose",
-        [seed.environments for seed in generators],
+        (3, 4),
+        2,
         episode_steps=LENGTH,
         threads=2,
         augment=lambda episode: augment,
@@ -241,11 +247,7 @@ def test_robot_can_differ_per_episode():
         state = [round_trip(engine.state(index)) for index in range(2)]
         engine.environments.step(actions)
         seen = engine.environments.observations[:, 0]
-    with Environments(
-        "face_direction",
-        [Generators(seed, 1).environments for seed in (0, 1)],
-        augment=lambda episode: 2,
-    ) as others:
+    with Environments("face_direction", (0, 1), augment=lambda episode: 2) as others:
         for index, (tensors, _) in enumerate(state):
             world = {
                 name.removeprefix("environments/"): tensor.numpy()
@@ -375,7 +377,7 @@ def test_ppo_bootstraps_at_time_limit_unless_terminal():
                     break
             rows = engine.state(0).tensors["loop/rollout"]
             rewards[limit] = rows[:, :, -1]
-            learner = engine._team.learners[0]
+            learner = engine.learners[0]
     # The last observations of the episodes; the engine's robots have been reset since.
     plain = [JitterbugEnv("face_direction") for _ in range(2)]
     for env, generator in zip(plain, Generators(0, 2).environments, strict=True):
@@ -437,8 +439,6 @@ def test_actions_are_of_latest_policy():
 
 def test_invalid_option_is_refused_with_alternatives():
     for option, sentence in (
-        ({"device": "tpu"}, "Unknown device 'tpu'; choose auto, cpu, cuda or cuda:1."),
-        ({"precision": "int8"}, "Unknown precision 'int8'; choose float32, tf32 or bfloat16."),
         ({"precision": "tf32"}, "Only a GPU has the precision tf32; type float32 or bfloat16."),
     ):
         with pytest.raises(RequestError, match=sentence):

@@ -7,7 +7,7 @@ import torch
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.make import ON_FEATURES
-from jbench.agents.batched.tensors import SeedView, Tensors
+from jbench.agents.batched.tensors import Tensors
 from jbench.settings.records import OFESettings
 from tests.agents.batched_oracle import SIZE, settings_of
 from tests.agents.plain_ofe import PlainDDPGOnFeatures, PlainFeatures
@@ -32,12 +32,12 @@ def learner_of(algo, ofe, *, stacked=False, actions=1, **changes):
     """A learner of one seed, or of a stack of two seeds with the same parameters."""
     tensors = Tensors(2 if stacked else 1, torch.float64)
     make = partial(ON_FEATURES[algo], settings_of(algo, **changes), SIZE, actions, ofe=ofe)
-    each = [make(SeedView(tensors, seed)) for seed in range(tensors.seeds)]
+    each = [make(tensors.select(seed)) for seed in range(tensors.seeds)]
     for learner in each:
         learner.initialize(torch.Generator().manual_seed(1))
     if not stacked:
         return each[0], each[0]
-    return make(SeedView(tensors)), each[1]
+    return make(tensors), each[1]
 
 
 def twice(batch):

@@ -78,9 +78,9 @@ class Replayed(Captured):
 
 def with_replay(engine):
     """Makes an engine replay its updates and actions."""
-    for updates in getattr(engine, "_groups", None) or engine._epochs:
+    for updates in engine._group_updates:
         updates._update = Replayed()
-    engine._team._captured = Replayed()
+    engine._captured = Replayed()
     return engine
 
 

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from jbench.agents.batched.network import Layout, Network
-from jbench.agents.batched.tensors import SeedView, Tensors
+from jbench.agents.batched.tensors import Tensors
 
 SIZES = [(5, 1), (5, 20, 1), (17, 24, 20, 1), (16, 9, 33, 16, 2)]
 # Each layer at which the last inputs can be appended.
@@ -16,10 +16,10 @@ ACTIONS = 3
 def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, low_precision=False):
     """A network with random parameters, of one seed or of a stack."""
     tensors = Tensors(seeds or 1, dtype, low_precision=low_precision)
-    view = SeedView(tensors) if seeds else SeedView(tensors, 0)
+    view = tensors if seeds else tensors.select(0)
     layout = Layout(sizes, ACTIONS, joins)
     values, gradient = (
-        f(name, layout.length) for f, name in ((view.saved, "values"), (view.scratch, "gradient"))
+        f(name, layout.length) for f, name in ((view.state, "values"), (view.scratch, "gradient"))
     )
     random = torch.Generator().manual_seed(0)
     network = Network(view, layout, values, gradient, workspace="workspace")
@@ -118,7 +118,7 @@ def test_number_of_low_precision_buffers_is_limited():
     network.forward(torch.randn(100, 17))
     for rows in range(1, 101):
         network.action_gradient(torch.randn(rows, 1), torch.arange(rows))
-    memory = network.view._tensors._scratch.values()
+    memory = network.view._scratch.values()
     rounded = {tensor.shape[0] for tensor in memory if tensor.dtype == torch.bfloat16}
     # Multiples of 32 up to the batch size, and the batch size itself.
     assert rounded <= {32, 64, 96, 128, 100}

@@ -7,7 +7,8 @@ import torch
 from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import LOSS_SUMS
-from jbench.agents.batched.rollout import Rollout, split_minibatch
+from jbench.agents.batched.on_policy import Rollout
+from jbench.agents.batched.ppo import split_minibatch
 from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import (
     SIZE,

@@ -63,17 +63,17 @@ def filled_engine(algo, seeds, **options):
 def update(engine, first, count):
     """Makes some updates of all agents."""
     if isinstance(engine, OffPolicyEngine):
-        for updates in engine._groups:
+        for updates in engine._group_updates:
             updates.prepare(first, count)
             updates.run()
     else:
-        for epochs in engine._epochs * count:
+        for epochs in engine._group_updates * count:
             epochs.run()
 
 
 def largest_difference(one, other):
     """The largest difference of the agents' tensors: parameters, targets, moments and losses."""
-    mine, their = (engine._team.tensors.saved for engine in (one, other))
+    mine, their = (engine.tensors.saved for engine in (one, other))
     assert mine.keys() == their.keys()
     return max(float((mine[name].cpu() - their[name].cpu()).abs().max()) for name in mine)
 

@@ -6,7 +6,6 @@ import torch
 from torch import nn
 
 import jbench
-from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS
@@ -24,6 +23,7 @@ from tests.agents.test_batched_engine import (
     trajectory,
 )
 from tests.agents.test_plugin_engine import RandomAgent
+from tests.agents.test_plugin_engine import engine_of as plugin_engine
 
 TASK, ACTIONS = "dmc:cheetah-run", 6
 CHEETAH = {"task": TASK}
@@ -174,19 +174,15 @@ class AllMotors(RandomAgent):
         return actions + torch.randn(actions.shape).numpy()
 
 
-def plugin_engine(kind):
-    return PluginEngine("drawing", kind, kind.Settings(), TASK, 3, environments=2, episode_steps=10)
-
-
 def test_agent_of_another_package_moves_all_motors():
-    with plugin_engine(AllMotors) as whole:
+    with plugin_engine(AllMotors, TASK) as whole:
         for _ in whole.learn(40):
             pass
         state = whole.state(0)
         returns = [each.tolist() for each in whole.learn(80) if each is not None]
         assert whole._agent.transitions[-1].actions.shape == (2, ACTIONS)
         assert whole.act(np.ones((1, 5, 17), np.float32)).shape == (1, 5, ACTIONS)
-    with plugin_engine(AllMotors) as resumed:
+    with plugin_engine(AllMotors, TASK) as resumed:
         resumed.restore([state])
         assert [each.tolist() for each in resumed.learn(80) if each is not None] == returns
 
@@ -202,9 +198,9 @@ def test_agent_for_one_motor_is_refused_before_training():
         act, learn = explore, None
 
     with (
-        plugin_engine(Unaware) as engine,
+        plugin_engine(Unaware, TASK) as engine,
         pytest.raises(WorkError, match=r"returned the shape \(2, 1\) .* return actions \(2, 6\)"),
     ):
         next(engine.learn(10))
     with pytest.raises(RequestError, match="1 output, not 17 and 6"):
-        plugin_engine(RandomAgent)
+        plugin_engine(RandomAgent, TASK)

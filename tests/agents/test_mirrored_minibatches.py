@@ -63,11 +63,11 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
     changes = {"mirror": True, "tau": 0.1, "batch_size": 15}
     with engine_of(algo, [3], encoder=encoder, changes=changes, dtype=torch.float64) as engine:
         engine.replay.restore(0, rows[None], ROWS)
-        settings, (learner,), (updates,) = engine._settings, engine._team.learners, engine._groups
+        settings, (learner,), (updates,) = engine._settings, engine.learners, engine._group_updates
         kind, names = PLAIN[algo]
         plain = kind(settings, engine.environments.size)
         copy_parameters(layers_of(learner, plain, names))
-        random = copy.deepcopy(engine._generators[0].updates)
+        random = copy.deepcopy(engine.environments.generators[0].updates)
         updates.prepare(1, UPDATES)
         sampled = engine.replay.sample(random, UPDATES, 15)
         noise = random.standard_normal((UPDATES, 15, learner.noise_per_transition), np.float32)

@@ -8,6 +8,7 @@ import torch
 from torch import nn
 
 import jbench
+from jbench.agents.environments import Environments
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import WorkError
 from jbench.policies.copied import UnsupportedPolicyError
@@ -53,9 +54,9 @@ class RandomAgent(jbench.Agent):
         self.optimizer.load_state_dict(state["optimizer"])
 
 
-def engine_of(kind=RandomAgent, **changes):
-    about = {"environments": 2, "episode_steps": EPISODE, **changes}
-    return PluginEngine("drawing", kind, kind.Settings(), "face_direction", 3, **about)
+def engine_of(kind=RandomAgent, task="face_direction", encoder=None, **options):
+    environments = Environments(task, [3], 2, [encoder], episode_steps=EPISODE)
+    return PluginEngine("drawing", kind, kind.Settings(), environments, **options)
 
 
 def test_engine_restored_within_episode_continues_bit_for_bit():

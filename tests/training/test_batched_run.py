@@ -2,7 +2,6 @@
 
 import gc
 import weakref
-from functools import partial
 
 import numpy as np
 import pytest
@@ -118,7 +117,7 @@ def test_memory_of_engine_is_freed_before_next_one_is_made(tmp_path, monkeypatch
     def noted(*about):
         living.append([reference() for reference in made])
         engine = make(*about)
-        made.append(weakref.ref(engine._team.tensors))
+        made.append(weakref.ref(engine.tensors))
         return engine
 
     monkeypatch.setattr(group, "make_trainer", noted)
@@ -193,8 +192,12 @@ def test_ppo_in_bfloat16_is_refused():
 
 
 def test_evaluations_use_threads_of_training(tmp_path, monkeypatch):
-    given, robots = [], jitterbug.Robots
-    monkeypatch.setattr(engines, "Computation", partial(engines.Computation, threads=3))
+    given, robots, environments = [], jitterbug.Robots, engines.Environments
+
+    def on_three_threads(*arguments, **options):
+        return environments(*arguments, **{**options, "threads": 3})
+
+    monkeypatch.setattr(engines, "Environments", on_three_threads)
     monkeypatch.setattr(jitterbug, "Robots", lambda *args: given.append(args[2]) or robots(*args))
     run = settings("ddpg")
     assert run_batch([run], Results(tmp_path)) == {}

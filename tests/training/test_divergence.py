@@ -102,7 +102,7 @@ def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
 
     def poison(event):
         if (event.run, event.steps) == (runs[0].id, 200):
-            engines[-1]._team.tensors.saved["critic1"][0, 0] = math.nan
+            engines[-1].tensors.saved["critic1"][0, 0] = math.nan
 
     failures, _ = train(tmp_path / "both", runs, report=poison)
     assert list(failures) == [runs[0].id]
@@ -123,7 +123,7 @@ def test_final_weights_are_checked_before_policy_is_saved(tmp_path, engines):
 
     def poison(event):
         if event.steps == 100:
-            engines[-1]._team.tensors.saved["critic_target"][0, 0] = math.inf
+            engines[-1].tensors.saved["critic_target"][0, 0] = math.inf
 
     failures, _ = train(tmp_path, [run], report=poison)
     assert list(failures) == [run.id]
@@ -159,7 +159,7 @@ def test_later_error_does_not_hide_divergence(tmp_path, engines):
 
     def disturb(event):
         if (event.run, event.steps) == (runs[0].id, 50):
-            engines[-1]._team.tensors.saved["critic"][0, 0] = math.nan
+            engines[-1].tensors.saved["critic"][0, 0] = math.nan
         if event.steps == 150:
             raise ValueError("something else")
 

@@ -10,9 +10,8 @@
     rule.py          base class of other packages' rules; rule_check.py: refuses faulty ones;
                      autograd.py: trains them
     replay.py        replay buffers; updates.py: minibatches sampled from them
-    rollout.py       rollout buffer of PPO
-    team.py          the agents of all seeds; graphs.py: CUDA graphs
-    engine.py        their engine; off_policy.py, on_policy.py: its two kinds
+    engine.py        the agents of all seeds; off_policy.py, on_policy.py: the two kinds of engines
+    graphs.py        CUDA graphs
     make.py          jbench's update rules by name; makes an engine
 
 Every update rule is written once, for tensors with or without a leading axis of seeds. On a CPU

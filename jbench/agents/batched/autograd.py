@@ -19,7 +19,7 @@ from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OTHER_LAYERS, OffPolicyLearner
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
-from jbench.agents.batched.tensors import SeedView, flat_parts, flat_size
+from jbench.agents.batched.tensors import Tensors, flat_parts, flat_size
 from jbench.policies.copied import copy_module
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import OffPolicySettings
@@ -34,7 +34,7 @@ class AutogradLearner(OffPolicyLearner):
         settings: OffPolicySettings,
         observation_size: int,
         action_size: int,
-        view: SeedView,
+        view: Tensors,
         *,
         rule: Rule,
     ) -> None:
@@ -178,10 +178,10 @@ class _FlatParameters:
         gradients: (..., *shape) views of `flat_gradient`.
     """
 
-    def __init__(self, view: SeedView, name: str, shapes: Mapping[str, torch.Size]) -> None:
+    def __init__(self, view: Tensors, name: str, shapes: Mapping[str, torch.Size]) -> None:
         self.name = f"rule.{name}"
         count = flat_size(shapes.values())
-        self.flat = view.saved(self.name, count)
+        self.flat = view.state(self.name, count)
         self.flat_gradient = view.scratch(f"{self.name}.gradient", count)
         self.values, self.gradients = (
             dict(zip(shapes, flat_parts(flat, shapes.values()), strict=True))

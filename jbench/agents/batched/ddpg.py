@@ -6,7 +6,7 @@ from torch import Generator, Tensor
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
 from jbench.agents.batched.network import Layout, Network
-from jbench.agents.batched.tensors import SeedView
+from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import DDPGSettings
 
 
@@ -17,7 +17,7 @@ class DDPG(OffPolicyLearner):
     noise_per_transition = 0
 
     def __init__(
-        self, settings: DDPGSettings, observation_size: int, action_size: int, view: SeedView
+        self, settings: DDPGSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the networks; see `Learner`."""
         self._settings = settings

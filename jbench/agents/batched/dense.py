@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from jbench.agents.batched.layers import Layer
-from jbench.agents.batched.tensors import SeedView
+from jbench.agents.batched.tensors import Tensors
 
 
 class DenseLayers:
@@ -19,7 +19,7 @@ class DenseLayers:
         size: number of inputs and units together.
     """
 
-    def __init__(self, view: SeedView, name: str, inputs: int, layers: Sequence[Layer]) -> None:
+    def __init__(self, view: Tensors, name: str, inputs: int, layers: Sequence[Layer]) -> None:
         """Connects layers.
 
         Args:

@@ -1,34 +1,92 @@
 """The engine of update rules: the agents of all seeds, and their complete state."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import LOSS_SUMS, Learner
-from jbench.agents.batched.team import Team
+from jbench.agents.batched.tensors import Tensors
 from jbench.agents.divergence import divergent_loss
 from jbench.agents.engine import Engine, SeedState, under
 from jbench.agents.environments import Environments
+from jbench.agents.generators import Generators
 from jbench.policies.network import SavedNetwork
 
 _AGENT, _LOOP = "agent/", "loop/"
 
 
+class Group(NamedTuple):
+    """Seeds whose updates are computed together: one seed, or all of them in a stack."""
+
+    learner: Any
+    seeds: range
+    generators: Sequence[Generators]
+
+    def stack(self, per_seed: Sequence[NDArray[Any]], offset: int = 0) -> Tensor:
+        """Stacks the draws of each seed, on the device.
+
+        Args:
+            per_seed: (count, ...) of each seed.
+            offset: added once to those of the second seed, twice to those of the third, and so on.
+
+        Returns:
+            (count, seeds, ...); (count, ...) on the CPU for one seed without a stack.
+        """
+        if not self.learner.view.is_stack:
+            return torch.from_numpy(per_seed[0])
+        if offset:
+            per_seed = [draws + seed * offset for seed, draws in enumerate(per_seed)]
+        return torch.from_numpy(np.stack(per_seed, axis=1)).to(self.learner.view.device)
+
+
 class BatchedEngine(Engine):
-    """Trains a team of learners."""
+    """Trains a learner per seed, and optionally computes all of them in one stack.
+
+    Attributes:
+        tensors: the state of the agents.
+        learners: one per seed, on the same tensors as the one of the stack.
+        groups: one per seed, or one of all seeds.
+    """
 
     updates: int
 
-    def __init__(self, team: Team[Any], environments: Environments, rollout_steps: int) -> None:
-        """Starts with untrained agents; see `Engine`."""
-        super().__init__(environments, team.generators, rollout_steps)
-        self._team, self._saved, self.updates = team, team.tensors.saved, 0
-        for learner, generators in zip(team.learners, team.generators, strict=True):
-            learner.initialize(generators.weights())
+    def __init__(
+        self,
+        make: Callable[[Tensors], Learner],
+        tensors: Tensors,
+        environments: Environments,
+        rollout_steps: int,
+        *,
+        stacked: bool,
+    ) -> None:
+        """Starts with untrained agents; see `Engine`.
+
+        Args:
+            make: makes a learner.
+            stacked: whether to compute all seeds in one stack or one after another.
+        """
+        super().__init__(environments, rollout_steps)
+        self.tensors, self._saved, self.updates = tensors, tensors.saved, 0
+        generators, seeds = environments.generators, range(tensors.seeds)
+        self.learners: list[Any] = [make(tensors.select(seed)) for seed in seeds]
+        self._stack = make(tensors) if stacked else None
+        self.groups = [Group(self._stack, seeds, generators)]
+        if not stacked:
+            one_each = zip(self.learners, seeds, generators, strict=True)
+            self.groups = [
+                Group(learner, range(seed, seed + 1), [draws]) for learner, seed, draws in one_each
+            ]
+        self._captured = Captured(tensors.device)
+        self._inputs: dict[Hashable, list[Tensor]] = {}
+        self._outputs: dict[Hashable, Tensor] = {}
+        for learner, draws in zip(self.learners, generators, strict=True):
+            learner.initialize(draws.weights())
         # Tensors that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
         self._finite = [
             name
@@ -38,7 +96,7 @@ class BatchedEngine(Engine):
 
     def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the deterministic policy of the seed with this index."""
-        policy: SavedNetwork = self._team.learners[seed].policy()
+        policy: SavedNetwork = self.learners[seed].policy()
         return policy
 
     def load_policy(self, seed: int, policy: SavedNetwork, control_steps: int) -> None:
@@ -51,13 +109,13 @@ class BatchedEngine(Engine):
         Raises:
             ValueError: if it has other layers than the seed's agent.
         """
-        self._team.learners[seed].load_policy(policy)
+        self.learners[seed].load_policy(policy)
         self.control_steps = control_steps
 
     def losses(self, seed: int) -> dict[str, float]:
         """See `Engine.losses`."""
         sums, counts = self._saved[LOSS_SUMS][seed].cpu().unbind(dim=-1)
-        means = zip(self._team.learners[seed].losses, counts, (sums / counts).tolist(), strict=True)
+        means = zip(self.learners[seed].losses, counts, (sums / counts).tolist(), strict=True)
         return {name: mean for name, count, mean in means if count}
 
     def check_weights(self) -> None:
@@ -101,8 +159,39 @@ class BatchedEngine(Engine):
         self.control_steps, self.updates = first["control_steps"], first["updates"]
         self._collected = first["collected"]
 
+    def _draw_normal(self, shape: tuple[int, ...]) -> Tensor:
+        """Returns standard normal numbers (seeds, *shape) for exploration."""
+        generators = self.environments.generators
+        return torch.from_numpy(np.stack([g.actions.standard_normal(shape) for g in generators]))
+
+    def _run(self, method: Callable[..., Tensor], *inputs: Tensor) -> Tensor:
+        """Evaluates a method of every agent on its inputs.
+
+        Args:
+            method: function of a learner and tensors (..., N, any); it must be the same object at
+                every call, because it is recorded on a GPU.
+            inputs: (seeds, N, any).
+
+        Returns:
+            (seeds, N, any), on the CPU.
+        """
+        if self._stack is None:
+            per_seed = zip(self.learners, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
+            return torch.stack([method(agent, *arguments) for agent, *arguments in per_seed])
+        key = (method, *(x.shape for x in inputs))
+        if key not in self._inputs:
+            dtype, device = self.tensors.dtype, self.tensors.device
+            self._inputs[key] = [torch.empty_like(x, dtype=dtype, device=device) for x in inputs]
+        for buffer, x in zip(self._inputs[key], inputs, strict=True):
+            buffer.copy_(x)
+        self._captured(self._run_stack, key)
+        return self._outputs[key].cpu()
+
+    def _run_stack(self, key: tuple[Any, ...]) -> None:
+        self._outputs[key] = key[0](self._stack, *self._inputs[key])
+
     def _act(self, inputs: Tensor) -> NDArray[np.floating]:
-        actions: NDArray[np.float32] = self._team.run(act, inputs).float().numpy()
+        actions: NDArray[np.float32] = self._run(act, inputs).float().numpy()
         return actions
 
     def _learn(self) -> None:
@@ -117,9 +206,9 @@ class BatchedEngine(Engine):
         # Only one small copy from a GPU.
         return [seed for seed, is_finite in enumerate(finite.tolist()) if not is_finite]
 
-    def _still_learning(self, seeds: range) -> bool:
-        """Returns whether any of these seeds has not diverged."""
-        return not all(seed in self.diverged for seed in seeds)
+    def _still_learning(self, group: Group) -> bool:
+        """Returns whether any seed of a group has not diverged."""
+        return not all(seed in self.diverged for seed in group.seeds)
 
     @abstractmethod
     def _update(self) -> None:
@@ -135,5 +224,5 @@ class BatchedEngine(Engine):
 
 
 def act(agent: Learner, observations: Tensor) -> Tensor:
-    """Returns an agent's deterministic actions; see `Team.run`."""
+    """Returns an agent's deterministic actions; see `BatchedEngine._run`."""
     return agent.act(observations)

@@ -18,7 +18,7 @@ from jbench.agents.batched.dense import DenseLayers
 from jbench.agents.batched.layers import Affine, Layer, affine_count, affine_views
 from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.network import Network
-from jbench.agents.batched.tensors import SeedView
+from jbench.agents.batched.tensors import Tensors
 from jbench.policies.network import MAX_INPUT, SavedLayer, feature_layers, linear_layer
 from jbench.settings.records import OFESettings
 
@@ -40,7 +40,7 @@ class Features:
     """
 
     def __init__(
-        self, settings: OFESettings, observation_size: int, action_size: int, view: SeedView
+        self, settings: OFESettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the networks."""
         self._settings, self._view = settings, view
@@ -54,7 +54,7 @@ class Features:
         shapes += _shapes(pair_size, settings.widths)
         shapes.append((self.state_action_size, observation_size))
         self._shapes, count = shapes, affine_count(shapes)
-        self.values = view.saved("features", count)
+        self.values = view.state("features", count)
         self.gradient = view.scratch("features.gradient", count)
         self.layers = self.split_layers(self.values)
         pairs = zip(self.layers, self.split_layers(self.gradient), strict=True)
@@ -63,8 +63,8 @@ class Features:
         self._phi_o = DenseLayers(view, "phi_o", observation_size, first)
         self._phi_oa = DenseLayers(view, "phi_oa", pair_size, second)
         self._adam = Adam(view, "features", self.values, self.gradient, settings.learning_rate)
-        self._mean = view.saved("features.mean", observation_size)
-        self._variance = view.saved("features.variance", observation_size)
+        self._mean = view.state("features.mean", observation_size)
+        self._variance = view.state("features.variance", observation_size)
 
     def split_layers(self, flat: Tensor) -> list[Affine]:
         """Returns the layers of phi_o and phi_oa and the output layer, as views of `flat`."""

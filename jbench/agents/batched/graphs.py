@@ -1,10 +1,11 @@
 """CUDA graphs: a recorded sequence of kernels that one call launches."""
 
 from collections.abc import Callable, Hashable
+from typing import Any
 
 import torch
 
-Function = Callable[[Hashable], None]
+Function = Callable[[Any], None]
 """A function that `Captured` calls with an argument."""
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.tensors import SeedView, flat_parts, flat_size
+from jbench.agents.batched.tensors import Tensors, flat_parts, flat_size
 
 
 class Affine(NamedTuple):
@@ -72,7 +72,7 @@ class LowPrecisionLayer(Layer):
     The backward pass reuses the numbers rounded in the forward pass.
     """
 
-    def __init__(self, affine: Affine, gradient: Affine, view: SeedView, workspace: str) -> None:
+    def __init__(self, affine: Affine, gradient: Affine, view: Tensors, workspace: str) -> None:
         super().__init__(affine, gradient)
         self._view, self._names = view, {name: f"{workspace} {name}" for name in _ROUNDED}
 

@@ -10,7 +10,7 @@ from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.network import Layout, Network, Twins
-from jbench.agents.batched.tensors import SeedView
+from jbench.agents.batched.tensors import Tensors
 from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer, relu_layers
 from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
@@ -24,7 +24,7 @@ OTHER_LAYERS = "its layers are not those of its settings"
 class Learner:
     """An update rule and its networks, for one seed or for a stack.
 
-    Its state lies in the tensors of its `SeedView`; learners of the same view share their state.
+    Its state lies in the tensors of its `Tensors`; learners of the same view share their state.
 
     Attributes:
         action_size: numbers in an action, each in [-1, 1].
@@ -35,7 +35,7 @@ class Learner:
     """Names of the recorded losses, as in the database."""
 
     def __init__(
-        self, settings: AlgorithmSettings, observation_size: int, action_size: int, view: SeedView
+        self, settings: AlgorithmSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the networks.
 
@@ -45,7 +45,7 @@ class Learner:
         self.view, self.action_size = view, action_size
         self._learning_rate = settings.learning_rate
         self.policy_layout = Layout((observation_size, *settings.hidden_layers, action_size))
-        self._loss_sums = view.saved(LOSS_SUMS, len(self.losses), 2)
+        self._loss_sums = view.state(LOSS_SUMS, len(self.losses), 2)
         self._sums_by_name = dict(zip(self.losses, self._loss_sums.unbind(dim=-2), strict=True))
         # A mean loss, and the count of 1 that is added with it.
         self._mean_and_one = view.scratch("mean_and_one", 2).fill_(1)
@@ -124,7 +124,7 @@ class Learner:
         make: Callable[..., Network] = Network,
     ) -> Network:
         """Returns a network whose parameters are saved under `name`; see `Network`."""
-        values = self.view.saved(name, layout.length)
+        values = self.view.state(name, layout.length)
         gradient = self.view.scratch(f"{name}.gradient", layout.length) if learned else None
         return make(self.view, layout, values, gradient, workspace=workspace)
 

@@ -19,7 +19,7 @@ from jbench.agents.batched.layers import (
     affine_count,
     affine_views,
 )
-from jbench.agents.batched.tensors import SeedView, aligned
+from jbench.agents.batched.tensors import Tensors, aligned
 
 
 class Layout(NamedTuple):
@@ -72,7 +72,7 @@ class Network:
 
     def __init__(
         self,
-        view: SeedView,
+        view: Tensors,
         layout: Layout,
         values: Tensor,
         gradient: Tensor | None = None,

@@ -1,8 +1,7 @@
 """Training loop of DDPG, TD3 and SAC: act, store transitions, update from a replay buffer."""
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
@@ -10,9 +9,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.agents.batched.engine import BatchedEngine, act
-from jbench.agents.batched.learner import OffPolicyLearner
+from jbench.agents.batched.learner import Learner, OffPolicyLearner
 from jbench.agents.batched.replay import ReplayBuffer
-from jbench.agents.batched.team import Team
+from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Environments, StepResult
 from jbench.agents.generators import Generators
@@ -27,15 +26,14 @@ class OffPolicyEngine(BatchedEngine):
     def __init__(
         self,
         settings: OffPolicySettings,
-        team: Team[Any],
+        make: Callable[[Tensors], Learner],
+        tensors: Tensors,
         environments: Environments,
         *,
-        time_limit: TimeLimit = "bootstrap",
+        time_limit: TimeLimit,
+        stacked: bool,
     ) -> None:
-        """Starts with untrained agents and empty replay buffers.
-
-        Args:
-            time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
+        """Starts with untrained agents and empty replay buffers; see `BatchedEngine`.
 
         Raises:
             RequestError: if the number of environments does not divide the training interval, or
@@ -43,11 +41,10 @@ class OffPolicyEngine(BatchedEngine):
         """
         seeds, count = environments.observations.shape[:2]
         rollout_steps, self._due = settings.schedule(count)
-        super().__init__(team, environments, rollout_steps)
+        super().__init__(make, tensors, environments, rollout_steps, stacked=stacked)
         self._settings = settings
         shape = seeds, count, environments.action_size
         self._noise = ActionNoise(settings, shape)
-        tensors = team.tensors
         self.replay = ReplayBuffer(
             seeds,
             count,
@@ -62,28 +59,28 @@ class OffPolicyEngine(BatchedEngine):
         mirror = None
         if settings.mirror:
             mirror = _row_mirror(environments).to(tensors.device, tensors.dtype)
-        self._groups = [
-            Updates(settings, group, self.replay, time_limit, self._due, mirror=mirror)
-            for group in team.groups
+        self._group_updates = [
+            Updates(settings, group, self.replay, time_limit, mirror=mirror)
+            for group in self.groups
         ]
         self.replay.begin(environments.observations)
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         settings, shape = self._settings, self._noise.previous.shape[1:]
+        generators = self.environments.generators
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:
-            actions = np.stack([seed.actions.uniform(-1, 1, shape) for seed in self._generators])
+            actions = np.stack([seed.actions.uniform(-1, 1, shape) for seed in generators])
         else:
             actions = self._policy_actions(observations).numpy()
-        noisy_actions = actions + self._noise.draw(self._generators)
+        noisy_actions = actions + self._noise.draw(generators)
         return np.clip(noisy_actions, -1, 1).astype(np.float32)
 
     def _policy_actions(self, observations: Tensor) -> Tensor:
         """Returns actions (seeds, environments, action_size) of the policies, without noise."""
-        if not self._team.learners[0].is_stochastic:
-            return self._team.run(act, observations)
+        if not self.learners[0].is_stochastic:
+            return self._run(act, observations)
         shape = self._noise.previous.shape[1:]
-        noise = np.stack([seed.actions.standard_normal(shape) for seed in self._generators])
-        return self._team.run(_explore, observations, torch.from_numpy(noise))
+        return self._run(_explore, observations, self._draw_normal(shape))
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
         self.replay.add(actions, step.rewards, step.observations)
@@ -97,8 +94,8 @@ class OffPolicyEngine(BatchedEngine):
             return
         first = self.updates + 1
         self.updates += self._due
-        for updates in self._groups:
-            if self._still_learning(updates.seeds):
+        for updates in self._group_updates:
+            if self._still_learning(updates.group):
                 if first == 1:
                     updates.pretrain(self.control_steps)
                 updates.prepare(first, self._due)

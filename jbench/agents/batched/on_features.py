@@ -17,7 +17,7 @@ from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.sac import SAC
 from jbench.agents.batched.td3 import TD3
-from jbench.agents.batched.tensors import SeedView
+from jbench.agents.batched.tensors import Tensors
 from jbench.policies.network import SavedLayer
 from jbench.settings.records import OFESettings
 
@@ -36,7 +36,7 @@ class OnFeatures(OffPolicyLearner):
         settings: Any,
         observation_size: int,
         action_size: int,
-        view: SeedView,
+        view: Tensors,
         *,
         ofe: OFESettings,
     ) -> None:

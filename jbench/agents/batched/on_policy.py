@@ -1,18 +1,17 @@
 """Training loop of PPO: collect a rollout, update on it, discard it."""
 
-from collections.abc import Hashable
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.engine import BatchedEngine
+from jbench.agents.batched.engine import BatchedEngine, Group
 from jbench.agents.batched.graphs import Captured
-from jbench.agents.batched.ppo import PPO
-from jbench.agents.batched.rollout import Rollout, split_minibatch
-from jbench.agents.batched.team import Group, Team
+from jbench.agents.batched.learner import Learner
+from jbench.agents.batched.ppo import COLUMNS, PPO, split_minibatch
+from jbench.agents.batched.tensors import Tensors
 from jbench.agents.environments import Environments, StepResult
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import PPOSettings
@@ -24,31 +23,27 @@ class OnPolicyEngine(BatchedEngine):
     def __init__(
         self,
         settings: PPOSettings,
-        team: Team[Any],
+        make: Callable[[Tensors], Learner],
+        tensors: Tensors,
         environments: Environments,
         *,
-        time_limit: TimeLimit = "bootstrap",
+        time_limit: TimeLimit,
+        stacked: bool,
     ) -> None:
-        """Starts with untrained agents.
-
-        Args:
-            time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
-        """
+        """Starts with untrained agents; see `BatchedEngine`."""
         seeds, count = environments.observations.shape[:2]
         steps = settings.rollout_steps(count)
-        super().__init__(team, environments, steps)
+        super().__init__(make, tensors, environments, steps, stacked=stacked)
         self._settings, self._bootstrap = settings, time_limit == "bootstrap"
         sizes = environments.size, environments.action_size
-        self._rollout = Rollout(seeds, count, steps, *sizes, team.tensors.dtype)
-        self._epochs = [Epochs(settings, group, self._rollout) for group in team.groups]
-        self._outputs: Tensor  # of the last call of `PPO.explore`
+        self._rollout = Rollout(seeds, count, steps, *sizes, tensors.dtype)
+        self._group_updates = [Epochs(settings, group, self._rollout) for group in self.groups]
+        self._explored: Tensor  # of the last call of `PPO.explore`
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape[1], self.environments.action_size
-        draws = [seed.actions.standard_normal(shape) for seed in self._generators]
-        noise = torch.from_numpy(np.stack(draws))
-        self._outputs = self._team.run(PPO.explore, observations, noise)
-        actions: NDArray[np.floating] = self._outputs[..., : shape[1]].numpy()
+        self._explored = self._run(PPO.explore, observations, self._draw_normal(shape))
+        actions: NDArray[np.floating] = self._explored[..., : shape[1]].numpy()
         return actions
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
@@ -56,16 +51,16 @@ class OnPolicyEngine(BatchedEngine):
         ended = step.episode_returns is not None
         if ended and self._bootstrap:
             # The episode was truncated: its last state's value stands for the missing rewards.
-            values = self._team.run(PPO.value, step.observations)[..., 0]
+            values = self._run(PPO.value, step.observations)[..., 0]
             rewards += self._settings.gamma * values
-        self._rollout.add(observations, self._outputs, rewards, ended)
+        self._rollout.add(observations, self._explored, rewards, ended)
 
     def _update(self) -> None:
         settings = self._settings
-        last_values = self._team.run(PPO.value, self.environments.observations)[..., 0]
+        last_values = self._run(PPO.value, self.environments.observations)[..., 0]
         self._rollout.estimate(last_values, settings.gamma, settings.gae_lambda)
-        for epochs in self._epochs:
-            if self._still_learning(epochs.seeds):
+        for epochs in self._group_updates:
+            if self._still_learning(epochs.group):
                 epochs.run()
         self._rollout.steps = 0
         self.updates += settings.n_epochs
@@ -82,19 +77,81 @@ class OnPolicyEngine(BatchedEngine):
         self._rollout.ends[:steps] = tensors["ends"].numpy()
 
 
+class Rollout:
+    """Consecutive steps of each environment of each seed.
+
+    Attributes:
+        rows: (seeds, environments, capacity, size + action_size + 5) observation, action, log
+            likelihood of the action, value of the observation, advantage, return and reward of
+            each step.
+        ends: (capacity,) whether the episodes ended with a step.
+        steps: number of steps added.
+    """
+
+    def __init__(
+        self,
+        seeds: int,
+        environments: int,
+        steps: int,
+        observation_size: int,
+        action_size: int,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        """Starts empty; `steps` is the capacity."""
+        width = observation_size + action_size + COLUMNS
+        self._size = observation_size
+        self.rows = torch.zeros(seeds, environments, steps, width, dtype=dtype)
+        self.ends = np.zeros(steps, bool)
+        self.steps = 0
+
+    def add(self, observations: Tensor, outputs: Tensor, rewards: Tensor, end: bool) -> None:
+        """Adds a step.
+
+        Args:
+            observations: (seeds, environments, size) before the actions.
+            outputs: (seeds, environments, action_size + 2) actions, their log likelihoods, values.
+            rewards: (seeds, environments).
+            end: whether the episodes ended.
+        """
+        row = self.rows[:, :, self.steps]
+        row[..., : self._size].copy_(observations)
+        row[..., self._size : -3].copy_(outputs)
+        row[..., -1].copy_(rewards)
+        self.ends[self.steps] = end
+        self.steps += 1
+
+    def estimate(self, last_values: Tensor, gamma: float, lam: float) -> None:
+        """Computes advantages and returns by generalized advantage estimation.
+
+        Source: Schulman et al., 2016, equation 16; a return is the advantage plus the value.
+
+        Args:
+            last_values: (seeds, environments) values of the observations after the last step.
+        """
+        values, rewards = self.rows[..., -4], self.rows[..., -1]
+        advantage, next_value = torch.zeros_like(last_values), last_values
+        for step in range(self.steps - 1, -1, -1):
+            continues = 0.0 if self.ends[step] else 1.0
+            value = values[:, :, step]
+            delta = rewards[:, :, step] + gamma * next_value * continues - value
+            advantage = delta + gamma * lam * continues * advantage
+            self.rows[:, :, step, -3] = advantage
+            next_value = value
+        torch.add(self.rows[..., -3], values, out=self.rows[..., -2])
+
+
 class Epochs:
     """The updates of one group of seeds after each rollout: shuffled minibatches."""
 
-    def __init__(self, settings: PPOSettings, group: Group[PPO], rollout: Rollout) -> None:
+    def __init__(self, settings: PPOSettings, group: Group, rollout: Rollout) -> None:
         """Makes the buffers; `rollout` is of all seeds."""
-        self.seeds, self._group = group.seeds, group
-        self._settings, self._learner = settings, group.learner
+        self.group, self._learner, self._settings = group, group.learner, settings
         rows = rollout.rows[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.
         self._source = rows.flatten(0, 2)
         self._transitions = rows.shape[1] * rows.shape[2]
-        self._scratch = group.learner.view.scratch
-        self._rows = self._source.to(group.learner.view.device, copy=True)
+        self._view: Tensors = group.learner.view
+        self._rows = self._source.to(self._view.device, copy=True)
         self._update = Captured(self._rows.device)
 
     def run(self) -> None:
@@ -115,18 +172,17 @@ class Epochs:
         epochs, count = range(self._settings.n_epochs), self._transitions
         orders = [
             np.stack([seed.updates.permutation(count) for _ in epochs])
-            for seed in self._group.generators
+            for seed in self.group.generators
         ]
-        return self._group.stack(orders, count)
+        return self.group.stack(orders, count)
 
     def _indices(self, size: int) -> Tensor:
-        return self._scratch("indices", size, dtype=torch.int64)
+        return self._view.scratch("indices", size, dtype=torch.int64)
 
-    def _update_once(self, size: Hashable) -> None:
+    def _update_once(self, size: int) -> None:
         """Makes one update from the minibatch at the current indices."""
-        assert isinstance(size, int)
         width = self._rows.shape[-1]
-        batch = self._scratch("minibatch", size, width)
+        batch = self._view.scratch("minibatch", size, width)
         indices = self._indices(size).view(-1)
         torch.index_select(self._rows, 0, indices, out=batch.view(-1, width))
         self._learner.update(split_minibatch(batch, self._learner.action_size))

@@ -9,7 +9,7 @@ from torch import Generator, Tensor
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.learner import Learner, sum_over_actions
 from jbench.agents.batched.network import Layout, Network
-from jbench.agents.batched.tensors import SeedView, aligned
+from jbench.agents.batched.tensors import Tensors, aligned
 from jbench.settings.algorithms import PPOSettings
 
 _LOG_2_PI = math.log(2 * math.pi)
@@ -36,13 +36,23 @@ class Minibatch(NamedTuple):
     returns: Tensor
 
 
+COLUMNS = 5
+"""Columns of a rollout besides observation and action, as in `Minibatch`, and the reward."""
+
+
+def split_minibatch(rows: Tensor, action_size: int) -> Minibatch:
+    """Returns a minibatch from rows (..., N, dim(O) + action_size + COLUMNS) of a rollout."""
+    size = rows.shape[-1] - action_size - COLUMNS
+    return Minibatch(*rows[..., :-1].split([size, action_size, 1, 1, 1, 1], dim=-1))
+
+
 class PPO(Learner):
     """PPO, for one seed or for a stack."""
 
     losses: tuple[str, ...] = ("policy_loss", "value_loss", "entropy_loss")
 
     def __init__(
-        self, settings: PPOSettings, observation_size: int, action_size: int, view: SeedView
+        self, settings: PPOSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
@@ -53,7 +63,7 @@ class PPO(Learner):
         actor_length, *critic_length = (layout.length for layout in layouts)
         lengths = [actor_length, aligned(action_size), *critic_length]
         # Networks and log sigma are one vector, because their gradient is clipped by its norm.
-        self._values = view.saved("policy", sum(lengths))
+        self._values = view.state("policy", sum(lengths))
         self._gradient = view.scratch("policy.gradient", sum(lengths))
         actor, log_sigma, *critic = zip(
             *(flat.split(lengths, dim=-1) for flat in (self._values, self._gradient)), strict=True

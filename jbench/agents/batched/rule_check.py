@@ -9,9 +9,7 @@ from torch import nn
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
-from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
-from jbench.agents.generators import Generators
 from jbench.errors import WorkError
 from jbench.policies.copied import copy_module
 from jbench.settings.algorithms import OffPolicySettings
@@ -93,11 +91,10 @@ def _update(rule: Rule, seeds: int) -> None:
     """
     sizes, is_stack = (rule.observation_size, rule.action_size), seeds > 1
     make = partial(AutogradLearner, rule.settings, *sizes, rule=rule)
-    generators = [Generators(seed, environments=1) for seed in range(seeds)]
-    team = Team(make, generators, Tensors(seeds), stacked=is_stack)
-    for seed_learner, seed_generators in zip(team.learners, generators, strict=True):
-        seed_learner.initialize(seed_generators.weights())
-    learner = team.groups[0].learner
+    tensors = Tensors(seeds)
+    learner = make(view=tensors if is_stack else tensors.select(0))
+    for seed in range(seeds):
+        make(view=tensors.select(seed)).initialize(torch.Generator().manual_seed(seed))
     shape = (*((seeds,) if is_stack else ()), rule.settings.batch_size)
     rows, next_rows = torch.zeros(2, *shape, sum(sizes) + 1)
     noise = torch.zeros(*shape, rule.noise_per_transition)

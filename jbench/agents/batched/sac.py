@@ -15,7 +15,7 @@ from jbench.agents.batched.learner import (
     tanh_gradient,
 )
 from jbench.agents.batched.network import Layout, Network
-from jbench.agents.batched.tensors import SeedView
+from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import SACSettings
 
 # Bounds of log sigma(s), as in the authors' code.
@@ -48,7 +48,7 @@ class SAC(OffPolicyLearner):
     is_stochastic = True
 
     def __init__(
-        self, settings: SACSettings, observation_size: int, action_size: int, view: SeedView
+        self, settings: SACSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
@@ -66,7 +66,7 @@ class SAC(OffPolicyLearner):
         self.critics = self._twins(["critic1", "critic2"])
         self.critic_targets = self._twins(["critic1", "critic1"], "_target", learned=False)
         self._actor_adam = self._adam("actor", self.actor)
-        self.log_temperature = view.saved("log_temperature", 1)
+        self.log_temperature = view.state("log_temperature", 1)
         self._temperature_gradient = view.scratch("log_temperature.gradient", 1)
         if self._learns_temperature:
             self._temperature_adam = Adam(

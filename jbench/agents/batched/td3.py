@@ -8,7 +8,7 @@ from torch import Generator, Tensor
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
 from jbench.agents.batched.network import Network
-from jbench.agents.batched.tensors import SeedView
+from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
 
 
@@ -18,7 +18,7 @@ class TD3(OffPolicyLearner):
     losses: tuple[str, ...] = ("actor_loss", "critic_loss")
 
     def __init__(
-        self, settings: TD3Settings, observation_size: int, action_size: int, view: SeedView
+        self, settings: TD3Settings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)

@@ -1,5 +1,6 @@
 """Tensors of several seeds' agents, stacked along a leading axis."""
 
+import copy
 import math
 from collections.abc import Iterable, Sequence
 
@@ -35,11 +36,17 @@ def flat_parts(flat: Tensor, shapes: Iterable[Sequence[int]]) -> list[Tensor]:
 
 
 class Tensors:
-    """Named tensors of several agents.
+    """Named tensors of several agents, and the part of them that belongs to one seed.
+
+    Update rules are written once, for one seed or for the stack of all. On a CPU one matrix product
+    per seed is faster than a batched product, and one seed's activations stay in the cache; a GPU
+    is faster on the whole stack.
 
     Attributes:
-        saved: (seeds, ...) tensors by name, the complete state of the agents.
+        saved: (seeds, ...) tensors of all seeds by name, the complete state of the agents.
         low_precision: whether networks multiply their hidden layers in bfloat16.
+        batch_shape: leading axes of what `state` and `scratch` return: () for one seed, (seeds,)
+            for the stack.
     """
 
     def __init__(
@@ -50,80 +57,40 @@ class Tensors:
         *,
         low_precision: bool = False,
     ) -> None:
-        """Starts without tensors."""
+        """Starts as the stack of all seeds, without tensors."""
         self.seeds, self.dtype, self.low_precision = seeds, dtype, low_precision
         self.device = torch.device(device)
+        self.batch_shape: tuple[int, ...] = (seeds,)
         self.saved: dict[str, Tensor] = {}
+        self._seed: int | None = None
         self._scratch: dict[tuple[object, ...], Tensor] = {}
 
-    def transfer_buffers(self, shape: Sequence[int]) -> tuple[Tensor, Tensor]:
-        """Returns a buffer on the CPU and one on the device: on a CPU, the same buffer twice.
-
-        With a GPU, the former is pinned memory, from which it copies without waiting.
-        """
-        buffer = torch.empty(tuple(shape), dtype=self.dtype, device=self.device)
-        if self.device.type != "cuda":
-            return buffer, buffer
-        return torch.empty(tuple(shape), dtype=self.dtype, pin_memory=True), buffer
-
-    def saved_tensor(self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None) -> Tensor:
-        """Returns the (seeds, *shape) tensor of a name; zeros if it is new."""
-        if name not in self.saved:
-            self.saved[name] = self._zeros((self.seeds, *shape), dtype)
-        return self.saved[name]
-
-    def scratch_tensor(
-        self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None
-    ) -> Tensor:
-        """Returns a buffer, the same one at every call; its content is arbitrary."""
-        key = (name, shape, dtype)
-        if key not in self._scratch:
-            self._scratch[key] = self._zeros(shape, dtype)
-        return self._scratch[key]
-
-    def _zeros(self, shape: tuple[int, ...], dtype: torch.dtype | None) -> Tensor:
-        return torch.zeros(shape, dtype=dtype or self.dtype, device=self.device)
-
-
-class SeedView:
-    """The tensors of one seed, or of the whole stack.
-
-    Update rules are written once for both cases. On a CPU one matrix product per seed is faster
-    than a batched product, and one seed's activations stay in the cache; a GPU is faster on the
-    whole stack.
-
-    Attributes:
-        batch_shape: leading axes of all tensors: () for one seed, (seeds,) for the stack.
-    """
-
-    def __init__(self, tensors: Tensors, seed: int | None = None) -> None:
-        """Selects the seed with this index, without the axis of seeds, or all for None."""
-        self._tensors, self._seed = tensors, seed
-        self.batch_shape: tuple[int, ...] = (tensors.seeds,) if seed is None else ()
+    def select(self, seed: int) -> "Tensors":
+        """Returns the same tensors as seen by the seed with this index, without its axis."""
+        view = copy.copy(self)
+        view._seed, view.batch_shape = seed, ()
+        return view
 
     @property
     def is_stack(self) -> bool:
         """Whether these are the tensors of all seeds, with a leading axis."""
         return self._seed is None
 
-    @property
-    def device(self) -> torch.device:
-        """Device of the tensors."""
-        return self._tensors.device
-
-    @property
-    def low_precision(self) -> bool:
-        """Whether networks multiply their hidden layers in bfloat16."""
-        return self._tensors.low_precision
-
-    def saved(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
+    def state(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
         """Returns a tensor (*batch_shape, *shape) of the agent's state; zeros at first."""
-        stacked = self._tensors.saved_tensor(name, shape, dtype)
-        return stacked if self._seed is None else stacked[self._seed]
+        if name not in self.saved:
+            self.saved[name] = self._zeros((self.seeds, *shape), dtype)
+        return self.saved[name] if self._seed is None else self.saved[name][self._seed]
 
     def scratch(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
-        """Returns a buffer (*batch_shape, *shape) for use within an update.
+        """Returns a buffer (*batch_shape, *shape) for use within an update, its content arbitrary.
 
-        Views of single seeds share it, because they are updated one after another.
+        It is the same at every call. Single seeds share it: they are updated one after another.
         """
-        return self._tensors.scratch_tensor(name, (*self.batch_shape, *shape), dtype)
+        key = (name, *self.batch_shape, *shape, dtype)
+        if key not in self._scratch:
+            self._scratch[key] = self._zeros((*self.batch_shape, *shape), dtype)
+        return self._scratch[key]
+
+    def _zeros(self, shape: tuple[int, ...], dtype: torch.dtype | None) -> Tensor:
+        return torch.zeros(shape, dtype=dtype or self.dtype, device=self.device)

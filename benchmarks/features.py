@@ -13,7 +13,7 @@ import torch
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner
-from jbench.agents.batched.make import ON_FEATURES
+from jbench.agents.batched.make import on_features
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
@@ -31,7 +31,7 @@ def main() -> None:
     learners: dict[str, OffPolicyLearner] = {"full": TD3(settings, _SIZE, 1, Tensors(1).select(0))}
     for units in _UNITS:
         ofe, part = OFESettings(units=units), Tensors(1).select(0)
-        learners[f"ofe{units}"] = ON_FEATURES["td3"](settings, _SIZE, 1, part, ofe=ofe)
+        learners[f"ofe{units}"] = on_features("td3", ofe)(settings, _SIZE, 1, part)
     rows = settings.batch_size, _SIZE + 2
     batches = {
         name: Batch(

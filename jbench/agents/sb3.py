@@ -1,40 +1,30 @@
-"""The four algorithms of stable-baselines3, built from our settings, and policies of its models."""
+"""Agents of stable-baselines3: jbench's four algorithms, and classes with its interface by name."""
 
+import inspect
+from collections.abc import Mapping
 from typing import Any
 
+import gymnasium
 import numpy as np
 import torch
 from stable_baselines3 import DDPG, PPO, SAC, TD3
+from stable_baselines3.common import noise
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.noise import (
-    ActionNoise,
-    NormalActionNoise,
-    OrnsteinUhlenbeckActionNoise,
-)
 from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.type_aliases import TrainFrequencyUnit
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import nn
 
+from jbench.agents.algorithms import find_class
+from jbench.errors import RequestError
 from jbench.policies.acting import normalization
 from jbench.policies.copied import UnsupportedPolicyError, copy_module
-from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer, relu_layers
+from jbench.policies.network import SavedLayer, SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
-"""The class of each algorithm."""
-
-# Our settings that are not arguments of the same name of the classes.
-_OURS = {
-    "hidden_layers",
-    "n_envs",
-    "uniform_warmup",
-    "action_noise",
-    "noise_mean",
-    "noise_sigma",
-    "noise_theta",
-    "noise_dt",
-}
+"""The class of each of jbench's algorithms."""
 
 _LOSSES = {
     "actor_loss": "train/actor_loss",
@@ -50,39 +40,103 @@ class _DDPGWithPolicyWarmup(DDPG):
     """DDPG that acts by its policy, not uniformly, before learning starts."""
 
     def _sample_action(
-        self, learning_starts: int, action_noise: ActionNoise | None = None, n_envs: int = 1
+        self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
     ) -> tuple[np.ndarray, np.ndarray]:
         return super()._sample_action(0, action_noise, n_envs)
 
 
-def build(algo: str, settings: AlgorithmSettings, env: VecEnv, seed: int) -> BaseAlgorithm:
-    """Returns an untrained agent on the CPU.
+def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count: int) -> None:
+    """Builds an agent once, to see whether its class takes the settings.
 
     Args:
+        sizes: of an (encoded) observation and an action.
+        count: environments.
+
+    Raises:
+        RequestError: if it does not, can't be trained in several environments, or its policy can't
+            be saved.
+    """
+    env = DummyVecEnv([lambda: Spaces(*sizes)] * count)
+    try:
+        agent = build(name, settings, env, seed=0)
+    except Exception as error:
+        reason = (str(error).splitlines() or [""])[0].rstrip(".")
+        if "action spaces" in reason:  # the rest is the spaces' classes
+            raise RequestError(
+                f"{name} takes no continuous actions, which all tasks have; choose another class."
+            ) from None
+        raise RequestError(
+            f"{name} can't be made with these settings ({type(error).__name__}: {reason})."
+        ) from None
+    # stable-baselines3 itself refuses this only when it collects the first transitions.
+    unit = getattr(getattr(agent, "train_freq", None), "unit", None)
+    if count > 1 and unit is TrainFrequencyUnit.EPISODE:
+        raise RequestError(
+            f"train_freq of {name} can't be in episodes with {count} environments: type a "
+            "number of steps, or one environment."
+        )
+    try:
+        copy_model(agent)
+    except UnsupportedPolicyError as error:
+        raise RequestError(
+            f"The policy of {name} can't be saved ({error.why}); record its training loop with "
+            "jbench.record (docs/recording.md)."
+        ) from None
+
+
+def build(
+    algo: str, settings: AlgorithmSettings | Mapping[str, Any], env: VecEnv, seed: int
+) -> BaseAlgorithm:
+    """Returns an untrained agent on the CPU, with the policy MlpPolicy.
+
+    Args:
+        algo: one of `CLASSES`, or MODULE:CLASS.
+        settings: those of an algorithm of jbench; or arguments of the class as JSON values. A list
+            is passed as a tuple, and the name of a module of torch.nn as the class, such as "ReLU"
+            for activation_fn in policy_kwargs. action_noise is the standard deviation of normal
+            noise.
         seed: of weights, noise, minibatches and environments, in [0, 2^32).
     """
-    # Divergence is detected by actions and losses. Torch's validation would raise its own error in
-    # the middle of an update.
-    torch.distributions.Distribution.set_default_validate_args(False)
-    layers = list(settings.hidden_layers)
-    critic = "vf" if algo == "ppo" else "qf"
-    arguments: dict[str, Any] = settings.model_dump(exclude=_OURS)
-    kind = CLASSES[algo]
-    if isinstance(settings, OffPolicySettings):
-        arguments["action_noise"] = _noise(settings, env.action_space.shape)
-        if algo == "ddpg" and not settings.uniform_warmup:
-            kind = _DDPGWithPolicyWarmup
-    agent = kind(
-        "MlpPolicy",
-        env,
-        policy_kwargs={"net_arch": {"pi": layers, critic: layers}, "activation_fn": nn.ReLU},
-        seed=seed,
-        device="cpu",
-        **arguments,
-    )
+    shape: Any = env.action_space.shape
+    if isinstance(settings, AlgorithmSettings):
+        kind, arguments = _ours(algo, settings, shape)
+    else:
+        kind, arguments = find_class(algo), _class_arguments(settings, shape)
+    agent: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
     # No output to the terminal; the losses are read from the logger.
     agent.set_logger(Logger(folder=None, output_formats=[]))
     return agent
+
+
+def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict[str, Any]]:
+    """Returns the class of an algorithm of jbench, and its arguments."""
+    # Divergence is detected by actions and losses. Torch's validation would raise its own error in
+    # the middle of an update.
+    torch.distributions.Distribution.set_default_validate_args(False)
+    kind, layers = CLASSES[algo], list(settings.hidden_layers)
+    taken = inspect.signature(kind).parameters.keys()
+    arguments = settings.model_dump(include=set(taken))
+    if isinstance(settings, OffPolicySettings):
+        arguments["action_noise"] = _noise(settings, shape)
+        if algo == "ddpg" and not settings.uniform_warmup:
+            kind = _DDPGWithPolicyWarmup
+    net_arch = {"pi": layers, "vf" if algo == "ppo" else "qf": layers}
+    return kind, {**arguments, "policy_kwargs": {"net_arch": net_arch, "activation_fn": nn.ReLU}}
+
+
+def _class_arguments(settings: Mapping[str, Any], shape: Any) -> dict[str, Any]:
+    """Returns the arguments of a class for JSON values; see `build`."""
+    arguments: dict[str, Any] = {
+        n: tuple(v) if isinstance(v, list) else v for n, v in settings.items()
+    }
+    if isinstance(sigma := arguments.get("action_noise"), int | float):
+        arguments["action_noise"] = noise.NormalActionNoise(np.zeros(shape), np.full(shape, sigma))
+    if isinstance(arguments.get("policy_kwargs"), Mapping):
+        arguments["policy_kwargs"] = {
+            n: getattr(nn, v) if n.endswith("_fn") and isinstance(v, str) else v
+            for n, v in arguments["policy_kwargs"].items()
+        }
+    return arguments
 
 
 def losses(agent: BaseAlgorithm) -> dict[str, float]:
@@ -91,31 +145,21 @@ def losses(agent: BaseAlgorithm) -> dict[str, float]:
     return {name: float(values[key]) for name, key in _LOSSES.items() if key in values}
 
 
-def policy(agent: BaseAlgorithm) -> SavedNetwork:
-    """Returns a copy of the agent's deterministic policy."""
-    linear = [
-        linear_layer(*(array.detach().numpy().copy() for array in (module.weight, module.bias)))
-        for module in actor_module(agent.policy).modules()
-        if isinstance(module, nn.Linear)
-    ]
-    return SavedNetwork(relu_layers(linear, "clip" if isinstance(agent, PPO) else "tanh"))
-
-
-def copy_model(model: Any, inputs: int, outputs: int) -> SavedNetwork:
+def copy_model(model: Any, *sizes: int) -> SavedNetwork:
     """Returns a copy of the deterministic policy of a model.
 
     Args:
-        inputs: size of an (encoded) observation.
-        outputs: size of an action.
+        sizes: of an (encoded) observation and an action, if the model must have them.
 
     Raises:
         UnsupportedPolicyError: if it is not a sequence of supported layers, or for other sizes.
     """
     policy = model.policy
+    sizes = sizes or (model.observation_space.shape[0], model.action_space.shape[0])
     owner = policy.actor if hasattr(policy, "actor") else policy
     if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
         raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
-    network = copy_module(actor_module(policy), inputs, outputs)
+    network = copy_module(actor_module(policy), *sizes)
     return SavedNetwork([*_normalization_layers(model), *network.layers])
 
 
@@ -149,12 +193,20 @@ def _normalization_layers(model: Any) -> list[SavedLayer]:
     ]
 
 
-def _noise(settings: OffPolicySettings, shape: Any) -> ActionNoise | None:
+def _noise(settings: OffPolicySettings, shape: Any) -> noise.ActionNoise | None:
     mean, sigma = np.full(shape, settings.noise_mean), np.full(shape, settings.noise_sigma)
     if settings.action_noise == "normal":
-        return NormalActionNoise(mean, sigma)
+        return noise.NormalActionNoise(mean, sigma)
     if settings.action_noise == "ornstein-uhlenbeck":
-        return OrnsteinUhlenbeckActionNoise(
-            mean, sigma, theta=settings.noise_theta, dt=settings.noise_dt
-        )
+        theta, dt = settings.noise_theta, settings.noise_dt
+        return noise.OrnsteinUhlenbeckActionNoise(mean, sigma, theta=theta, dt=dt)
     return None
+
+
+class Spaces(gymnasium.Env[Any, Any]):
+    """An environment of which only the spaces are used."""
+
+    def __init__(self, observation_size: int, action_size: int) -> None:
+        shape = (observation_size,)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
+        self.action_space = gymnasium.spaces.Box(-1, 1, (action_size,), np.float32)

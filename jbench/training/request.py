@@ -123,11 +123,11 @@ def make_runs(
         if isinstance(algorithm, OffPolicySettings):
             algorithm.schedule(count)
     if runs[0].engine == "sb3" and not runs[0].is_ours:
-        from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
+        from jbench.agents import sb3  # stable-baselines3 takes a second to import
 
         task = find_task(runs[0].task)
         sizes = task.observation_size, task.action_size
-        sb3_classes.check(runs[0].algo, runs[0].hyperparameters, *sizes, count)
+        sb3.check(runs[0].algo, runs[0].hyperparameters, sizes, count)
     return runs
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from jbench.agents import sb3, sb3_classes
+from jbench.agents import sb3
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.closing import Closing
 from jbench.encoders import Encoder, on_observations
@@ -31,12 +31,10 @@ class SB3Engine(Closing):
         Args:
             seed: of the agent and its environments.
         """
-        self._settings, self._encoder = settings, encoder
+        self._encoder = encoder
         env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
-        if settings.is_ours:
-            self._agent = sb3.build(settings.algo, settings.algorithm, env, seed)
-        else:
-            self._agent = sb3_classes.build(settings.algo, settings.hyperparameters, env, seed)
+        values = settings.algorithm if settings.is_ours else settings.hyperparameters
+        self._agent = sb3.build(settings.algo, values, env, seed)
         self.diverged: dict[int, Divergence] = {}
         self._policy: SavedNetwork | None = None
 
@@ -88,12 +86,7 @@ class SB3Engine(Closing):
     def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the agent's deterministic policy."""
         if self._policy is None:
-            spaces: Any = self._agent.observation_space, self._agent.action_space
-            self._policy = (
-                sb3.policy(self._agent)
-                if self._settings.is_ours
-                else sb3.copy_model(self._agent, *(space.shape[0] for space in spaces))
-            )
+            self._policy = sb3.copy_model(self._agent)
         return self._policy
 
     def losses(self, seed: int) -> dict[str, float]:

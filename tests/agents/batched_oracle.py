@@ -10,7 +10,7 @@ from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.make import LEARNERS
 from jbench.agents.batched.tensors import Tensors, aligned
-from jbench.agents.sb3_classes import Spaces
+from jbench.agents.sb3 import Spaces
 from jbench.settings.algorithms import algorithm_settings
 
 SIZE = 16  # of an observation of face_direction

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.make import ON_FEATURES
+from jbench.agents.batched.layers import affine_views
+from jbench.agents.batched.make import on_features
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.records import OFESettings
 from tests.agents.batched_oracle import SIZE, settings_of
@@ -31,7 +32,7 @@ UPDATES = 10
 def learner_of(algo, ofe, *, stacked=False, actions=1, **changes):
     """A learner of one seed, or of a stack of two seeds with the same parameters."""
     tensors = Tensors(2 if stacked else 1, torch.float64)
-    make = partial(ON_FEATURES[algo], settings_of(algo, **changes), SIZE, actions, ofe=ofe)
+    make = partial(on_features(algo, ofe), settings_of(algo, **changes), SIZE, actions)
     each = [make(tensors.select(seed)) for seed in range(tensors.seeds)]
     for learner in each:
         learner.initialize(torch.Generator().manual_seed(1))
@@ -64,7 +65,9 @@ def test_gradients_and_updates_of_features_equal_autograd(ofe, stacked, actions)
         gradients = plain.learn(batch)
         errors = learner.features.learn(twice(batch) if stacked else batch)
         flat = learner.features.gradient[1] if stacked else learner.features.gradient
-        for ours, (weight, bias) in zip(seed.features.split_layers(flat), gradients, strict=True):
+        for ours, (weight, bias) in zip(
+            affine_views(flat, seed.features.shapes), gradients, strict=True
+        ):
             torch.testing.assert_close(ours.weight.mT, weight, rtol=0, atol=1e-10)
             torch.testing.assert_close(ours.bias, bias, rtol=0, atol=1e-10)
         assert loss is None or float(errors.mean()) == pytest.approx(loss, abs=1e-10)

@@ -14,7 +14,7 @@ from torch.utils._pytree import tree_leaves
 from jbench.agents.batched import engine, off_policy
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.engine import Group
-from jbench.agents.batched.make import LEARNERS, ON_FEATURES
+from jbench.agents.batched.make import LEARNERS, on_features
 from jbench.agents.batched.on_policy import Epochs, Rollout
 from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.replay import ReplayBuffer
@@ -77,7 +77,7 @@ def test_recorded_functions_stay_on_gpu(algo, options):
     if isinstance(algo, str):
         settings = algorithm_settings(algo, given["base"], given["changes"])
         ofe = given["ofe"]
-        rule = LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)
+        rule = LEARNERS[algo] if ofe is None else on_features(algo, ofe)
     else:
         settings = algo.Settings()
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))

@@ -111,14 +111,14 @@ def test_saved_policy_equals_agent(algo):
     agent = build(algo, hidden_layers=[24, 16])
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
     expected, _ = agent.predict(observations, deterministic=True)
-    policy = SavedNetwork.from_files(*sb3.policy(agent).files())
+    policy = SavedNetwork.from_files(*sb3.copy_model(agent).files())
     np.testing.assert_allclose(policy.act(observations), expected, atol=2e-6)
     np.testing.assert_allclose(policy.act(observations[3]), expected[3], atol=2e-6)
 
 
 def test_saved_policy_is_copy():
     agent = build("td3", hidden_layers=[4])
-    policy = sb3.policy(agent)
+    policy = sb3.copy_model(agent)
     before = policy.layers[0].arrays["weight"].copy()
     with torch.no_grad():
         agent.actor.mu[0].weight += 1

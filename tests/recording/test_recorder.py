@@ -408,7 +408,7 @@ def test_policy_that_is_not_sequence_of_layers_is_refused(policy, reason, tmp_pa
 def test_model_with_actions_of_another_size_is_refused(tmp_path):
     from stable_baselines3 import A2C
 
-    from jbench.agents.sb3_classes import Spaces
+    from jbench.agents.sb3 import Spaces
 
     model = A2C("MlpPolicy", Spaces(16, 2), device="cpu")
     with (

@@ -58,7 +58,7 @@ class Watched:
             step = agent.num_timesteps
             if step % EPISODE:  # otherwise the next episode has already started
                 self.shapes[step] = [shape(env) for env in agent.get_env().envs]
-            self.weights[step] = flat_weights(sb3.policy(agent))
+            self.weights[step] = flat_weights(sb3.copy_model(agent))
             if hasattr(agent, "replay_buffer"):
                 self.stored[step] = agent.replay_buffer.size()
             return after_step(trained, returns)

@@ -43,7 +43,6 @@ class AutogradLearner(OffPolicyLearner):
         self.noise_per_transition = rule.noise_per_transition
         self.is_stochastic = type(rule).explore is not Rule.explore
         super().__init__(settings, observation_size, action_size, view)
-        self._settings = settings
         trained = set(rule.losses.values())
         self._groups = {
             name: _FlatParameters(view, name, {n: rule.get_parameter(n).shape for n in parameters})
@@ -68,7 +67,7 @@ class AutogradLearner(OffPolicyLearner):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(generator.initial_seed())
             sizes = self.rule.observation_size, self.action_size
-            drawn = make_rule(type(self.rule), self._settings, *sizes)
+            drawn = make_rule(type(self.rule), self.settings, *sizes)
         for name, values in self._parameters.items():
             values.copy_(drawn.get_parameter(name).detach())
 
@@ -128,7 +127,7 @@ class AutogradLearner(OffPolicyLearner):
         for name in rule.targets:
             target = f"{name}_target"
             if delayed or target not in rule.delayed:
-                self._groups[target].flat.lerp_(self._groups[name].flat, self._settings.tau)
+                self._groups[target].flat.lerp_(self._groups[name].flat, self.settings.tau)
 
     def _differentiate(
         self, loss: str, trained: Mapping[str, Tensor], batch: Batch

@@ -1,11 +1,11 @@
 """Deep deterministic policy gradient (Lillicrap et al., 2015, Algorithm 1)."""
 
 import torch
-from torch import Generator, Tensor
+from torch import Generator
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
-from jbench.agents.batched.network import Layout, Network
+from jbench.agents.batched.network import Layout
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import DDPGSettings
 
@@ -13,42 +13,32 @@ from jbench.settings.algorithms import DDPGSettings
 class DDPG(OffPolicyLearner):
     """DDPG, for one seed or for a stack."""
 
-    losses: tuple[str, ...] = ("actor_loss", "critic_loss")
+    settings: DDPGSettings
+    losses = ("actor_loss", "critic_loss")
     noise_per_transition = 0
 
     def __init__(
         self, settings: DDPGSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the networks; see `Learner`."""
-        self._settings = settings
         super().__init__(settings, observation_size, action_size, view)
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")
         (self.critic,) = self._critics(["critic"], ["critic"])
         self.actor_target = self._network("actor_target", self.policy_layout, "critic", False)
         (self.critic_target,) = self._critics(["critic_target"], ["critic"], learned=False)
-        self._actor_adam = self._adam("actor", self.actor)
-        self._critic_adam = self._adam("critic", self.critic)
 
     @property
     def critic_layout(self) -> Layout:
         """Layout of the critic; the settings say which layer takes the action."""
-        return super().critic_layout._replace(joins=self._settings.action_layer)
+        return super().critic_layout._replace(joins=self.settings.action_layer)
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
-        kind, bound = self._settings.initialization, self._settings.last_layer_bound
+        kind, bound = self.settings.initialization, self.settings.last_layer_bound
         for network, target in ((self.actor, self.actor_target), (self.critic, self.critic_target)):
             initialize_uniform(network.layers, generator, kind, bound)
             target.values.copy_(network.values)
-
-    def act(self, observations: Tensor) -> Tensor:
-        """Returns mu(s)."""
-        return self.actor.forward(observations, exact=True).tanh_()
-
-    def policy_network(self) -> tuple[Network, str]:
-        """See `Learner.policy_network`."""
-        return self.actor, "tanh"
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Makes one update from a minibatch of N transitions (s, a, r, s').
@@ -61,7 +51,7 @@ class DDPG(OffPolicyLearner):
 
         `backward` continues from the network outputs, dQ and du, to the parameters.
         """
-        settings = self._settings
+        settings = self.settings
         # y = r + gamma Q'(s', mu'(s')). The next actions are columns of `next_state_actions`, and
         # the actions of `state_actions`.
         torch.tanh(self.actor_target.forward(batch.next_observations), out=batch.next_actions)
@@ -72,7 +62,7 @@ class DDPG(OffPolicyLearner):
         errors = self.critic.forward(batch.state_actions) - targets
         self.critic.backward(2 * errors * batch.mean_weight)
         if not settings.gradients_first:
-            self._critic_adam.step()
+            self.critic.step()
 
         # Minimize L_mu over the actor.
         torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
@@ -80,8 +70,8 @@ class DDPG(OffPolicyLearner):
         by_action = self.critic.action_gradient(-batch.mean_weight)
         self.actor.backward(tanh_gradient(by_action, batch.actions))
         if settings.gradients_first:
-            self._critic_adam.step()
-        self._actor_adam.step()
+            self.critic.step()
+        self.actor.step()
 
         # Update the target networks.
         self.critic_target.polyak_update(self.critic, settings.tau)

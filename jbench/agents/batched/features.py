@@ -5,25 +5,80 @@ Learning?", arXiv:2003.01629. `docs/features.md` lists the differences.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Generator, Tensor
 
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.dense import DenseLayers
 from jbench.agents.batched.layers import Affine, Layer, affine_count, affine_views
 from jbench.agents.batched.learner import initialize_uniform
-from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import Tensors
-from jbench.policies.network import MAX_INPUT, SavedLayer, feature_layers, linear_layer
+from jbench.policies.network import MAX_INPUT, SavedLayer, feature_layers
 from jbench.settings.records import OFESettings
 
 MIN_DEVIATION = 1e-3
 """Its square is added to a variance, so that constant observations can be standardized."""
+
+
+class DenseLayers:
+    """Layers of SiLU units, each of which takes the inputs and all previous units.
+
+    Inputs and units share one row: every layer reads the beginning of the row and writes the
+    columns that follow.
+
+    Attributes:
+        size: number of inputs and units together.
+    """
+
+    def __init__(self, view: Tensors, name: str, inputs: int, layers: Sequence[Layer]) -> None:
+        """Connects layers, each of which has the inputs and the units of all before as inputs."""
+        self._view, self._name, self._layers = view, name, layers
+        self._spans: list[tuple[int, int]] = []
+        self.size = inputs
+        for layer in layers:
+            self._spans.append((self.size, self.size + layer.units))
+            self.size += layer.units
+        self._raw: list[Tensor] = []
+        self._rows = torch.empty(0)
+
+    def rows(self, batch: int) -> Tensor:
+        """Returns a buffer (..., batch, size), whose first columns are for the inputs."""
+        return self._view.scratch(f"{self._name} rows", batch, self.size)
+
+    def forward(self, rows: Tensor) -> None:
+        """Computes the units and writes them to the columns after the inputs of `rows`."""
+        self._rows, batch = rows, rows.shape[-2]
+        self._raw = [
+            self._view.scratch(f"{self._name} raw {i}", batch, layer.units)
+            for i, layer in enumerate(self._layers)
+        ]
+        for layer, raw, (start, end) in zip(self._layers, self._raw, self._spans, strict=True):
+            layer.forward(rows[..., :start], raw)
+            torch.ops.aten.silu.out(raw, out=rows[..., start:end])
+
+    def backward(
+        self, by_rows: Tensor, first: int, *, learn: bool, selected: Tensor | None = None
+    ) -> None:
+        """Backpropagates through the layers; adds to `by_rows` in place.
+
+        Args:
+            by_rows: (..., batch, size - first) gradient of a loss by the columns of the last
+                forward pass from `first` on.
+            first: the first column that has a gradient, at most the number of inputs.
+            learn: whether to write the gradient by the layers' parameters.
+            selected: indices of the batch that `by_rows` belongs to; None for all. Requires a
+                single seed and `learn=False`.
+        """
+        layers = list(zip(self._layers, self._raw, self._spans, strict=True))
+        for layer, raw, (start, end) in reversed(layers):
+            layer_raw = raw if selected is None else raw.index_select(0, selected)
+            by_units = by_rows[..., start - first : end - first]
+            delta = torch.ops.aten.silu_backward(by_units, layer_raw)
+            if learn:
+                layer.differentiate(delta, self._rows[..., :start].mT)
+            if start > first:
+                layer.add_propagated(delta, slice(first, start), by_rows[..., : start - first])
 
 
 class Features:
@@ -37,6 +92,8 @@ class Features:
         size: of z_o.
         state_action_size: of z_oa.
         values: (..., parameters) flat parameters; `gradient` has the same shape.
+        shapes: inputs and units of the layers of phi_o and phi_oa and of the output layer.
+        layers: these layers, as views of `values`.
     """
 
     def __init__(
@@ -50,14 +107,13 @@ class Features:
         pair_size = self.size + action_size
         self.state_action_size = pair_size + settings.units
         shapes = _shapes(observation_size, settings.widths)
-        self._layers_of_phi_o = len(shapes)
         shapes += _shapes(pair_size, settings.widths)
         shapes.append((self.state_action_size, observation_size))
-        self._shapes, count = shapes, affine_count(shapes)
+        self.shapes, count = shapes, affine_count(shapes)
         self.values = view.state("features", count)
         self.gradient = view.scratch("features.gradient", count)
-        self.layers = self.split_layers(self.values)
-        pairs = zip(self.layers, self.split_layers(self.gradient), strict=True)
+        self.layers = affine_views(self.values, shapes)
+        pairs = zip(self.layers, affine_views(self.gradient, shapes), strict=True)
         *layers, self._head = [Layer(*pair) for pair in pairs]
         first, second = layers[: len(shapes) // 2], layers[len(shapes) // 2 :]
         self._phi_o = DenseLayers(view, "phi_o", observation_size, first)
@@ -65,10 +121,6 @@ class Features:
         self._adam = Adam(view, "features", self.values, self.gradient, settings.learning_rate)
         self._mean = view.state("features.mean", observation_size)
         self._variance = view.state("features.variance", observation_size)
-
-    def split_layers(self, flat: Tensor) -> list[Affine]:
-        """Returns the layers of phi_o and phi_oa and the output layer, as views of `flat`."""
-        return affine_views(flat, self._shapes)
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed; mean 0 and variance 1 standardize nothing."""
@@ -131,31 +183,20 @@ class Features:
         self._adam.step()
         return errors.square_()
 
-    def saved_layers(self) -> list[SavedLayer]:
-        """Returns a copy of phi_o for a saved policy; requires a single seed."""
-        linear = [
-            linear_layer(_array(layer.weight.mT), _array(layer.bias))
-            for layer in self.layers[: self._layers_of_phi_o]
-        ]
-        deviation = _array(self._deviation())
-        return feature_layers(_array(self._mean), deviation, linear, self._appended)
+    @property
+    def observation_layers(self) -> list[Affine]:
+        """The layers of phi_o, as views of the parameters."""
+        return self.layers[: len(self._settings.widths)]
 
-    def load_saved(self, layers: Sequence[SavedLayer]) -> None:
-        """Sets phi_o and the standardization; inverts `saved_layers`, bit for bit.
+    def saved_layers(self, linear: Sequence[SavedLayer]) -> list[SavedLayer]:
+        """Returns phi_o of a single seed for a saved policy, from its linear layers."""
+        mean, deviation = (t.float().cpu().numpy().copy() for t in (self._mean, self._deviation()))
+        return feature_layers(mean, deviation, linear, self._appended)
 
-        Args:
-            layers: begin with those of `saved_layers`.
-        """
-        center, scale, *others = (layer.arrays for layer in layers)
-        linear = [arrays for arrays in others if arrays]
-        for layer, arrays in zip(self.layers[: self._layers_of_phi_o], linear, strict=False):
-            layer.weight.copy_(torch.from_numpy(arrays["weight"]).mT)
-            layer.bias.copy_(torch.from_numpy(arrays["bias"]))
-        self._mean.copy_(torch.from_numpy(-center["offset"]))
-        self._set_deviation(torch.from_numpy(scale["divisor"]))
-
-    def _set_deviation(self, deviation: Tensor) -> None:
-        """Sets the variance to one whose deviation is this, rounding included."""
+    def load_standardization(self, center: SavedLayer, scale: SavedLayer) -> None:
+        """Sets the mean and a variance whose deviation is that of `saved_layers`, bit for bit."""
+        self._mean.copy_(torch.from_numpy(-center.arrays["offset"]))
+        deviation = torch.from_numpy(scale.arrays["divisor"])
         wanted = deviation.to(self._variance)
         nearest = (deviation.double() ** 2 - MIN_DEVIATION**2).to(self._variance)
         unit = torch.finfo(nearest.dtype).eps * (nearest.abs() + MIN_DEVIATION**2)
@@ -203,41 +244,6 @@ class Features:
         self._mean.add_(step)
 
 
-class FeatureCritic(Network):
-    """A critic of z_oa whose argument is z_o and an action."""
-
-    def __init__(
-        self, features: Features, twin: Network | None, *args: Any, **options: Any
-    ) -> None:
-        """Makes the views of the parameters.
-
-        Args:
-            twin: a critic that is always evaluated on the same batch before this one, whose z_oa
-                is reused; None for a critic that computes z_oa.
-            args: of `Network`.
-            options: of `Network`.
-        """
-        super().__init__(*args, **options)
-        self._features, self._twin = features, twin
-
-    def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
-        """Returns values (..., batch, 1) for z_o and actions (..., batch, size + dim(A))."""
-        twin = self._twin
-        features = self._features.state_action_features(inputs) if twin is None else twin._inputs
-        return super().forward(features, exact=exact)
-
-    def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
-        """Returns the gradient (..., batch, dim(A)) by the actions; see `Network`."""
-        columns = slice(self._features.size, self._features.state_action_size)
-        by_features = self._input_gradient(delta, columns, rows)
-        return self._features.action_gradient(by_features, rows)
-
-
 def _shapes(inputs: int, widths: list[int]) -> list[tuple[int, int]]:
     """Returns inputs and units of densely connected layers."""
     return [(inputs + sum(widths[:i]), width) for i, width in enumerate(widths)]
-
-
-def _array(tensor: Tensor) -> NDArray[np.float32]:
-    array: NDArray[np.float32] = tensor.float().cpu().numpy().copy(order="C")
-    return array

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from torch import Generator, Tensor
@@ -28,11 +29,15 @@ class Learner:
 
     Attributes:
         action_size: numbers in an action, each in [-1, 1].
-        policy_layout: of the network of the policy.
+        policy_layout: of the network of a deterministic policy.
+        actor: whose first outputs are the deterministic action, before `squash`.
+        squash: what bounds the action: "tanh" or "clip".
+        losses: names of the recorded losses, as in the database.
     """
 
     losses: tuple[str, ...]
-    """Names of the recorded losses, as in the database."""
+    squash = "tanh"
+    actor: Network
 
     def __init__(
         self, settings: AlgorithmSettings, observation_size: int, action_size: int, view: Tensors
@@ -43,7 +48,7 @@ class Learner:
             observation_size: number of inputs of the policy.
         """
         self.view, self.action_size = view, action_size
-        self._learning_rate = settings.learning_rate
+        self.settings: Any = settings
         self.policy_layout = Layout((observation_size, *settings.hidden_layers, action_size))
         self._loss_sums = view.state(LOSS_SUMS, len(self.losses), 2)
         self._sums_by_name = dict(zip(self.losses, self._loss_sums.unbind(dim=-2), strict=True))
@@ -57,23 +62,18 @@ class Learner:
 
     def act(self, observations: Tensor) -> Tensor:
         """Returns deterministic actions (..., N, action_size) for inputs (..., N, inputs)."""
-        raise NotImplementedError
-
-    def policy_network(self) -> tuple[Network, str]:
-        """Returns the network of the deterministic policy, and what bounds it: "tanh" or "clip"."""
-        raise NotImplementedError
+        actions = self.actor.forward(observations, exact=True)[..., : self.action_size]
+        return actions.tanh() if self.squash == "tanh" else actions.clamp(-1, 1)
 
     def policy(self) -> SavedNetwork:
         """Returns a copy of one seed's deterministic policy, as it is saved in the database."""
-        network, squash = self.policy_network()
-        *inner, last = [
-            (layer.weight.mT.numpy().copy(), layer.bias.numpy().copy())
-            for layer in network.layout.views(network.values.float().cpu())
+        linear = [
+            linear_layer(*(values.float().cpu().numpy().copy() for values in (weight.mT, bias)))
+            for weight, bias in self.policy_layers()
         ]
-        # The first outputs of a stochastic policy are the mean.
-        mean = [parameters[: self.action_size] for parameters in last]
-        linear = [linear_layer(*parameters) for parameters in (*inner, mean)]
-        return SavedNetwork([*self.feature_layers(), *relu_layers(linear, squash)])
+        count = len(self.actor.layers)
+        features, actor = linear[:-count], linear[-count:]
+        return SavedNetwork([*self.feature_layers(features), *relu_layers(actor, self.squash)])
 
     def load_policy(self, policy: SavedNetwork) -> None:
         """Sets the deterministic policy of one seed; inverts `policy`, bit for bit.
@@ -83,24 +83,23 @@ class Learner:
         """
         if policy.structure() != self.policy().structure():
             raise ValueError(OTHER_LAYERS)
-        network, _ = self.policy_network()
-        layers = network.layers
-        for layer, saved in zip(layers, policy.linear_layers()[-len(layers) :], strict=True):
-            weight, bias = saved.arrays["weight"], saved.arrays["bias"]
-            layer.weight[:, : len(weight)] = torch.from_numpy(weight).mT
-            layer.bias[: len(bias)] = torch.from_numpy(bias)
-        self.load_feature_layers(policy.layers)
+        for layer, saved in zip(self.policy_layers(), policy.linear_layers(), strict=True):
+            layer.weight.copy_(torch.from_numpy(saved.arrays["weight"]).mT)
+            layer.bias.copy_(torch.from_numpy(saved.arrays["bias"]))
 
-    def feature_layers(self) -> list[SavedLayer]:
-        """Returns the layers of learned features, which the policy takes; none for observations."""
-        return []
+    def policy_layers(self) -> list[Affine]:
+        """Returns the linear layers of one seed's deterministic policy, as views."""
+        *inner, (weight, bias) = self.actor.layers
+        # The first outputs of a stochastic policy are the mean.
+        return [*inner, Affine(weight[:, : self.action_size], bias[: self.action_size])]
 
-    def load_feature_layers(self, layers: Sequence[SavedLayer]) -> None:
-        """Sets learned features; inverts `feature_layers`, bit for bit.
+    def feature_layers(self, linear: Sequence[SavedLayer]) -> list[SavedLayer]:
+        """Returns the layers of learned features, which the policy takes; none for observations.
 
         Args:
-            layers: of a policy, which begin with those of the features.
+            linear: their linear layers.
         """
+        return []
 
     def reset_losses(self, delayed: Sequence[bool]) -> None:
         """Resets the mean losses.
@@ -123,15 +122,13 @@ class Learner:
         learned: bool = True,
         make: Callable[..., Network] = Network,
     ) -> Network:
-        """Returns a network whose parameters are saved under `name`; see `Network`."""
+        """Returns a network whose parameters and moments are saved under `name`; see `Network`."""
         values = self.view.state(name, layout.length)
         gradient = self.view.scratch(f"{name}.gradient", layout.length) if learned else None
-        return make(self.view, layout, values, gradient, workspace=workspace)
-
-    def _adam(self, name: str, network: Network) -> Adam:
-        """Returns the optimizer of a network; its moments are saved under `name`."""
-        assert network.gradient is not None
-        return Adam(self.view, name, network.values, network.gradient, self._learning_rate)
+        network = make(self.view, layout, values, gradient, workspace=workspace)
+        if gradient is not None:
+            network.step = Adam(self.view, name, values, gradient, self.settings.learning_rate).step
+        return network
 
 
 class OffPolicyLearner(Learner):
@@ -139,6 +136,9 @@ class OffPolicyLearner(Learner):
 
     noise_per_transition: int
     """Standard normal numbers that an update needs per transition."""
+
+    pretraining: float = 0.0
+    """Updates of learned features per control step, made before the first update of the agent."""
 
     is_stochastic: bool = False
     """Whether the policy is stochastic, so that it explores by `explore` instead of `act`."""
@@ -156,18 +156,6 @@ class OffPolicyLearner(Learner):
             observations: (..., N, inputs).
             noise: (..., N, action_size) standard normal numbers.
         """
-        raise NotImplementedError
-
-    def pretraining(self, control_steps: int) -> int:
-        """Returns the number of `pretrain` calls before the first update.
-
-        Args:
-            control_steps: made by the seed before the first update.
-        """
-        return 0
-
-    def pretrain(self, batch: Batch) -> None:
-        """Trains features on a minibatch before the first update of the agent."""
         raise NotImplementedError
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
@@ -200,9 +188,7 @@ class OffPolicyLearner(Learner):
     def _twins(self, workspaces: Sequence[str], suffix: str = "", learned: bool = True) -> Twins:
         """Returns two critics, saved as critic1 and critic2 with a suffix."""
         names = [f"critic{i}{suffix}" for i in (1, 2)]
-        networks = self._critics(names, workspaces, learned)
-        pairs = zip(names, networks, strict=True)
-        return Twins(networks, [self._adam(*pair) for pair in pairs] if learned else ())
+        return Twins(self._critics(names, workspaces, learned))
 
 
 def initialize_uniform(

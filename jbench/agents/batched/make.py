@@ -9,12 +9,7 @@ from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.ddpg import DDPG
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.batched.on_features import (
-    DDPGOnFeatures,
-    OnFeatures,
-    SACOnFeatures,
-    TD3OnFeatures,
-)
+from jbench.agents.batched.on_features import OnFeatures
 from jbench.agents.batched.on_policy import OnPolicyEngine
 from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.rule import Rule
@@ -31,13 +26,6 @@ from jbench.settings.records import OFESettings
 
 LEARNERS: dict[str, type[Learner]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
 """jbench's own update rules by name of the algorithm."""
-
-ON_FEATURES: dict[str, type[OnFeatures]] = {
-    "ddpg": DDPGOnFeatures,
-    "sac": SACOnFeatures,
-    "td3": TD3OnFeatures,
-}
-"""Update rules on learned features."""
 
 
 def make_engine(
@@ -74,7 +62,7 @@ def make_engine(
         assert isinstance(settings, OffPolicySettings)
         learner = partial(AutogradLearner, rule=checked_rule(algo, settings, *sizes))
     else:
-        learner = LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)
+        learner = LEARNERS[algo] if ofe is None else on_features(algo, ofe)
     _set_precision(device, precision)
     seeds, low_precision = len(environments.generators), precision == "bfloat16"
     make = partial(learner, settings, *sizes)
@@ -91,6 +79,11 @@ def make_engine(
             f"The GPU's memory is not enough for the replay buffers of {seeds} seeds: type fewer "
             f"--seeds at a time, or less than --set buffer_size={settings.buffer_size}."
         ) from None
+
+
+def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:
+    """Returns what makes a learner of an off-policy algorithm on learned features."""
+    return partial(type("OnFeatures", (OnFeatures, LEARNERS[algo]), {}), ofe=ofe)
 
 
 def _set_precision(device: torch.device, precision: str) -> None:

@@ -5,13 +5,12 @@ activations have fixed buffers, shared by networks that are not used at the same
 is that of the matrix products. The gradients are tested against autograd.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.layers import (
     Affine,
     Layer,
@@ -68,7 +67,14 @@ class Layout(NamedTuple):
 
 
 class Network:
-    """A network of one seed, or of each seed of a stack."""
+    """A network of one seed, or of each seed of a stack.
+
+    Attributes:
+        layers: as views of the parameters `values`, without padding.
+        step: makes a step of the optimizer; only a learned network has it.
+    """
+
+    step: Callable[[], None]
 
     def __init__(
         self,
@@ -89,6 +95,7 @@ class Network:
         """
         self.layout, self.values, self.gradient = layout, values, gradient
         self.view, self._workspace = view, workspace
+        self.layers = layout.views(values)
         self._joins, self._actions = layout.joins, layout.actions
         # Columns of the actions among the inputs of their layer.
         end = layout.inputs[layout.joins]
@@ -105,11 +112,6 @@ class Network:
         ]
         self._memory: dict[int, _Memory] = {}
         self._inputs, self._units = torch.empty(0), _Memory([], [], [])
-
-    @property
-    def layers(self) -> list[Affine]:
-        """The layers, as views of the parameters."""
-        return self.layout.views(self.values)
 
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
         """Returns the outputs (..., batch, sizes[-1]) for inputs (..., batch, sizes[0]).
@@ -197,9 +199,9 @@ class _Memory(NamedTuple):
 class Twins:
     """Two critics of the same inputs, as TD3 and SAC have, evaluated and fitted together."""
 
-    def __init__(self, networks: Sequence[Network], adams: Sequence[Adam] = ()) -> None:
-        """Wraps two networks and their optimizers; target networks have none."""
-        self.networks, self._adams = networks, adams
+    def __init__(self, networks: Sequence[Network]) -> None:
+        """Wraps two networks."""
+        self.networks = networks
 
     def forward(self, inputs: Tensor) -> list[Tensor]:
         """Returns the values (..., N, 1) of both for inputs (..., N, any)."""
@@ -215,10 +217,10 @@ class Twins:
             (..., N, 1) the sum of the squared errors before the step.
         """
         all_errors = []
-        for network, adam in zip(self.networks, self._adams, strict=True):
+        for network in self.networks:
             errors = network.forward(inputs) - targets
             network.backward(errors * (scale / errors.shape[-2]))
-            adam.step()
+            network.step()
             all_errors.append(errors)
         first, second = all_errors
         return first.square().addcmul_(second, second)

@@ -1,7 +1,7 @@
 """The off-policy update rules on features learned with the agent.
 
 The rules themselves do not change: z_o replaces the observations in their minibatch, and their
-critics take z_oa (`features.FeatureCritic`).
+critics take z_oa (`FeatureCritic`).
 """
 
 from collections.abc import Sequence
@@ -11,14 +11,12 @@ from typing import Any
 from torch import Generator, Tensor
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.ddpg import DDPG
-from jbench.agents.batched.features import FeatureCritic, Features
+from jbench.agents.batched.features import Features
+from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.network import Layout, Network
-from jbench.agents.batched.sac import SAC
-from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import Tensors
-from jbench.policies.network import SavedLayer
+from jbench.policies.network import SavedLayer, SavedNetwork
 from jbench.settings.records import OFESettings
 
 _LOSS = "prediction_loss"
@@ -42,8 +40,7 @@ class OnFeatures(OffPolicyLearner):
     ) -> None:
         """See `Learner`."""
         self.features = Features(ofe, observation_size, action_size, view)
-        self._pretraining = ofe.pretraining
-        self._batches: dict[Batch, Batch] = {}
+        self.pretraining, self.losses = ofe.pretraining, (*self.losses, _LOSS)
         super().__init__(settings, self.features.size, action_size, view)
 
     def initialize(self, generator: Generator) -> None:
@@ -59,21 +56,18 @@ class OnFeatures(OffPolicyLearner):
         """See `OffPolicyLearner.explore`."""
         return super().explore(self._encode(observations), noise)
 
-    def feature_layers(self) -> list[SavedLayer]:
+    def policy_layers(self) -> list[Affine]:
+        """See `Learner.policy_layers`; those of the features come first."""
+        return [*self.features.observation_layers, *super().policy_layers()]
+
+    def feature_layers(self, linear: Sequence[SavedLayer]) -> list[SavedLayer]:
         """See `Learner.feature_layers`."""
-        return self.features.saved_layers()
+        return self.features.saved_layers(linear)
 
-    def load_feature_layers(self, layers: Sequence[SavedLayer]) -> None:
-        """See `Learner.load_feature_layers`."""
-        self.features.load_saved(layers)
-
-    def pretraining(self, control_steps: int) -> int:
-        """See `OffPolicyLearner.pretraining`."""
-        return round(self._pretraining * control_steps)
-
-    def pretrain(self, batch: Batch) -> None:
-        """See `OffPolicyLearner.pretrain`."""
-        self.features.learn(batch)
+    def load_policy(self, policy: SavedNetwork) -> None:
+        """See `Learner.load_policy`."""
+        super().load_policy(policy)
+        self.features.load_standardization(*policy.layers[:2])
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Updates the features, then the agent on the new features of the same minibatch."""
@@ -86,13 +80,9 @@ class OnFeatures(OffPolicyLearner):
 
     def _on_features(self, batch: Batch) -> Batch:
         """Returns the minibatch with features in place of observations."""
-        if batch not in self._batches:
-            shape = batch.rows.shape[-2], self.features.size + self.action_size + 1
-            rows, next_rows = (self.view.scratch(f"{n} on features", *shape) for n in ("s", "s'"))
-            self._batches[batch] = Batch(
-                rows, next_rows, batch.discounts, batch.noise, self.action_size
-            )
-        encoded = self._batches[batch]
+        shape = batch.rows.shape[-2], self.features.size + self.action_size + 1
+        rows, next_rows = (self.view.scratch(f"{n} on features", *shape) for n in ("s", "s'"))
+        encoded = Batch(rows, next_rows, batch.discounts, batch.noise, self.action_size)
         actions_and_reward = slice(-self.action_size - 1, None)
         encoded.rows[..., actions_and_reward].copy_(batch.rows[..., actions_and_reward])
         self.features.observation_features(batch.observations, encoded.observations)
@@ -116,19 +106,31 @@ class OnFeatures(OffPolicyLearner):
         return critics
 
 
-class DDPGOnFeatures(OnFeatures, DDPG):
-    """DDPG on features learned with it."""
+class FeatureCritic(Network):
+    """A critic of z_oa whose argument is z_o and an action."""
 
-    losses = (*DDPG.losses, _LOSS)
+    def __init__(
+        self, features: Features, twin: Network | None, *args: Any, **options: Any
+    ) -> None:
+        """Makes the views of the parameters.
 
+        Args:
+            twin: a critic that is always evaluated on the same batch before this one, whose z_oa
+                is reused; None for a critic that computes z_oa.
+            args: of `Network`.
+            options: of `Network`.
+        """
+        super().__init__(*args, **options)
+        self._features, self._twin = features, twin
 
-class SACOnFeatures(OnFeatures, SAC):
-    """SAC on features learned with it."""
+    def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
+        """Returns values (..., batch, 1) for z_o and actions (..., batch, size + dim(A))."""
+        twin = self._twin
+        features = self._features.state_action_features(inputs) if twin is None else twin._inputs
+        return super().forward(features, exact=exact)
 
-    losses = (*SAC.losses, _LOSS)
-
-
-class TD3OnFeatures(OnFeatures, TD3):
-    """TD3 on features learned with it."""
-
-    losses = (*TD3.losses, _LOSS)
+    def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
+        """Returns the gradient (..., batch, dim(A)) by the actions; see `Network`."""
+        columns = slice(self._features.size, self._features.state_action_size)
+        by_features = self._input_gradient(delta, columns, rows)
+        return self._features.action_gradient(by_features, rows)

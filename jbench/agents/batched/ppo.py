@@ -49,14 +49,15 @@ def split_minibatch(rows: Tensor, action_size: int) -> Minibatch:
 class PPO(Learner):
     """PPO, for one seed or for a stack."""
 
-    losses: tuple[str, ...] = ("policy_loss", "value_loss", "entropy_loss")
+    settings: PPOSettings
+    losses = ("policy_loss", "value_loss", "entropy_loss")
+    squash = "clip"
 
     def __init__(
         self, settings: PPOSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
-        self._settings = settings
         # One network with the outputs mu(s) and V(s), or two networks.
         outputs = (action_size + 1,) if settings.shared_layers else (action_size, 1)
         layouts = [Layout((*self.policy_layout.sizes[:-1], count)) for count in outputs]
@@ -77,7 +78,7 @@ class PPO(Learner):
         ]
         self.actor, self.critic = self._networks[0], self._networks[-1]
         self._optimizer = Adam(
-            view, "policy", self._values, self._gradient, self._learning_rate, _ADAM_EPSILON
+            view, "policy", self._values, self._gradient, settings.learning_rate, _ADAM_EPSILON
         )
 
     def initialize(self, generator: Generator) -> None:
@@ -90,14 +91,6 @@ class PPO(Learner):
             heads = [self.action_size] * (network is self.actor) + [1] * (network is self.critic)
             for output in last.split(heads, dim=-1):
                 _initialize_orthogonal(output, next(gains), generator)
-
-    def act(self, observations: Tensor) -> Tensor:
-        """Returns mu(s), clipped."""
-        return self.actor.forward(observations, exact=True)[..., : self.action_size].clamp(-1, 1)
-
-    def policy_network(self) -> tuple[Network, str]:
-        """See `Learner.policy_network`."""
-        return self.actor, "clip"
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns (..., N, action_size + 2) sampled actions, their log likelihoods, and V(s).
@@ -128,7 +121,7 @@ class PPO(Learner):
             l and H are sums over the numbers of an action, each with its mu and sigma
             L^VF = 1/N sum (V - R)^2                  dL^VF / dV = 2 (V - R) / N, V unclipped
         """
-        settings, size = self._settings, batch.actions.shape[-2]
+        settings, size = self.settings, batch.actions.shape[-2]
         advantages = batch.advantages
         if settings.normalize_advantage and size > 1:
             sd, mean = torch.std_mean(advantages, dim=-2, keepdim=True)
@@ -168,14 +161,14 @@ class PPO(Learner):
 
         L^VF is 1/N sum errors^2; V(s) may be clipped to within `clip_range_vf` of its old value.
         """
-        errors, clip = values - batch.returns, self._settings.clip_range_vf
+        errors, clip = values - batch.returns, self.settings.clip_range_vf
         if clip is None:
             return errors, errors
         changes = values - batch.values
         clipped_changes = changes.clamp(-clip, clip)
         clipped = batch.values + clipped_changes - batch.returns
         is_within = clipped_changes == changes
-        if self._settings.value_loss == "clipped":
+        if self.settings.value_loss == "clipped":
             return clipped, torch.where(is_within, clipped, 0)
         # The larger error counts; a clipped error does not depend on V(s).
         is_larger = errors.abs() >= clipped.abs()

@@ -14,7 +14,7 @@ from jbench.agents.batched.learner import (
     sum_over_actions,
     tanh_gradient,
 )
-from jbench.agents.batched.network import Layout, Network
+from jbench.agents.batched.network import Layout
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import SACSettings
 
@@ -44,7 +44,8 @@ class SampledActions(NamedTuple):
 class SAC(OffPolicyLearner):
     """SAC, for one seed or for a stack."""
 
-    losses: tuple[str, ...] = ("actor_loss", "critic_loss", "entropy_coefficient")
+    settings: SACSettings
+    losses = ("actor_loss", "critic_loss", "entropy_coefficient")
     is_stochastic = True
 
     def __init__(
@@ -53,28 +54,24 @@ class SAC(OffPolicyLearner):
         """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         self.noise_per_transition = 2 * action_size
-        self._tau, self._interval = settings.tau, settings.target_update_interval
         self._target_entropy = -float(action_size)
         if settings.target_entropy != "auto":
             self._target_entropy = settings.target_entropy
-        self._learns_temperature = settings.ent_coef == "auto"
-        self._initial_temperature = 1.0 if settings.ent_coef == "auto" else settings.ent_coef
         # The actor's outputs are mu(s) and log sigma(s).
         layout = Layout((*self.policy_layout.sizes[:-1], 2 * action_size))
         self.actor = self._network("actor", layout, workspace="actor")
         # Both critics' activations are needed at the same time, those of their targets are not.
         self.critics = self._twins(["critic1", "critic2"])
         self.critic_targets = self._twins(["critic1", "critic1"], "_target", learned=False)
-        self._actor_adam = self._adam("actor", self.actor)
         self.log_temperature = view.state("log_temperature", 1)
         self._temperature_gradient = view.scratch("log_temperature.gradient", 1)
-        if self._learns_temperature:
+        if self.settings.ent_coef == "auto":
             self._temperature_adam = Adam(
                 view,
                 "log_temperature",
                 self.log_temperature,
                 self._temperature_gradient,
-                self._learning_rate,
+                settings.learning_rate,
             )
 
     def initialize(self, generator: Generator) -> None:
@@ -84,23 +81,16 @@ class SAC(OffPolicyLearner):
         pairs = zip(self.critic_targets.networks, self.critics.networks, strict=True)
         for target, critic in pairs:
             target.values.copy_(critic.values)
-        self.log_temperature.fill_(self._initial_temperature).log_()
-
-    def act(self, observations: Tensor) -> Tensor:
-        """Returns tanh(mu(s))."""
-        return self.actor.forward(observations, exact=True)[..., : self.action_size].tanh()
+        initial = 1.0 if self.settings.ent_coef == "auto" else self.settings.ent_coef
+        self.log_temperature.fill_(initial).log_()
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns actions sampled from pi(. | s)."""
         return self._sample(observations, noise, exact=True).actions
 
-    def policy_network(self) -> tuple[Network, str]:
-        """See `Learner.policy_network`."""
-        return self.actor, "tanh"
-
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether the target networks are updated."""
-        return update_of_call % self._interval == 0
+        return update_of_call % self.settings.target_update_interval == 0
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Makes one update from a minibatch of N transitions (s, a, r, s').
@@ -136,18 +126,18 @@ class SAC(OffPolicyLearner):
         self.actor.backward(
             self._policy_gradient(sample, temperature, by_action, batch.mean_weight)
         )
-        self._actor_adam.step()
+        self.actor.step()
 
         # Minimize L_alpha over log alpha.
         self._record_loss("entropy_coefficient", temperature)
-        if self._learns_temperature:
+        if self.settings.ent_coef == "auto":
             torch.mean(sample.log_likelihoods, dim=-2, out=self._temperature_gradient)
             self._temperature_gradient.add_(self._target_entropy).neg_()
             self._temperature_adam.step()
 
         # Update the target networks.
         if delayed:
-            self.critic_targets.polyak_update(self.critics, self._tau)
+            self.critic_targets.polyak_update(self.critics, self.settings.tau)
 
     def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> SampledActions:
         """Samples an action per observation with noise e (..., N, action_size)."""

@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 
 import torch
-from torch import Generator, Tensor
+from torch import Generator
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
-from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
 
@@ -15,7 +14,8 @@ from jbench.settings.algorithms import TD3Settings
 class TD3(OffPolicyLearner):
     """TD3, for one seed or for a stack."""
 
-    losses: tuple[str, ...] = ("actor_loss", "critic_loss")
+    settings: TD3Settings
+    losses = ("actor_loss", "critic_loss")
 
     def __init__(
         self, settings: TD3Settings, observation_size: int, action_size: int, view: Tensors
@@ -23,36 +23,24 @@ class TD3(OffPolicyLearner):
         """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         self.noise_per_transition = action_size
-        self._initialization = settings.initialization
-        self._tau, self._delay = settings.tau, settings.policy_delay
-        self._sigma, self._clip = settings.target_policy_noise, settings.target_noise_clip
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")
         workspaces = ["critic"] * 2
         self.critics = self._twins(workspaces)
         self.actor_target = self._network("actor_target", self.policy_layout, "critic", False)
         self.critic_targets = self._twins(workspaces, "_target", learned=False)
-        self._actor_adam = self._adam("actor", self.actor)
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
         networks = (self.actor, *self.critics.networks)
         targets = (self.actor_target, *self.critic_targets.networks)
         for network, target in zip(networks, targets, strict=True):
-            initialize_uniform(network.layers, generator, self._initialization)
+            initialize_uniform(network.layers, generator, self.settings.initialization)
             target.values.copy_(network.values)
-
-    def act(self, observations: Tensor) -> Tensor:
-        """Returns pi(s)."""
-        return self.actor.forward(observations, exact=True).tanh_()
-
-    def policy_network(self) -> tuple[Network, str]:
-        """See `Learner.policy_network`."""
-        return self.actor, "tanh"
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether actor and target networks are updated."""
-        return update % self._delay == 0
+        return update % self.settings.policy_delay == 0
 
     def reset_losses(self, delayed: Sequence[bool]) -> None:
         """See `Learner.reset_losses`; the actor's loss is kept until its next update."""
@@ -69,7 +57,9 @@ class TD3(OffPolicyLearner):
 
         The actor and the target networks are updated only if `delayed`.
         """
-        smoothing = (batch.noise * self._sigma).clamp_(-self._clip, self._clip)
+        settings = self.settings
+        sigma, clip = settings.target_policy_noise, settings.target_noise_clip
+        smoothing = (batch.noise * sigma).clamp_(-clip, clip)
         next_actions = self.actor_target.forward(batch.next_observations).tanh_()
         # The next actions are columns of `next_state_actions`, and the actions of `state_actions`.
         torch.clamp(next_actions.add_(smoothing), -1, 1, out=batch.next_actions)
@@ -87,9 +77,9 @@ class TD3(OffPolicyLearner):
             values = critic.forward(batch.state_actions)
             by_action = critic.action_gradient(-batch.mean_weight)
             self.actor.backward(tanh_gradient(by_action, batch.actions))
-            self._actor_adam.step()
+            self.actor.step()
             self._record_loss("actor_loss", -values)
 
             # Update the target networks.
-            self.critic_targets.polyak_update(self.critics, self._tau)
-            self.actor_target.polyak_update(self.actor, self._tau)
+            self.critic_targets.polyak_update(self.critics, settings.tau)
+            self.actor_target.polyak_update(self.actor, settings.tau)

@@ -73,7 +73,7 @@ class Updates:
 
     def pretrain(self, control_steps: int) -> None:
         """Makes the updates that precede the first update of the agents."""
-        remaining = self._learner.pretraining(control_steps)
+        remaining = round(self._learner.pretraining * control_steps)
         while remaining:
             count = min(remaining, _MAX_SAMPLED)
             samples = self._sample(count)
@@ -106,7 +106,7 @@ class Updates:
     def _pretrain_once(self, _: None) -> None:
         """Trains features on the minibatch whose indices are in the buffers."""
         self._gather()
-        self._learner.pretrain(self._batch)
+        self._learner.features.learn(self._batch)
 
     def _gather(self) -> None:
         for rows, indices in self._gathered:

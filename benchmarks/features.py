@@ -11,9 +11,9 @@ import time
 
 import torch
 
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.make import on_features
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings

@@ -14,9 +14,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Environments

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the names of the package, which `_exports` reads
-    from jbench.agents.batched.batch import Batch as Batch
+    from jbench.agents.batched.replay import Batch as Batch
     from jbench.agents.batched.rule import Rule as Rule
     from jbench.agents.plugin import Agent as Agent
     from jbench.agents.plugin import AgentSettings as AgentSettings

@@ -110,11 +110,7 @@ def settings_class(algo: str) -> type[Settings]:
 def describe_settings(algo: str) -> dict[str, tuple[Any, str]]:
     """Returns the default, as a JSON value, and the meaning of each setting of an algorithm.
 
-    The default of a setting that must be given is "required".
-
-    Raises:
-        RequestError: if there is no such algorithm.
-        WorkError: if its package can't be imported.
+    The default of a setting that must be given is "required". Errors are those of `settings_class`.
     """
     kind = settings_class(algo)
     return {
@@ -216,12 +212,7 @@ def _offered() -> list[EntryPoint]:
 
 
 def _entry_point(name: str) -> EntryPoint:
-    """Returns the entry point of an agent or an update rule.
-
-    Raises:
-        RequestError: if there is none.
-        WorkError: if an agent and a rule have the name.
-    """
+    """Returns the entry point of an agent or an update rule; see `choose_engine`."""
     offered = _offered()
     points = [point for point in offered if point.name == name]
     if not points and name.lower() in _ELSEWHERE:

@@ -51,11 +51,7 @@ class Engine(Closing):
     updates: int | None = None
 
     def __init__(self, environments: Environments, rollout_steps: int = 1) -> None:
-        """Starts with untrained agents.
-
-        Args:
-            rollout_steps: steps of each environment between learning phases.
-        """
+        """Starts with untrained agents, which learn every `rollout_steps` of each environment."""
         self.environments = environments
         self.control_steps = 0
         self.diverged: dict[int, Divergence] = {}
@@ -68,11 +64,9 @@ class Engine(Closing):
     def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
         """Trains until each seed has made `steps` control steps and completed a rollout.
 
-        Learning happens when the step after a completed rollout is requested, also after
-        `restore`, so the caller can evaluate or save the agents between any two steps.
-
-        Args:
-            steps: per seed, counted from the start of training.
+        Steps are counted from the start of training. Learning happens when the step after a
+        completed rollout is requested, also after `restore`, so the caller can evaluate or save the
+        agents between any two steps.
 
         Yields:
             After each step of all robots, the returns (seeds, environments) of the episodes that
@@ -99,8 +93,7 @@ class Engine(Closing):
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
         """Returns deterministic actions (seeds, N, dim(A)) in [-1, 1]; 0 for diverged agents.
 
-        Args:
-            observations: (seeds, N, dim(O)) of the task, not encoded.
+        The observations (seeds, N, dim(O)) are those of the task, not encoded.
         """
         seen = torch.from_numpy(observations)
         actions = self._act(self.environments.encode(seen))
@@ -132,8 +125,7 @@ class Engine(Closing):
     def restore(self, states: Sequence[SeedState]) -> None:
         """Restores all seeds; on a CPU, training continues with the same bits.
 
-        Args:
-            states: of every seed. The replay rows of an off-policy engine must be restored before.
+        The replay rows of an off-policy engine must be restored before.
         """
 
     def _robots_state(self, seed: int) -> SeedState:

@@ -1,14 +1,15 @@
-"""The simulated robots of all seeds, stepped together."""
+"""The simulated robots of all seeds, stepped together, and the random generators of each seed."""
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.random import PCG64, Generator, SeedSequence
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.generators import Generators
 from jbench.closing import Closing
 from jbench.encoders import Encoder, action_signs
 from jbench.names import EPISODE_STEPS
@@ -16,6 +17,44 @@ from jbench.simulation import Worlds, find_task
 
 Augment = Callable[[int], int | None]
 """Maps an episode, counted from 0, to the seed of its augmented robot; None is the plain robot."""
+
+
+class Generators:
+    """The generators of one seed, independent of the other seeds.
+
+    They are on the CPU for every device, so an agent on a GPU sees the same robots, minibatches
+    and noise as on a CPU.
+
+    Attributes:
+        seed: non-negative.
+        actions: for exploration.
+        updates: for minibatches and noise in updates.
+        environments: for initial states, one per environment.
+    """
+
+    def __init__(self, seed: int, environments: int) -> None:
+        """Seeds the generators."""
+        self.seed = seed
+        weights, actions, updates, *others = SeedSequence(seed).spawn(3 + environments)
+        self._weights = weights
+        self.actions, self.updates = Generator(PCG64(actions)), Generator(PCG64(updates))
+        self.environments = [Generator(PCG64(other)) for other in others]
+
+    def weights(self) -> torch.Generator:
+        """Returns a new generator of the initial weights."""
+        return torch.Generator().manual_seed(int(self._weights.generate_state(1, np.uint64)[0]))
+
+    def state(self) -> list[dict[str, Any]]:
+        """Returns the state of every generator, serialisable as JSON."""
+        return [dict(generator.bit_generator.state) for generator in self._all()]
+
+    def restore(self, state: list[dict[str, Any]]) -> None:
+        """Restores what `state` returned."""
+        for generator, saved in zip(self._all(), state, strict=True):
+            generator.bit_generator.state = saved
+
+    def _all(self) -> list[Generator]:
+        return [self.actions, self.updates, *self.environments]
 
 
 class StepResult(NamedTuple):
@@ -63,7 +102,6 @@ class Environments(Closing):
         """Starts the first episodes.
 
         Args:
-            seeds: of the agents.
             count: environments of each seed.
             encoders: of each seed, with the same number of latents; None for no encoders.
             augment: the robot of each episode.
@@ -132,12 +170,7 @@ class Environments(Closing):
         return {**self._worlds.state(self._robots(seed)), "returns": self._returns[seed].copy()}
 
     def restore(self, seed: int, state: dict[str, NDArray[Any]], episodes: int, steps: int) -> None:
-        """Restores the simulation of one seed exactly.
-
-        Args:
-            episodes: completed episodes, the same for all seeds.
-            steps: control steps made in the current episode, the same for all seeds.
-        """
+        """Restores one seed's simulation exactly; `episodes` and `steps` are those of all seeds."""
         self._switch_robot(episodes)
         self._returns[seed] = state["returns"]
         self.episodes, self.steps = episodes, steps
@@ -148,8 +181,8 @@ class Environments(Closing):
         self._switch_robot(self.episodes)
         self._returns = np.zeros(self._shape)
         self.steps = 0
-        generators = [one for seed in self.generators for one in seed.environments]
-        self.observations = self._inputs(self._worlds.reset(generators))
+        generators = chain.from_iterable(seed.environments for seed in self.generators)
+        self.observations = self._inputs(self._worlds.reset(list(generators)))
 
     def _switch_robot(self, episode: int) -> None:
         """Switches to the robot of an episode if it differs from the current one."""

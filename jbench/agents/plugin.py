@@ -136,15 +136,13 @@ def is_resumable(kind: type[Agent]) -> bool:
 
 
 def pack(value: Any, tensors: dict[str, Tensor], where: str = "state()") -> Any:
-    """Returns a value as JSON; adds copies of its tensors and arrays to `tensors`.
+    """Returns a value as JSON; adds copies of its tensors and arrays to `tensors`, on the CPU.
 
     Args:
-        value: dictionaries, lists and tuples of tensors, arrays, numbers, texts, booleans and None.
-        tensors: by name, on the CPU.
         where: name of the value in errors.
 
     Raises:
-        WorkError: if it contains anything else.
+        WorkError: if it contains anything else than `Agent.state` may return.
     """
     if value is None or isinstance(value, bool | int | str):
         return value

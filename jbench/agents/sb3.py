@@ -46,11 +46,10 @@ class _DDPGWithPolicyWarmup(DDPG):
 
 
 def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count: int) -> None:
-    """Builds an agent once, to see whether its class takes the settings.
+    """Builds an agent for some environments, to see whether its class takes the settings.
 
     Args:
         sizes: of an (encoded) observation and an action.
-        count: environments.
 
     Raises:
         RequestError: if it does not, can't be trained in several environments, or its policy can't
@@ -148,11 +147,9 @@ def losses(agent: BaseAlgorithm) -> dict[str, float]:
 def copy_model(model: Any, *sizes: int) -> SavedNetwork:
     """Returns a copy of the deterministic policy of a model.
 
-    Args:
-        sizes: of an (encoded) observation and an action, if the model must have them.
-
     Raises:
-        UnsupportedPolicyError: if it is not a sequence of supported layers, or for other sizes.
+        UnsupportedPolicyError: if it is not a sequence of supported layers, or has other sizes of
+            observation and action than those given.
     """
     policy = model.policy
     sizes = sizes or (model.observation_space.shape[0], model.action_space.shape[0])
@@ -164,11 +161,7 @@ def copy_model(model: Any, *sizes: int) -> SavedNetwork:
 
 
 def actor_module(policy: Any) -> nn.Module:
-    """Returns the layers of a model's policy from an observation to the deterministic action.
-
-    Raises:
-        UnsupportedPolicyError: if the kind of the policy is not known.
-    """
+    """Returns the layers of a model's policy from an observation to the deterministic action."""
     actor: Any = getattr(policy, "actor", None)
     if hasattr(actor, "latent_pi"):  # SAC, TQC
         return nn.Sequential(actor.latent_pi, actor.mu, nn.Tanh())
@@ -181,15 +174,15 @@ def actor_module(policy: Any) -> nn.Module:
 
 
 def _normalization_layers(model: Any) -> list[SavedLayer]:
-    found = normalization(model)
-    if found is None:
+    normalized = normalization(model)
+    if normalized is None:
         return []
-    statistics: Any = found.obs_rms
-    deviation = np.sqrt(statistics.var + found.epsilon)
+    statistics: Any = normalized.obs_rms
+    deviation = np.sqrt(statistics.var + normalized.epsilon)
     return [
         SavedLayer("shift", {"offset": -statistics.mean.astype(np.float32)}),
         SavedLayer("scale", {"factor": (1 / deviation).astype(np.float32)}),
-        SavedLayer("clip", numbers={"low": -found.clip_obs, "high": found.clip_obs}),
+        SavedLayer("clip", numbers={"low": -normalized.clip_obs, "high": normalized.clip_obs}),
     ]
 
 

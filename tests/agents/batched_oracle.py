@@ -7,15 +7,14 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import nn
 
 from jbench.agents import sb3
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.make import LEARNERS
-from jbench.agents.batched.tensors import Tensors, aligned
+from jbench.agents.batched.replay import Batch
+from jbench.agents.batched.tensors import Tensors
 from jbench.agents.sb3 import Spaces
 from jbench.settings.algorithms import algorithm_settings
 
 SIZE = 16  # of an observation of face_direction
 TRANSITIONS = 500
-MOMENTS = {"exp_avg": "first_moment", "exp_avg_sq": "second_moment"}
 
 
 def settings_of(algo, **overrides):
@@ -50,33 +49,18 @@ def learners_of(algo, settings, dtype=torch.float32, seeds=1, action_size=1):
 
 
 def theirs(algo, agent):
-    """Parameters and Adam moments of a stable-baselines3 agent by name."""
+    """Parameters of a stable-baselines3 agent by name."""
+    parameters = {
+        f"{name} {kind}{i}": torch.cat([getattr(module, kind).detach() for module in modules])
+        for name, layers in _networks(algo, agent).items()
+        for i, modules in enumerate(layers)
+        for kind in ("weight", "bias")
+    }
     if algo == "ppo":
-        optimizers = [agent.policy.optimizer]
-    else:
-        optimizers = [agent.actor.optimizer, agent.critic.optimizer]
-    state = {p: known for optimizer in optimizers for p, known in optimizer.state.items()}
-    tensors_by_name = {}
-    for name, layers in _networks(algo, agent).items():
-        for i, modules in enumerate(layers):
-            for kind in ("weight", "bias"):
-                parameters = [getattr(module, kind) for module in modules]
-                tensors_by_name |= _with_moments(f"{name} {kind}{i}", parameters, state)
-    if algo == "ppo":
-        tensors_by_name |= _with_moments("log_sigma", [agent.policy.log_std], state)
+        parameters["log_sigma"] = agent.policy.log_std.detach()
     if algo == "sac" and agent.ent_coef_optimizer is not None:
-        state = agent.ent_coef_optimizer.state
-        tensors_by_name |= _with_moments("log_temperature", [agent.log_ent_coef], state)
-    return tensors_by_name
-
-
-def _with_moments(name, parameters, state):
-    """Parameters joined as in our learners, with Adam moments except for targets."""
-    tensors_by_name = {name: torch.cat([p.detach() for p in parameters])}
-    for key, moment in MOMENTS.items() if "target" not in name else ():
-        moments = [state.get(p, {}).get(key, torch.zeros_like(p)) for p in parameters]
-        tensors_by_name[f"{name} {moment}"] = torch.cat(moments).detach()
-    return tensors_by_name
+        parameters["log_temperature"] = agent.log_ent_coef.detach()
+    return parameters
 
 
 def _networks(algo, agent):
@@ -107,43 +91,34 @@ def _networks(algo, agent):
     }
 
 
-def ours(algo, learner, tensors, seed=0):
-    """Parameters and moments of a seed by the names of `theirs`, as writable views."""
-    saved = {name: tensor[seed] for name, tensor in tensors.saved.items()}
-    actor = learner.actor.values.shape[-1]
-    tensors_by_name = {}
-    for suffix in ("", *MOMENTS.values()):
-        flats = {}
-        for name, flat in saved.items():
-            network, _, moment = name.partition(".")
-            if moment == suffix:
-                flats[network] = flat
-        if algo == "ppo":
-            flat = flats.pop("policy")
-            size = learner.action_size
-            flats |= {"actor": flat[:actor], "critic": flat[actor + aligned(size) :]}
-            tensors_by_name |= {f"log_sigma {suffix}".strip(): flat[actor : actor + size]}
-        if algo == "sac":
-            temperature = flats.pop("log_temperature", None)
-            if "log_temperature.steps" in saved:
-                tensors_by_name |= {f"log_temperature {suffix}".strip(): temperature}
-        flats.pop("losses", None)
-        for network, flat in flats.items():
-            if algo == "ppo":
-                layout = getattr(learner, network).layout
-            else:
-                is_critic = network.startswith("critic")
-                layout = learner.critic_layout if is_critic else learner.actor.layout
-            for i, affine in enumerate(layout.views(flat)):
-                tensors_by_name[f"{network} weight{i} {suffix}".strip()] = affine.weight.mT
-                tensors_by_name[f"{network} bias{i} {suffix}".strip()] = affine.bias
-    return tensors_by_name
+def ours(algo, learner):
+    """Parameters of a seed by the names of `theirs`, as writable views."""
+    networks = {"actor": learner.actor}
+    if algo in ("td3", "sac"):
+        for suffix, twins in (("", learner.critics), ("_target", learner.critic_targets)):
+            networks |= {f"critic{i}{suffix}": net for i, net in enumerate(twins.networks, 1)}
+    else:
+        networks["critic"] = learner.critic
+    for name in ("actor_target", "critic_target"):
+        if hasattr(learner, name):
+            networks[name] = getattr(learner, name)
+    parameters = {
+        f"{name} {kind}{i}": values
+        for name, network in networks.items()
+        for i, (weight, bias) in enumerate(network.layers)
+        for kind, values in (("weight", weight.mT), ("bias", bias))
+    }
+    if algo == "ppo":
+        parameters["log_sigma"] = learner.log_sigma
+    if algo == "sac" and learner.settings.ent_coef == "auto":
+        parameters["log_temperature"] = learner.log_temperature
+    return parameters
 
 
-def copy_initial_parameters(algo, agent, learner, tensors):
+def copy_initial_parameters(algo, agent, learner):
     """Copies the initial parameters of an agent to a learner."""
     learner.initialize(torch.Generator().manual_seed(0))
-    mine = ours(algo, learner, tensors)
+    mine = ours(algo, learner)
     for name, value in theirs(algo, agent).items():
         mine[name].copy_(value)
 

@@ -10,7 +10,7 @@ from torch import nn
 
 import jbench
 from benchmarks.rules import TD3
-from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule
 from tests.agents.batched_oracle import (
     SIZE,

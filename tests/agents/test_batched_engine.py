@@ -15,8 +15,7 @@ from jbench.agents import sb3
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import ActionNoise, OffPolicyEngine
 from jbench.agents.engine import SeedState
-from jbench.agents.environments import Environments
-from jbench.agents.generators import Generators
+from jbench.agents.environments import Environments, Generators
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS, algorithm_settings

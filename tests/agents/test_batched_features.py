@@ -5,9 +5,9 @@ from functools import partial
 import pytest
 import torch
 
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.layers import affine_views
 from jbench.agents.batched.make import on_features
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.records import OFESettings
 from tests.agents.batched_oracle import SIZE, settings_of
@@ -120,25 +120,6 @@ def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe, a
             (by_actions,) = torch.autograd.grad(expected.sum(), taken, retain_graph=True)
             by_actions = by_actions if selected is None else by_actions[selected]
             torch.testing.assert_close(gradient, by_actions, rtol=0, atol=1e-10)
-
-
-@sizes
-@ACTIONS
-@pytest.mark.parametrize("algo", ["td3", "sac"])
-def test_stacked_updates_equal_those_of_single_seeds(algo, ofe, actions):
-    alone, _ = learner_of(algo, ofe, actions=actions)
-    stack, seed = learner_of(algo, ofe, stacked=True, actions=actions)
-    random = torch.Generator().manual_seed(3)
-    for update in range(UPDATES):
-        batch = transitions(random, actions, alone.noise_per_transition)
-        stack.update(twice(batch), stack.is_delayed_update(update, 0))
-        alone.update(batch, alone.is_delayed_update(update, 0))
-    for name in ("features", "actor", "critics"):
-        one, other = (getattr(learner, name) for learner in (alone, seed))
-        both = name == "critics"
-        pairs = zip(one.networks, other.networks, strict=True) if both else [(one, other)]
-        for mine, its in pairs:
-            torch.testing.assert_close(mine.values, its.values, rtol=0, atol=1e-10)
 
 
 def test_many_units_extend_observation_and_few_replace_it():

@@ -59,10 +59,10 @@ class History:
 
 def sampled(buffer, seed, count=4000):
     """Transitions (s, a, r, s', last) sampled from a seed's buffer, as tuples of numbers."""
-    draws = buffer.sample(np.random.default_rng(0), 2, count // 2)
+    indices, next_indices, last = buffer.sample(np.random.default_rng(0), 2, count // 2)
     rows = buffer.seed_rows(range(seed, seed + 1)).numpy()
     samples = np.concatenate(
-        [rows[draws.rows], rows[draws.next_rows][..., :SIZE], draws.last[..., None]], axis=-1
+        [rows[indices], rows[next_indices][..., :SIZE], last[..., None]], axis=-1
     )
     return [tuple(each) for each in samples.reshape(-1, 2 * SIZE + ACTIONS + 2).tolist()]
 

@@ -15,13 +15,13 @@ from jbench.agents.batched import engine, off_policy
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.engine import Group
 from jbench.agents.batched.make import LEARNERS, on_features
-from jbench.agents.batched.on_policy import Epochs, Rollout
-from jbench.agents.batched.ppo import PPO
+from jbench.agents.batched.on_policy import Epochs
+from jbench.agents.batched.ppo import COLUMNS, PPO
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
-from jbench.agents.generators import Generators
+from jbench.agents.environments import Generators
 from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.settings.bases import SCRIPT
 from tests.agents.small_rules import REDQ, TQC
@@ -86,7 +86,7 @@ def test_recorded_functions_stay_on_gpu(algo, options):
     seen, noise = (torch.empty(SEEDS, 1, size, device=GPU) for size in (SIZE, 1))
     check(tensors, engine.act, learner, seen)
     if algo == "ppo":
-        epochs = Epochs(settings, group, Rollout(SEEDS, 8, 16, SIZE, 1))
+        epochs = Epochs(settings, group, torch.zeros(SEEDS, 8, 16, SIZE + 1 + COLUMNS))
         check(tensors, epochs._update_once, settings.batch_size)
         check(tensors, PPO.explore, learner, seen, noise)
         check(tensors, PPO.value, learner, seen)
@@ -118,7 +118,7 @@ class Transfers(TorchDispatchMode):
 
 def test_ppo_copies_nothing_to_device_between_updates():
     settings, seen = algorithm_settings("ppo"), []
-    rollout = Rollout(SEEDS, 1, 2 * settings.batch_size, SIZE, 1)
+    rollout = torch.zeros(SEEDS, 1, 2 * settings.batch_size, SIZE + 1 + COLUMNS)
     epochs = Epochs(settings, group_of(PPO, settings), rollout)
     epochs._update = lambda *_: seen.append("update")
     with Transfers(seen):

@@ -55,7 +55,7 @@ def filled_engine(algo, seeds, **options):
             rows = torch.randn(1, 50, engine.environments.size + 2, generator=random)
             engine.replay.restore(index, rows, 50)
     else:
-        rows = engine._rollout.rows
+        rows = engine._rows
         rows.copy_(torch.randn(rows.shape, generator=random))
     return engine
 

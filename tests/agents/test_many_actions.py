@@ -59,22 +59,6 @@ def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
     assert among[2][-1]
 
 
-@pytest.mark.parametrize("algo", ALGORITHMS)
-def test_stack_equals_single_seeds(algo):
-    options = {**CHEETAH, "dtype": torch.float64}
-    with (
-        engine_of(algo, [7, 5], stacked=True, **options) as together,
-        engine_of(algo, [5], **options) as alone,
-    ):
-        states = []
-        for engine, index in ((together, 1), (alone, 0)):
-            learn(engine, 4 * LENGTH)
-            states.append(engine.state(index))
-    assert states[0].scalars == states[1].scalars
-    for name, tensor in states[1].tensors.items():
-        torch.testing.assert_close(states[0].tensors[name], tensor, rtol=1e-9, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("algo", "options"),
     [

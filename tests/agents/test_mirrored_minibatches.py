@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.replay import Batch
 from jbench.encoders.kinds.linear import PrincipalComponents
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.planar_variants import PlanarMirror
@@ -69,13 +69,13 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
         copy_parameters(layers_of(learner, plain, names))
         random = copy.deepcopy(engine.environments.generators[0].updates)
         updates.prepare(1, UPDATES)
-        sampled = engine.replay.sample(random, UPDATES, 15)
+        sampled, following, _ = engine.replay.sample(random, UPDATES, 15)
         noise = random.standard_normal((UPDATES, 15, learner.noise_per_transition), np.float32)
         for i in range(UPDATES):
             # The first 7 of 15 transitions.
             now, later = (
                 torch.cat([images[indices[:7]], rows[indices[7:]]])
-                for indices in (sampled.rows[i], sampled.next_rows[i])
+                for indices in (sampled[i], following[i])
             )
             discounts = torch.full((15, 1), settings.gamma, dtype=torch.float64)
             batch = Batch(now, later, discounts, torch.from_numpy(noise[i]).double())

@@ -6,10 +6,10 @@ import pytest
 import torch
 from torch import nn
 
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.network import Twins
 from jbench.agents.batched.ppo import Minibatch
+from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import SIZE, learners_of, settings_of

@@ -1,14 +1,17 @@
-"""Tests of the training loop of agents of other packages."""
+"""Tests of the training loop of agents of other packages, and of packing their state."""
 
+import json
 import random
 
 import numpy as np
 import pytest
+import safetensors.torch
 import torch
 from torch import nn
 
 import jbench
 from jbench.agents.environments import Environments
+from jbench.agents.plugin import pack, unpack
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import WorkError
 from jbench.policies.copied import UnsupportedPolicyError
@@ -243,3 +246,46 @@ def test_agent_without_state_is_not_resumable():
     with engine_of(WithoutState) as without_state, engine_of() as engine:
         assert not without_state.is_resumable
         assert engine.is_resumable
+
+
+def through_files(value):
+    """Packs a value, writes and reads it as a checkpoint, and unpacks it."""
+    tensors = {}
+    node = json.loads(json.dumps(pack(value, tensors), allow_nan=False))
+    return unpack(node, safetensors.torch.load(safetensors.torch.save(tensors)))
+
+
+def test_values_keep_their_types_and_bits():
+    generator = np.random.default_rng(5)
+    value = {
+        "generator": generator.bit_generator.state,
+        "pair": (1, [True, None, "text"]),
+        "best": -np.inf,
+        "total": np.float32(0.1),
+        "flags": np.array([True, False]),
+        "empty": np.zeros((0, 4)),
+        "transposed": np.arange(6.0).reshape(2, 3).T,
+        3: torch.arange(4, dtype=torch.int64),
+    }
+    found = through_files(value)
+    assert found["generator"] == value["generator"]
+    assert found["pair"] == (1, [True, None, "text"])
+    assert found["best"] == -np.inf
+    assert type(found["total"]) is np.float32
+    assert found["total"] == np.float32(0.1)
+    assert found["flags"].dtype == bool
+    assert found["empty"].shape == (0, 4)
+    assert np.array_equal(found["transposed"], value["transposed"])
+    assert torch.equal(found[3], value[3])
+
+
+def test_packed_tensor_is_copy():
+    array, tensors = np.zeros(2), {}
+    node = pack(array, tensors)
+    array[0] = 1
+    assert unpack(node, tensors).tolist() == [0, 0]
+
+
+def test_unsupported_object_is_refused_with_its_path():
+    with pytest.raises(WorkError, match=r"state\(\)\['buffer'\]\[1\] of the agent is a set"):
+        pack({"buffer": [0, {1, 2}]}, {})

@@ -12,8 +12,6 @@ from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.tasks.gym import JitterbugEnv
 
-OFF_POLICY = ("ddpg", "sac", "td3")
-
 
 def build(algo, **overrides):
     # The replay buffer of a million transitions is allocated lazily.
@@ -31,64 +29,36 @@ def layers(module):
     ]
 
 
-@pytest.mark.parametrize("algo", OFF_POLICY)
-def test_off_policy_agents_have_published_settings(algo):
-    agent = build(algo)
-    assert (agent.learning_rate, agent.batch_size, agent.gamma) == (1e-4, 256, 0.99)
-    assert agent.buffer_size == agent.replay_buffer.buffer_size == 1_000_000
-    assert agent.replay_buffer.handle_timeout_termination
-    assert agent.n_envs == 1
-    assert isinstance(agent.actor.optimizer, torch.optim.Adam)
-    for optimizer in (agent.actor.optimizer, agent.critic.optimizer):
-        (group,) = optimizer.param_groups
-        assert (group["lr"], group["eps"], group["weight_decay"]) == (1e-4, 1e-8, 0)
+NOISE = {"action_noise", "noise_mean", "noise_sigma", "noise_theta", "noise_dt"}
+NAMED = {"hidden_layers", "uniform_warmup", "train_freq", "clip_range", "clip_range_vf"}
 
 
-def test_ddpg_has_published_settings():
-    agent = build("ddpg")
-    assert agent.train_freq == TrainFreq(100, TrainFrequencyUnit.STEP)
-    assert (agent.gradient_steps, agent.tau, agent.learning_starts) == (50, 0.001, 256)
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_agents_have_the_settings(algo):
+    settings, agent = algorithm_settings(algo), build(algo)
+    for name, value in settings.model_dump(exclude=NOISE | NAMED).items():
+        assert getattr(agent, name) == value, name
+    critic = agent.policy.mlp_extractor.value_net if algo == "ppo" else agent.critic
+    actor = agent.policy.mlp_extractor.policy_net if algo == "ppo" else agent.actor
+    inner = [(16, 350), (350, 250)]
+    outputs = {"ppo": [], "sac": [(250, 1)] * 2}.get(algo, [(250, 1)])
+    assert layers(actor) == [*inner, *outputs]
+    one = inner if algo == "ppo" else [(17, 350), *inner[1:], (250, 1)]
+    assert layers(critic) == one * (2 if algo in ("td3", "sac") else 1)
+    optimizers = [agent.policy.optimizer] if algo == "ppo" else [agent.actor.optimizer]
+    for optimizer in optimizers:
+        assert isinstance(optimizer, torch.optim.Adam)
+        assert optimizer.param_groups[0]["lr"] == 1e-4
+    if algo == "ppo":
+        assert agent.clip_range(1.0) == agent.clip_range_vf(1.0) == 0.2
+        return
+    assert agent.train_freq == TrainFreq(settings.train_freq, TrainFrequencyUnit.STEP)
     noise = agent.action_noise
-    assert isinstance(noise, OrnsteinUhlenbeckActionNoise)
-    assert (noise._mu, noise._sigma, noise._theta, noise._dt) == (0.3, 0.3, 0.15, 0.01)
-    # DDPG in stable-baselines3 is TD3 with one critic, no delay and no smoothing.
-    assert (agent.policy_delay, agent.target_noise_clip) == (1, 0.0)
-    assert layers(agent.actor) == [(16, 350), (350, 250), (250, 1)]
-    assert layers(agent.critic) == [(17, 350), (350, 250), (250, 1)]
-
-
-def test_td3_has_published_settings():
-    agent = build("td3")
-    assert agent.train_freq == TrainFreq(1000, TrainFrequencyUnit.STEP)
-    assert (agent.gradient_steps, agent.tau, agent.learning_starts) == (1000, 0.005, 10_000)
-    assert (agent.policy_delay, agent.target_policy_noise, agent.target_noise_clip) == (2, 0.2, 0.5)
-    assert isinstance(agent.action_noise, NormalActionNoise)
-    assert (agent.action_noise._mu, agent.action_noise._sigma) == (0.0, 0.2)
-    assert layers(agent.critic) == 2 * [(17, 350), (350, 250), (250, 1)]
-
-
-def test_sac_has_published_settings():
-    agent = build("sac")
-    assert agent.train_freq == TrainFreq(1, TrainFrequencyUnit.STEP)
-    assert (agent.gradient_steps, agent.tau, agent.learning_starts) == (1, 0.005, 100)
-    assert agent.target_entropy == -1.0
-    assert agent.log_ent_coef.requires_grad
-    assert agent.log_ent_coef.item() == 0.0
-    assert agent.target_update_interval == 1
-    assert isinstance(agent.action_noise, NormalActionNoise)
-    assert layers(agent.actor) == [(16, 350), (350, 250), (250, 1), (250, 1)]
-
-
-def test_ppo_has_published_settings():
-    agent = build("ppo")
-    assert (agent.n_envs, agent.n_steps, agent.batch_size, agent.n_epochs) == (8, 256, 512, 4)
-    assert (agent.learning_rate, agent.gamma, agent.gae_lambda) == (1e-4, 0.99, 0.95)
-    assert (agent.ent_coef, agent.vf_coef, agent.max_grad_norm) == (0.01, 0.5, 0.5)
-    assert agent.clip_range(1.0) == agent.clip_range_vf(1.0) == 0.2
-    assert agent.normalize_advantage
-    net = agent.policy.mlp_extractor
-    assert layers(net.policy_net) == layers(net.value_net) == [(16, 350), (350, 250)]
-    assert isinstance(net.policy_net[1], torch.nn.ReLU)
+    assert (noise._mu, noise._sigma) == (settings.noise_mean, settings.noise_sigma)
+    kind = OrnsteinUhlenbeckActionNoise if algo == "ddpg" else NormalActionNoise
+    assert isinstance(noise, kind)
+    if algo == "ddpg":
+        assert (noise._theta, noise._dt) == (0.15, 0.01)
 
 
 def test_ddpg_acts_by_its_policy_before_learning_starts():

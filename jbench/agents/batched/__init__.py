@@ -1,15 +1,13 @@
 """The default training engine: many seeds of an algorithm in one process.
 
-    tensors.py       tensors of all seeds, stacked, and scratch memory
-    layers.py        layers with hand-written gradients; network.py: networks of them, and twins;
-                     adam.py: their optimizer
+    tensors.py       tensors of all seeds, stacked, scratch memory, and their optimizer
+    layers.py        layers with hand-written gradients; network.py: networks of them, and twins
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; dense.py: their layers; on_features.py: the
                      update rules on them
-    batch.py         an off-policy minibatch
     rule.py          base class of other packages' rules; rule_check.py: refuses faulty ones;
                      autograd.py: trains them
-    replay.py        replay buffers; updates.py: minibatches sampled from them
+    replay.py        replay buffers and minibatches; updates.py: updates from them
     engine.py        the agents of all seeds; off_policy.py, on_policy.py: the two kinds of engines
     graphs.py        CUDA graphs
     make.py          jbench's update rules by name; makes an engine

@@ -15,11 +15,10 @@ import torch
 from torch import Generator, Tensor
 from torch.func import functional_call, grad_and_value, vmap
 
-from jbench.agents.batched.adam import Adam
-from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.learner import OTHER_LAYERS, OffPolicyLearner
+from jbench.agents.batched.learner import OffPolicyLearner
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
-from jbench.agents.batched.tensors import Tensors, flat_parts, flat_size
+from jbench.agents.batched.tensors import Adam, Tensors, flat_parts, flat_size
 from jbench.policies.copied import copy_module
 from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import OffPolicySettings
@@ -43,11 +42,12 @@ class AutogradLearner(OffPolicyLearner):
         self.noise_per_transition = rule.noise_per_transition
         self.is_stochastic = type(rule).explore is not Rule.explore
         super().__init__(settings, observation_size, action_size, view)
-        trained = set(rule.losses.values())
         self._groups = {
             name: _FlatParameters(view, name, {n: rule.get_parameter(n).shape for n in parameters})
             for name, parameters in parameter_names(rule).items()
         }
+        for name in set(rule.losses.values()):
+            self._groups[name].learn(settings.learning_rate)
         self._parameters = {
             name: values for group in self._groups.values() for name, values in group.values.items()
         }
@@ -56,11 +56,6 @@ class AutogradLearner(OffPolicyLearner):
         if not view.is_stack:
             for name, values in self._parameters.items():
                 self.rule.get_parameter(name).data = values
-        self._adams = {
-            name: Adam(view, group.name, group.flat, group.flat_gradient, settings.learning_rate)
-            for name, group in self._groups.items()
-            if name in trained
-        }
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
@@ -84,8 +79,7 @@ class AutogradLearner(OffPolicyLearner):
         sizes = self.rule.observation_size, self.action_size
         return copy_module(mean_actor(self.rule), *sizes)
 
-    def load_policy(self, policy: SavedNetwork) -> None:
-        """See `Learner.load_policy`."""
+    def _load_layers(self, policy: SavedNetwork) -> None:
         arrays = [array for layer in policy.layers for array in layer.arrays.values()]
         actor: Any = self.rule.actor
         # None for what a layer lacks, such as its bias: the policy has a constant array there.
@@ -93,11 +87,6 @@ class AutogradLearner(OffPolicyLearner):
             parameter for module in actor.modules() for parameter in module._parameters.values()
         )
         parameters = [*inner, weight[: self.action_size], bias[: self.action_size]]
-        if len(arrays) != len(parameters) or any(
-            parameter is not None and parameter.shape != array.shape
-            for parameter, array in zip(parameters, arrays, strict=True)
-        ):
-            raise ValueError(OTHER_LAYERS)
         for parameter, array in zip(parameters, arrays, strict=True):
             if parameter is not None:
                 parameter.copy_(torch.from_numpy(np.array(array)))
@@ -120,8 +109,8 @@ class AutogradLearner(OffPolicyLearner):
                 continue
             group = self._groups[name]
             value, gradients = self._differentiate(loss, group.values, batch)
-            torch._foreach_copy_(list(group.gradients.values()), gradients)
-            self._adams[name].step()
+            torch._foreach_copy_(group.gradients, gradients)
+            group.adam.step()
             if loss in self.losses:
                 self._record_loss(loss, value[..., None, None])
         for name in rule.targets:
@@ -159,30 +148,31 @@ class AutogradLearner(OffPolicyLearner):
         def call_seed(parameters: dict[str, Tensor], *seed_inputs: Tensor) -> Any:
             return functional_call(rule, parameters, (method, *seed_inputs))
 
-        stacked = self.view.is_stack
-        actions: Tensor = (
-            vmap(call_seed)(self._parameters, *inputs) if stacked else rule(method, *inputs)
-        )
+        if not self.view.is_stack:
+            return self.rule.forward(method, *inputs)
+        actions: Tensor = vmap(call_seed)(self._parameters, *inputs)
         return actions
 
 
 class _FlatParameters:
-    """The parameters of an attribute of a rule, as views of one flat tensor.
+    """The parameters of an attribute of a rule, as views (..., *shape) of one flat tensor.
 
     Attributes:
-        name: prefix of the saved tensors.
         flat: (..., count).
-        flat_gradient: (..., count).
-        values: (..., *shape) views of `flat` by the name of the parameter in the rule.
-        gradients: (..., *shape) views of `flat_gradient`.
+        values: by the name of the parameter in the rule.
+        gradients: in the same order; like `adam`, only of an attribute that is trained.
     """
 
+    gradients: list[Tensor]
+    adam: Adam
+
     def __init__(self, view: Tensors, name: str, shapes: Mapping[str, torch.Size]) -> None:
-        self.name = f"rule.{name}"
-        count = flat_size(shapes.values())
-        self.flat = view.state(self.name, count)
-        self.flat_gradient = view.scratch(f"{self.name}.gradient", count)
-        self.values, self.gradients = (
-            dict(zip(shapes, flat_parts(flat, shapes.values()), strict=True))
-            for flat in (self.flat, self.flat_gradient)
-        )
+        self._view, self._name, self._shapes = view, f"rule.{name}", list(shapes.values())
+        self.flat = view.state(self._name, flat_size(self._shapes))
+        self.values = dict(zip(shapes, flat_parts(self.flat, self._shapes), strict=True))
+
+    def learn(self, learning_rate: float) -> None:
+        """Makes the gradient and the optimizer."""
+        gradient = self._view.scratch(f"{self._name}.gradient", self.flat.shape[-1])
+        self.gradients = flat_parts(gradient, self._shapes)
+        self.adam = Adam(self._view, self._name, self.flat, gradient, learning_rate)

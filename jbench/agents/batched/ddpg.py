@@ -3,9 +3,9 @@
 import torch
 from torch import Generator
 
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
 from jbench.agents.batched.network import Layout
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import DDPGSettings
 

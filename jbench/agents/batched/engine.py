@@ -14,9 +14,10 @@ from jbench.agents.batched.learner import LOSS_SUMS, Learner
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.divergence import divergent_loss
 from jbench.agents.engine import Engine, SeedState, under
-from jbench.agents.environments import Environments
-from jbench.agents.generators import Generators
+from jbench.agents.environments import Environments, Generators
+from jbench.names import TimeLimit
 from jbench.policies.network import SavedNetwork
+from jbench.settings.algorithms import AlgorithmSettings
 
 _AGENT, _LOOP = "agent/", "loop/"
 
@@ -29,14 +30,10 @@ class Group(NamedTuple):
     generators: Sequence[Generators]
 
     def stack(self, per_seed: Sequence[NDArray[Any]], offset: int = 0) -> Tensor:
-        """Stacks the draws of each seed, on the device.
+        """Stacks draws (count, ...) of each seed to (count, seeds, ...), on the device.
 
-        Args:
-            per_seed: (count, ...) of each seed.
-            offset: added once to those of the second seed, twice to those of the third, and so on.
-
-        Returns:
-            (count, seeds, ...); (count, ...) on the CPU for one seed without a stack.
+        Those of one seed without a stack remain (count, ...). The offset is added once to those of
+        the second seed, twice to those of the third, and so on.
         """
         if not self.learner.view.is_stack:
             return torch.from_numpy(per_seed[0])
@@ -58,30 +55,32 @@ class BatchedEngine(Engine):
 
     def __init__(
         self,
+        settings: AlgorithmSettings,
         make: Callable[[Tensors], Learner],
         tensors: Tensors,
         environments: Environments,
-        rollout_steps: int,
         *,
+        time_limit: TimeLimit,
         stacked: bool,
     ) -> None:
-        """Starts with untrained agents; see `Engine`.
+        """Starts with untrained agents; see `make_engine`.
 
-        Args:
-            make: makes a learner.
-            stacked: whether to compute all seeds in one stack or one after another.
+        Raises:
+            RequestError: if the number of environments does not divide the training interval, or
+                `settings.mirror` is not for the encoder of a seed.
         """
-        super().__init__(environments, rollout_steps)
+        super().__init__(environments, settings.rollout_steps(environments.observations.shape[1]))
         self.tensors, self._saved, self.updates = tensors, tensors.saved, 0
+        self._settings, self._time_limit = settings, time_limit
         generators, seeds = environments.generators, range(tensors.seeds)
         self.learners: list[Any] = [make(tensors.select(seed)) for seed in seeds]
         self._stack = make(tensors) if stacked else None
-        self.groups = [Group(self._stack, seeds, generators)]
-        if not stacked:
-            one_each = zip(self.learners, seeds, generators, strict=True)
-            self.groups = [
-                Group(learner, range(seed, seed + 1), [draws]) for learner, seed, draws in one_each
-            ]
+        self.groups = [
+            Group(learner, seeds[seed : seed + 1], generators[seed : seed + 1])
+            for seed, learner in enumerate(self.learners)
+        ]
+        if stacked:
+            self.groups = [Group(self._stack, seeds, generators)]
         self._captured = Captured(tensors.device)
         self._inputs: dict[Hashable, list[Tensor]] = {}
         self._outputs: dict[Hashable, Tensor] = {}
@@ -93,6 +92,7 @@ class BatchedEngine(Engine):
             for name, values in self._saved.items()
             if name != LOSS_SUMS and bool(values.isfinite().all())
         ]
+        self._make_buffers()
 
     def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the deterministic policy of the seed with this index."""
@@ -100,11 +100,7 @@ class BatchedEngine(Engine):
         return policy
 
     def load_policy(self, seed: int, policy: SavedNetwork, control_steps: int) -> None:
-        """Sets the deterministic policy of one seed, for `act`.
-
-        Args:
-            policy: from `policy`, of the same settings.
-            control_steps: after which it was copied.
+        """Sets the deterministic policy of one seed after these control steps, for `act`.
 
         Raises:
             ValueError: if it has other layers than the seed's agent.
@@ -209,6 +205,10 @@ class BatchedEngine(Engine):
     def _still_learning(self, group: Group) -> bool:
         """Returns whether any seed of a group has not diverged."""
         return not all(seed in self.diverged for seed in group.seeds)
+
+    @abstractmethod
+    def _make_buffers(self) -> None:
+        """Makes what the updates need."""
 
     @abstractmethod
     def _update(self) -> None:

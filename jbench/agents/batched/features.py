@@ -9,11 +9,10 @@ from collections.abc import Sequence
 import torch
 from torch import Generator, Tensor
 
-from jbench.agents.batched.adam import Adam
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.layers import Affine, Layer, affine_count, affine_views
 from jbench.agents.batched.learner import initialize_uniform
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.replay import Batch
+from jbench.agents.batched.tensors import Adam, Tensors
 from jbench.policies.network import MAX_INPUT, SavedLayer, feature_layers
 from jbench.settings.records import OFESettings
 
@@ -148,8 +147,7 @@ class Features:
         Args:
             by_features: (..., N, dim(A) + units) gradient of a loss by the columns of z_oa after
                 z_o; overwritten.
-            selected: indices of the batch that `by_features` belongs to; None for all. Requires a
-                single seed.
+            selected: see `DenseLayers.backward`.
         """
         self._phi_oa.backward(by_features, self.size, learn=False, selected=selected)
         return by_features[..., : self._action_size]

@@ -28,7 +28,7 @@ class Captured:
         self._device = device
         self._called: set[Hashable] = set()
         self._graphs: dict[Hashable, torch.cuda.CUDAGraph] = {}
-        self._side_stream: torch.cuda.Stream | None = None
+        self._stream: Any = torch.cuda.Stream(device) if device.type == "cuda" else None
 
     def __call__(self, function: Function, argument: Hashable) -> None:
         """Calls the function, or replays its recording."""
@@ -48,7 +48,7 @@ class Captured:
         This loads kernels and allocates buffers and the workspace of cuBLAS for this stream, none
         of which may happen during a recording.
         """
-        stream, caller = self._stream(), torch.cuda.current_stream(self._device)
+        stream, caller = self._stream, torch.cuda.current_stream(self._device)
         stream.wait_stream(caller)
         with torch.cuda.stream(stream):
             function(argument)
@@ -62,13 +62,8 @@ class Captured:
         with (
             torch.cuda.device(self._device),
             torch.cuda.graph(
-                graph, pool=pool, stream=self._stream(), capture_error_mode="thread_local"
+                graph, pool=pool, stream=self._stream, capture_error_mode="thread_local"
             ),
         ):
             function(argument)
         return graph
-
-    def _stream(self) -> torch.cuda.Stream:
-        if self._side_stream is None:
-            self._side_stream = torch.cuda.Stream(self._device)
-        return self._side_stream

@@ -74,7 +74,7 @@ class LowPrecisionLayer(Layer):
 
     def __init__(self, affine: Affine, gradient: Affine, view: Tensors, workspace: str) -> None:
         super().__init__(affine, gradient)
-        self._view, self._names = view, {name: f"{workspace} {name}" for name in _ROUNDED}
+        self._view, self._workspace = view, workspace
 
     def forward(self, inputs: Tensor, out: Tensor | None = None) -> Tensor:
         """Returns inputs @ weight + bias in `out`."""
@@ -111,11 +111,10 @@ class LowPrecisionLayer(Layer):
         return self._scratch(name, *like.shape[-2:])
 
     def _scratch(self, name: str, *shape: int) -> Tensor:
-        return self._view.scratch(self._names[name], *shape, dtype=torch.bfloat16)
+        return self._view.scratch(f"{self._workspace} {name}", *shape, dtype=torch.bfloat16)
 
 
 _ROWS = 32  # bfloat16 products of variable size are padded to a multiple of this
-_ROUNDED = ("inputs", "weight", "outputs", "delta", "gradient", "by_inputs")
 
 
 def _weights_and_biases(shapes: Iterable[tuple[int, int]]) -> list[tuple[int, ...]]:

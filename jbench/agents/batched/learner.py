@@ -7,19 +7,15 @@ from typing import Any
 import torch
 from torch import Generator, Tensor
 
-from jbench.agents.batched.adam import Adam
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.network import Layout, Network, Twins
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.replay import Batch
+from jbench.agents.batched.tensors import Adam, Tensors
 from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer, relu_layers
 from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
 LOSS_SUMS = "losses"
 """Name of the tensor (..., losses, 2) with the sum and the number of values of each loss."""
-
-OTHER_LAYERS = "its layers are not those of its settings"
-"""Why a policy can't be loaded."""
 
 
 class Learner:
@@ -42,11 +38,7 @@ class Learner:
     def __init__(
         self, settings: AlgorithmSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
-        """Makes the networks.
-
-        Args:
-            observation_size: number of inputs of the policy.
-        """
+        """Makes the networks; `observation_size` is the number of inputs of the policy."""
         self.view, self.action_size = view, action_size
         self.settings: Any = settings
         self.policy_layout = Layout((observation_size, *settings.hidden_layers, action_size))
@@ -82,7 +74,10 @@ class Learner:
             ValueError: if the policy has other layers than the learner.
         """
         if policy.structure() != self.policy().structure():
-            raise ValueError(OTHER_LAYERS)
+            raise ValueError("its layers are not those of its settings")
+        self._load_layers(policy)
+
+    def _load_layers(self, policy: SavedNetwork) -> None:
         for layer, saved in zip(self.policy_layers(), policy.linear_layers(), strict=True):
             layer.weight.copy_(torch.from_numpy(saved.arrays["weight"]).mT)
             layer.bias.copy_(torch.from_numpy(saved.arrays["bias"]))
@@ -94,19 +89,11 @@ class Learner:
         return [*inner, Affine(weight[:, : self.action_size], bias[: self.action_size])]
 
     def feature_layers(self, linear: Sequence[SavedLayer]) -> list[SavedLayer]:
-        """Returns the layers of learned features, which the policy takes; none for observations.
-
-        Args:
-            linear: their linear layers.
-        """
+        """Returns the layers of learned features, if any, of a policy from their linear layers."""
         return []
 
     def reset_losses(self, delayed: Sequence[bool]) -> None:
-        """Resets the mean losses.
-
-        Args:
-            delayed: for each of the following updates, whether it includes the delayed ones.
-        """
+        """Resets the mean losses before updates that include the `delayed` ones, or do not."""
         self._loss_sums.zero_()
 
     def _record_loss(self, loss: str, values: Tensor) -> None:
@@ -152,9 +139,7 @@ class OffPolicyLearner(Learner):
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns sampled actions (..., N, action_size) of a stochastic policy.
 
-        Args:
-            observations: (..., N, inputs).
-            noise: (..., N, action_size) standard normal numbers.
+        They depend on standard normal numbers of the same shape.
         """
         raise NotImplementedError
 
@@ -168,12 +153,7 @@ class OffPolicyLearner(Learner):
         return True
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
-        """Makes one update from a minibatch of N transitions (s, a, r, s').
-
-        Args:
-            batch: its actions and next actions are overwritten.
-            delayed: whether to include the delayed updates; see `is_delayed_update`.
-        """
+        """Makes one update from a minibatch, whose actions and next actions it overwrites."""
         raise NotImplementedError
 
     def _critics(

@@ -87,11 +87,7 @@ def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:
 
 
 def _set_precision(device: torch.device, precision: str) -> None:
-    """Sets the precision of a GPU's matrix products.
-
-    Raises:
-        RequestError: if the device does not have it.
-    """
+    """Sets the precision of a GPU's matrix products; other devices lack tf32: RequestError."""
     if device.type == "cuda":
         products = torch.backends.cuda.matmul
         products.fp32_precision = "tf32" if precision == "tf32" else "ieee"

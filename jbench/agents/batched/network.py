@@ -116,8 +116,7 @@ class Network:
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
         """Returns the outputs (..., batch, sizes[-1]) for inputs (..., batch, sizes[0]).
 
-        Args:
-            exact: multiply every layer in full precision; `backward` can't follow.
+        If `exact`, every layer is multiplied in full precision, and `backward` can't follow.
         """
         layers = self._exact if exact else self._layers
         self._inputs = inputs[..., : -self._actions] if self._joins else inputs
@@ -183,13 +182,7 @@ class Network:
 
 
 class _Memory(NamedTuple):
-    """Buffers of a network for one batch size, per hidden layer.
-
-    Attributes:
-        units: (..., batch, units) activations.
-        transposed: (..., units, batch) views of `units`.
-        deltas: (..., batch, units) gradients by the units.
-    """
+    """Activations and their gradients (..., batch, units) of each hidden layer, in buffers."""
 
     units: list[Tensor]
     transposed: list[Tensor]

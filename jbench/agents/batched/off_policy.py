@@ -1,7 +1,7 @@
 """Training loop of DDPG, TD3 and SAC: act, store transitions, update from a replay buffer."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -9,40 +9,23 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.agents.batched.engine import BatchedEngine, act
-from jbench.agents.batched.learner import Learner, OffPolicyLearner
+from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import ReplayBuffer
-from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
-from jbench.agents.environments import Environments, StepResult
-from jbench.agents.generators import Generators
+from jbench.agents.environments import Environments, Generators, StepResult
 from jbench.encoders.saved import input_mirror
-from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 
 
 class OffPolicyEngine(BatchedEngine):
     """Agents that learn from one replay buffer each."""
 
-    def __init__(
-        self,
-        settings: OffPolicySettings,
-        make: Callable[[Tensors], Learner],
-        tensors: Tensors,
-        environments: Environments,
-        *,
-        time_limit: TimeLimit,
-        stacked: bool,
-    ) -> None:
-        """Starts with untrained agents and empty replay buffers; see `BatchedEngine`.
+    _settings: OffPolicySettings
 
-        Raises:
-            RequestError: if the number of environments does not divide the training interval, or
-                `settings.mirror` is not for the encoder of a seed.
-        """
+    def _make_buffers(self) -> None:
+        settings, environments, tensors = self._settings, self.environments, self.tensors
         seeds, count = environments.observations.shape[:2]
         rollout_steps, self._due = settings.schedule(count)
-        super().__init__(make, tensors, environments, rollout_steps, stacked=stacked)
-        self._settings = settings
         shape = seeds, count, environments.action_size
         self._noise = ActionNoise(settings, shape)
         self.replay = ReplayBuffer(
@@ -60,7 +43,7 @@ class OffPolicyEngine(BatchedEngine):
         if settings.mirror:
             mirror = _row_mirror(environments).to(tensors.device, tensors.dtype)
         self._group_updates = [
-            Updates(settings, group, self.replay, time_limit, mirror=mirror)
+            Updates(settings, group, self.replay, self._time_limit, mirror=mirror)
             for group in self.groups
         ]
         self.replay.begin(environments.observations)

@@ -10,11 +10,11 @@ from typing import Any
 
 from torch import Generator, Tensor
 
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.features import Features
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.network import Layout, Network
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.policies.network import SavedLayer, SavedNetwork
 from jbench.settings.records import OFESettings
@@ -64,9 +64,8 @@ class OnFeatures(OffPolicyLearner):
         """See `Learner.feature_layers`."""
         return self.features.saved_layers(linear)
 
-    def load_policy(self, policy: SavedNetwork) -> None:
-        """See `Learner.load_policy`."""
-        super().load_policy(policy)
+    def _load_layers(self, policy: SavedNetwork) -> None:
+        super()._load_layers(policy)
         self.features.load_standardization(*policy.layers[:2])
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
@@ -112,14 +111,7 @@ class FeatureCritic(Network):
     def __init__(
         self, features: Features, twin: Network | None, *args: Any, **options: Any
     ) -> None:
-        """Makes the views of the parameters.
-
-        Args:
-            twin: a critic that is always evaluated on the same batch before this one, whose z_oa
-                is reused; None for a critic that computes z_oa.
-            args: of `Network`.
-            options: of `Network`.
-        """
+        """Makes a critic that computes z_oa, or takes that of a twin evaluated before it."""
         super().__init__(*args, **options)
         self._features, self._twin = features, twin
 

@@ -6,10 +6,9 @@ from typing import NamedTuple
 import torch
 from torch import Generator, Tensor
 
-from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.learner import Learner, sum_over_actions
 from jbench.agents.batched.network import Layout, Network
-from jbench.agents.batched.tensors import Tensors, aligned
+from jbench.agents.batched.tensors import Adam, Tensors, aligned
 from jbench.settings.algorithms import PPOSettings
 
 _LOG_2_PI = math.log(2 * math.pi)
@@ -95,9 +94,7 @@ class PPO(Learner):
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns (..., N, action_size + 2) sampled actions, their log likelihoods, and V(s).
 
-        Args:
-            observations: (..., N, dim(O)).
-            noise: (..., N, action_size) standard normal numbers.
+        They depend on standard normal numbers (..., N, action_size).
         """
         log_sigma = self.log_sigma.unsqueeze(-2)
         means, values = self._forward(observations, exact=True)

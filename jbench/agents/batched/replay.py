@@ -1,6 +1,4 @@
-"""Replay buffers of several seeds, which store every observation once."""
-
-from typing import NamedTuple
+"""Replay buffers of several seeds, which store every observation once, and their minibatches."""
 
 import numpy as np
 import torch
@@ -11,18 +9,42 @@ from torch import Tensor
 from jbench.names import EPISODE_STEPS
 
 
-class SampledIndices(NamedTuple):
-    """Sampled transitions of one seed, each (updates, batch).
+class Batch:
+    """Transitions (s, a, r, s') in reused buffers; a stack of seeds has a leading axis.
 
     Attributes:
-        rows: index of the transition's row in the seed's buffer.
-        next_rows: index of the row of the next observation.
-        last: whether it is the last transition of its episode.
+        rows: (..., batch, dim(O) + dim(A) + 1) s, a and r; the next four attributes are views of
+            it.
+        state_actions: (..., batch, dim(O) + dim(A)) s and a, the input of a critic.
+        observations: (..., batch, dim(O)) s.
+        actions: (..., batch, dim(A)) a; overwritten by an update.
+        rewards: (..., batch, 1) r.
+        next_rows: (..., batch, dim(O) + dim(A) + 1) s' and unused columns.
+        next_state_actions: (..., batch, dim(O) + dim(A)) s' and the next action.
+        next_observations: (..., batch, dim(O)) s'.
+        next_actions: (..., batch, dim(A)) written by an update.
+        discounts: (..., batch, 1) gamma, or 0 where s' is terminal.
+        noise: (..., batch, noise_per_transition) standard normal numbers.
+        mean_weight: (..., batch, 1) 1 / batch, the gradient of a mean over the batch.
     """
 
-    rows: NDArray[np.int64]
-    next_rows: NDArray[np.int64]
-    last: NDArray[np.bool_]
+    def __init__(
+        self,
+        rows: Tensor,
+        next_rows: Tensor,
+        discounts: Tensor,
+        noise: Tensor,
+        action_size: int = 1,
+    ) -> None:
+        """Makes the views of the given buffers."""
+        size = rows.shape[-1] - action_size - 1
+        self.rows, self.next_rows = rows, next_rows
+        self.discounts, self.noise = discounts, noise
+        self.state_actions, self.rewards = rows[..., :-1], rows[..., -1:]
+        self.observations, self.actions = rows[..., :size], rows[..., size:-1]
+        self.next_state_actions = next_rows[..., :-1]
+        self.next_observations, self.next_actions = next_rows[..., :size], next_rows[..., size:-1]
+        self.mean_weight = torch.full_like(discounts, 1 / rows.shape[-2])
 
 
 class ReplayBuffer:
@@ -78,12 +100,9 @@ class ReplayBuffer:
     def add(
         self, actions: NDArray[np.floating], rewards: NDArray[np.floating], observations: Tensor
     ) -> None:
-        """Adds a transition of each environment; call `begin` after the last one of an episode.
+        """Adds a transition (seeds, environments, any) of each environment.
 
-        Args:
-            actions: (seeds, environments, action_size).
-            rewards: (seeds, environments).
-            observations: (seeds, environments, size) after the actions.
+        The observations are those after the actions; call `begin` after an episode's last step.
         """
         row = self._current_row
         row[..., self._size : -1].copy_(torch.from_numpy(actions))
@@ -109,8 +128,15 @@ class ReplayBuffer:
         """Returns the number of transitions of each environment at the last `flush`."""
         return self._flushed - self._flushed // (self._episode_steps + 1)
 
-    def sample(self, generator: Generator, updates: int, batch: int) -> SampledIndices:
-        """Samples transitions of one seed uniformly."""
+    def sample(
+        self, generator: Generator, updates: int, batch: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Samples transitions of one seed uniformly.
+
+        Returns:
+            (updates, batch) indices of the rows of the transitions and of their next observations
+            in the seed's buffer, and whether it is the last transition of its episode.
+        """
         total, shape = self.transitions(), (updates, batch)
         transitions = generator.integers(max(0, total - self._capacity), total, shape)
         episodes = transitions // self._episode_steps
@@ -122,13 +148,10 @@ class ReplayBuffer:
         if self._environments > 1:
             offsets = generator.integers(self._environments, size=shape) * self._ring
             rows, next_rows = rows + offsets, next_rows + offsets
-        return SampledIndices(rows, next_rows, last)
+        return rows, next_rows, last
 
     def seed_rows(self, seeds: range) -> Tensor:
-        """Returns a view (rows, width) of the buffers of consecutive seeds.
-
-        `SampledIndices` are indices into the rows of a single seed.
-        """
+        """Returns a view (rows, width) of the buffers of consecutive seeds; see `sample`."""
         return self._rows[seeds.start : seeds.stop].flatten(0, 2)
 
     def rows_since(self, seed: int, first: int = 0) -> Tensor:

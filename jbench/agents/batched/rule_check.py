@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from jbench.agents.batched.autograd import AutogradLearner
-from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
 from jbench.agents.batched.tensors import Tensors
 from jbench.errors import WorkError
@@ -49,12 +49,7 @@ def checked_rule(
 
 
 def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:
-    """Yields what is wrong with the attributes of a rule, as clauses.
-
-    Args:
-        again: the same rule with other initial weights.
-        action_size: of the task.
-    """
+    """Yields what is wrong with the attributes of a rule, of which `again` has other weights."""
     if rule.action_size != action_size:
         yield "its __init__ does not pass action_size on to Rule.__init__"
     actor = getattr(rule, "actor", None)
@@ -84,10 +79,8 @@ def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:
 def _update(rule: Rule, seeds: int) -> None:
     """Makes an update of initial parameters with a minibatch of zeros, of one seed or a stack.
 
-    Raises:
-        Exception: if a loss is no number, does not depend on what it trains, draws random numbers,
-            changes a buffer, or has shapes or branches that depend on values, or `explore` returns
-            something else than actions.
+    This fails if a loss is no number, does not depend on what it trains, draws random numbers,
+    changes a buffer, or has shapes or branches that depend on values.
     """
     sizes, is_stack = (rule.observation_size, rule.action_size), seeds > 1
     make = partial(AutogradLearner, rule.settings, *sizes, rule=rule)
@@ -102,6 +95,6 @@ def _update(rule: Rule, seeds: int) -> None:
     learner.update(batch)
     if learner.is_stochastic:
         actions = learner.explore(batch.observations, batch.actions)
-        found, wanted = (tuple(values.shape[-2:]) for values in (actions, batch.actions))
-        if found != wanted:
-            raise ValueError(f"explore returns {found} numbers, not actions {wanted}")
+        shape, wanted = (tuple(values.shape[-2:]) for values in (actions, batch.actions))
+        if shape != wanted:
+            raise ValueError(f"explore returns {shape} numbers, not actions {wanted}")

@@ -6,8 +6,6 @@ from typing import NamedTuple
 import torch
 from torch import Generator, Tensor
 
-from jbench.agents.batched.adam import Adam
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import (
     OffPolicyLearner,
     initialize_uniform,
@@ -15,7 +13,8 @@ from jbench.agents.batched.learner import (
     tanh_gradient,
 )
 from jbench.agents.batched.network import Layout
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.replay import Batch
+from jbench.agents.batched.tensors import Adam, Tensors
 from jbench.settings.algorithms import SACSettings
 
 # Bounds of log sigma(s), as in the authors' code.
@@ -66,13 +65,8 @@ class SAC(OffPolicyLearner):
         self.log_temperature = view.state("log_temperature", 1)
         self._temperature_gradient = view.scratch("log_temperature.gradient", 1)
         if self.settings.ent_coef == "auto":
-            self._temperature_adam = Adam(
-                view,
-                "log_temperature",
-                self.log_temperature,
-                self._temperature_gradient,
-                settings.learning_rate,
-            )
+            learned = self.log_temperature, self._temperature_gradient
+            self._temperature_adam = Adam(view, "log_temperature", *learned, settings.learning_rate)
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""

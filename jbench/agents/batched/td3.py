@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import torch
 from torch import Generator
 
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
+from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
 

@@ -6,10 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.engine import Group
 from jbench.agents.batched.graphs import Captured
-from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.batched.replay import Batch, ReplayBuffer
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 
@@ -83,11 +82,7 @@ class Updates:
             remaining -= count
 
     def prepare(self, first: int, count: int) -> None:
-        """Samples indices and noise for the next `count` updates.
-
-        Args:
-            first: number of the first update since the start of training, counted from 1.
-        """
+        """Samples indices and noise for `count` updates from number `first` on, counted from 1."""
         self._delayed = [self._learner.is_delayed_update(first + i, i) for i in range(count)]
         self._samples = self._sample(count)
 
@@ -120,14 +115,16 @@ class Updates:
         """Returns buffers (..., size, any), each with samples (count, ..., size, any)."""
         shape, noise = (count, self._size), self._batch.noise
         generators = [seed.updates for seed in self.group.generators]
-        sampled = [self._replay.sample(generator, *shape) for generator in generators]
-        stack, seed_rows = self.group.stack, len(self._source) // len(sampled)
+        rows, next_rows, last = zip(
+            *(self._replay.sample(generator, *shape) for generator in generators), strict=True
+        )
+        stack, seed_rows = self.group.stack, len(self._source) // len(rows)
         samples = [
-            (self._indices, stack([indices.rows for indices in sampled], seed_rows)),
-            (self._next_indices, stack([indices.next_rows for indices in sampled], seed_rows)),
+            (self._indices, stack(rows, seed_rows)),
+            (self._next_indices, stack(next_rows, seed_rows)),
         ]
         if self._terminal:
-            discounts = [np.where(indices.last, 0, self._gamma)[..., None] for indices in sampled]
+            discounts = [np.where(ends, 0, self._gamma)[..., None] for ends in last]
             samples.append((self._batch.discounts, stack(discounts)))
         if noise.shape[-1]:
             size = (*shape, noise.shape[-1])

@@ -1,6 +1,5 @@
 """Tests of update rules of other packages: updates, independent seeds and resuming."""
 
-import json
 from typing import ClassVar
 
 import numpy as np
@@ -29,7 +28,7 @@ from tests.agents.small_rules import (
     learners,
     mean_losses,
 )
-from tests.agents.test_batched_engine import STEPS, assert_same, round_trip, slow, trajectory
+from tests.agents.test_batched_engine import STEPS, assert_continues, assert_independent, slow
 
 
 def td3_parameters(learner):
@@ -111,14 +110,7 @@ SEVERAL = {"environments": 2, "time_limit": "terminal"}
     ],
 )
 def test_seed_is_independent_of_other_seeds_bit_for_bit(rule, settings, options):
-    with (
-        engine_of(rule, settings, [7, 0, 3], **options) as together,
-        engine_of(rule, settings, [3], **options) as alone,
-    ):
-        torch.randn(3)  # the global generator is not used
-        among = trajectory(together, 2)
-        assert_same(trajectory(alone, 0), among)
-    assert set(among[2][-1]) == {"critic_loss", "actor_loss"}
+    assert_independent(lambda seeds: engine_of(rule, settings, seeds, **options))
 
 
 @pytest.mark.parametrize(
@@ -131,25 +123,7 @@ def test_seed_is_independent_of_other_seeds_bit_for_bit(rule, settings, options)
     ],
 )
 def test_restored_engine_continues_bit_for_bit(rule, settings, stacked):
-    options = {"stacked": stacked}
-    with engine_of(rule, settings, [0, 4], **options) as whole:
-        for _ in whole.learn(STEPS):
-            if whole.control_steps == 37:
-                states = [round_trip(whole.state(index)) for index in range(2)]
-                rows, row = [whole.replay.rows_since(i).clone() for i in range(2)], whole.replay.row
-        expected = [whole.state(index) for index in range(2)]
-    with engine_of(rule, settings, [0, 4], **options) as resumed:
-        for index in range(2):
-            resumed.replay.restore(index, rows[index], row)
-        resumed.restore(states)
-        assert resumed.control_steps == 37
-        for _ in resumed.learn(STEPS):
-            pass
-        for index in range(2):
-            tensors, scalars = resumed.state(index)
-            assert json.dumps(scalars) == json.dumps(expected[index].scalars)
-            for name, values in expected[index].tensors.items():
-                assert torch.equal(tensors[name], values), name
+    assert_continues(lambda seeds: engine_of(rule, settings, seeds, stacked=stacked), 37)
 
 
 @RULES

@@ -96,6 +96,70 @@ def assert_same(one, other):
     assert one[4] == other[4]
 
 
+def assert_independent(make, steps=STEPS):
+    """Asserts that a seed learns alone what it learns among others, bit for bit."""
+    with make([7, 5, 3]) as together, make([3]) as alone:
+        torch.randn(3)  # the global generator is not used
+        among = trajectory(together, 2, steps)
+        assert_same(trajectory(alone, 0, steps), among)
+        other, same = together.environments.observations[[0, 2]]
+        assert not torch.equal(other, same)
+    assert any(among[1])
+    assert among[2][-1]
+
+
+def round_trip(state):
+    """Writes a state as safetensors and JSON, and reads it."""
+    tensors = safetensors.torch.load(safetensors.torch.save(state.tensors))
+    return SeedState(tensors, json.loads(json.dumps(state.scalars)))
+
+
+def stopped_at(engine, steps):
+    """Trains for some control steps; returns states, replay rows and the next row's number."""
+    for _ in engine.learn(2 * STEPS):
+        if engine.control_steps >= steps:
+            break
+    states = [round_trip(engine.state(index)) for index in range(2)]
+    if not isinstance(engine, OffPolicyEngine):
+        return states, [], 0
+    return states, [engine.replay.rows_since(index) for index in range(2)], engine.replay.row
+
+
+def resume(engine, states, rows, row):
+    """Restores an engine from the results of `stopped_at`."""
+    for index, seed_rows in enumerate(rows):
+        engine.replay.restore(index, seed_rows, row)
+    engine.restore(states)
+    return engine
+
+
+def assert_continues(make, stop, steps=2 * STEPS):
+    """Asserts that engines restored at a control step continue bit for bit."""
+    with make([0, 4]) as engine:
+        whole = trajectory(engine, 1, steps)
+    with make([0, 4]) as engine:
+        saved = stopped_at(engine, stop)
+    with make([8, 9]) as other:
+        rest = trajectory(resume(other, *saved), 1, steps)
+    done = len(whole[0]) - len(rest[0])
+    assert 0 < done < len(whole[0])
+    assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
+
+
+def assert_policies_equal_agents(engine):
+    """Asserts that the policies as files act as the agents; returns the actions."""
+    seeds, size = engine.environments.observations.shape[::2]
+    observations = np.random.default_rng(0).normal(size=(seeds, 8, size)).astype(np.float32)
+    actions = engine.act(observations)
+    assert actions.shape == (seeds, 8, engine.environments.action_size)
+    assert abs(actions).max() <= 1
+    for index in range(seeds):
+        policy = SavedNetwork.from_files(*engine.policy(index).files())
+        np.testing.assert_allclose(policy.act(observations[index]), actions[index], atol=2e-6)
+    assert not np.array_equal(actions[0], actions[-1])
+    return actions
+
+
 def slow(*values):
     """Returns test parameters that only `make test-slow` runs."""
     return pytest.param(*values, marks=pytest.mark.slow)
@@ -117,22 +181,7 @@ def slow(*values):
     ],
 )
 def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
-    with (
-        engine_of(algo, [7, 5, 3], **options) as together,
-        engine_of(algo, [3], **options) as alone,
-    ):
-        among = trajectory(together, 2)
-        assert_same(trajectory(alone, 0), among)
-        other, same = together.environments.observations[[0, 2]]
-        assert not torch.equal(other, same)
-    assert any(among[1])
-    assert among[2][-1]
-
-
-def round_trip(state):
-    """Writes a state as safetensors and JSON, and reads it."""
-    tensors = safetensors.torch.load(safetensors.torch.save(state.tensors))
-    return SeedState(tensors, json.loads(json.dumps(state.scalars)))
+    assert_independent(lambda seeds: engine_of(algo, seeds, **options))
 
 
 @pytest.mark.parametrize(
@@ -152,26 +201,7 @@ def round_trip(state):
     ],
 )
 def test_restored_engine_continues_bit_for_bit(algo, options, stop):
-    seeds = [0, 4]
-    with engine_of(algo, seeds, **options) as engine:
-        whole = trajectory(engine, 1, 2 * STEPS)
-    with engine_of(algo, seeds, **options) as engine:
-        for _ in engine.learn(STEPS):
-            if engine.control_steps >= stop:
-                break
-        states = [round_trip(engine.state(index)) for index in range(2)]
-        rows, row = [], 0
-        if isinstance(engine, OffPolicyEngine):
-            rows = [engine.replay.rows_since(index) for index in range(2)]
-            row = engine.replay.row
-    with engine_of(algo, [8, 9], **options) as other:
-        for index, seed_rows in enumerate(rows):
-            other.replay.restore(index, seed_rows, row)
-        other.restore(states)
-        rest = trajectory(other, 1, 2 * STEPS)
-    done = len(whole[0]) - len(rest[0])
-    assert 0 < done < len(whole[0])
-    assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
+    assert_continues(lambda seeds: engine_of(algo, seeds, **options), stop)
 
 
 @pytest.mark.parametrize("stacked", [False, True])
@@ -398,24 +428,15 @@ def test_ppo_bootstraps_at_time_limit_unless_terminal():
         slow("ppo", SCRIPTS["ppo"]),
         ("ddpg", {"ofe": FEW}),
         ("sac", {"ofe": MANY}),
+        *((algo, {"task": "dmc:cheetah-run"}) for algo in ALGORITHMS),
+        ("sac", {"task": "dmc:cheetah-run", "ofe": MANY}),
     ],
 )
-@pytest.mark.parametrize("encoder", [None, TanhEncoder()])
-def test_extracted_policies_equal_agents(algo, options, encoder):
-    with engine_of(algo, [0, 1, 2], encoder=encoder, **options) as engine:
-        for _ in engine.learn(32):
+def test_extracted_policies_equal_agents(algo, options):
+    with engine_of(algo, [0, 1, 2], **options) as engine:
+        for _ in engine.learn(40):
             pass
-        observations = np.random.default_rng(0).normal(size=(3, 8, 16)).astype(np.float32)
-        actions = engine.act(observations)
-        policies = [engine.policy(index) for index in range(3)]
-    assert actions.shape == (3, 8, 1)
-    assert abs(actions).max() <= 1
-    for index, policy in enumerate(policies):
-        loaded = SavedNetwork.from_files(*policy.files())
-        seen = torch.from_numpy(observations[index])
-        seen = seen if encoder is None else encoder.encode(seen)
-        np.testing.assert_allclose(loaded.act(seen.numpy()), actions[index], atol=2e-6)
-    assert not np.array_equal(actions[0], actions[1])
+        assert_policies_equal_agents(engine)
 
 
 def test_actions_are_of_latest_policy():

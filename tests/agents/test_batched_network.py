@@ -111,14 +111,3 @@ def test_low_precision_gradients_of_selected_rows_are_equal(rows):
     indices = torch.randperm(100, generator=random)[:rows]
     gradient = network.action_gradient(delta[indices], indices)
     torch.testing.assert_close(gradient, expected[indices], rtol=0.02, atol=1e-3)
-
-
-def test_number_of_low_precision_buffers_is_limited():
-    network = network_of((17, 64, 48, 1), torch.float32, low_precision=True)
-    network.forward(torch.randn(100, 17))
-    for rows in range(1, 101):
-        network.action_gradient(torch.randn(rows, 1), torch.arange(rows))
-    memory = network.view._scratch.values()
-    rounded = {tensor.shape[0] for tensor in memory if tensor.dtype == torch.bfloat16}
-    # Multiples of 32 up to the batch size, and the batch size itself.
-    assert rounded <= {32, 64, 96, 128, 100}

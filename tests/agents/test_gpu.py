@@ -24,11 +24,13 @@ from tests.agents.test_batched_engine import (
     FEW,
     MANY,
     SCRIPTS,
-    STEPS,
     TanhEncoder,
+    assert_continues,
+    assert_policies_equal_agents,
     assert_same,
     engine_of,
-    round_trip,
+    resume,
+    stopped_at,
     trajectory,
 )
 from tests.training.small_runs import resumed, shorten_episodes
@@ -130,25 +132,6 @@ def test_replayed_graphs_equal_direct_calls_bit_for_bit(algo, monkeypatch):
         assert_same(trajectory(engine, 1), replayed)
 
 
-def stopped_at(engine, steps):
-    """Trains for some control steps; returns states, replay rows and the next row's number."""
-    for _ in engine.learn(2 * STEPS):
-        if engine.control_steps >= steps:
-            break
-    states = [round_trip(engine.state(index)) for index in range(2)]
-    if not isinstance(engine, OffPolicyEngine):
-        return states, [], 0
-    return states, [engine.replay.rows_since(index) for index in range(2)], engine.replay.row
-
-
-def resume(engine, states, rows, row):
-    """Restores an engine from the results of `stopped_at`."""
-    for index, its_rows in enumerate(rows):
-        engine.replay.restore(index, its_rows, row)
-    engine.restore(states)
-    return engine
-
-
 @slow_on_a_cpu
 @pytest.mark.parametrize(
     ("algo", "options", "steps"),
@@ -161,15 +144,7 @@ def resume(engine, states, rows, row):
 )
 def test_restored_engine_continues_bit_for_bit(algo, options, steps, device):
     more = {**options, "device": device, "stacked": True}
-    with engine_of(algo, [0, 4], **more) as engine:
-        whole = trajectory(engine, 1, 2 * STEPS)
-    with engine_of(algo, [0, 4], **more) as engine:
-        saved = stopped_at(engine, steps)
-    with engine_of(algo, [8, 9], **more) as other:
-        rest = trajectory(resume(other, *saved), 1, 2 * STEPS)
-    done = len(whole[0]) - len(rest[0])
-    assert 0 < done < len(whole[0])
-    assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
+    assert_continues(lambda seeds: engine_of(algo, seeds, **more), steps)
 
 
 @on_each_device
@@ -206,12 +181,9 @@ def test_actions_equal_those_of_saved_policies(algo, device):
     with engine_of(algo, [0, 1, 2], device=device, stacked=True) as engine:
         for _ in engine.learn(32):
             pass
-        seen = np.random.default_rng(0).normal(size=(3, 8, 16)).astype(np.float32)
         # The first call is not replayed, the second records, the third replays.
-        actions = [engine.act(seen) for _ in range(3)]
-        expected = np.stack([engine.policy(index).act(seen[index]) for index in range(3)])
-    for found in actions:
-        np.testing.assert_allclose(found, expected, atol=2e-6)
+        for _ in range(3):
+            assert_policies_equal_agents(engine)
 
 
 @slow_on_a_cpu

@@ -7,7 +7,6 @@ from torch import nn
 
 import jbench
 from jbench.errors import RequestError, WorkError
-from jbench.policies.network import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS
 from tests.agents.small_rules import TD3, TD3_SETTINGS, TQC, TQC_SETTINGS
 from tests.agents.test_batched_engine import (
@@ -15,12 +14,12 @@ from tests.agents.test_batched_engine import (
     LENGTH,
     MANY,
     SCRIPTS,
-    assert_same,
+    assert_continues,
+    assert_independent,
+    assert_policies_equal_agents,
     engine_of,
-    round_trip,
     short_engine,
     slow,
-    trajectory,
 )
 from tests.agents.test_plugin_engine import RandomAgent
 from tests.agents.test_plugin_engine import engine_of as plugin_engine
@@ -49,14 +48,7 @@ def learn(engine, steps):
     ],
 )
 def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
-    with (
-        engine_of(algo, [7, 5, 3], **options) as together,
-        engine_of(algo, [3], **options) as alone,
-    ):
-        among = trajectory(together, 2, STEPS)
-        assert_same(trajectory(alone, 0, STEPS), among)
-        assert not torch.equal(*together.environments.observations[[0, 2]])
-    assert among[2][-1]
+    assert_independent(lambda seeds: engine_of(algo, seeds, **options), STEPS)
 
 
 @pytest.mark.parametrize(
@@ -68,22 +60,8 @@ def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
     ],
 )
 def test_engine_restored_between_episodes_continues_bit_for_bit(algo, options):
-    seeds, options = [2, 9], {**SWIMMER, **options}
-    # Two or four episodes, and an incomplete rollout of PPO and TD3.
-    stop = 4 * LENGTH
-    with engine_of(algo, seeds, **options) as engine:
-        learn(engine, stop)
-        states = [round_trip(engine.state(index)) for index in range(2)]
-        if algo != "ppo":
-            kept, row = [engine.replay.rows_since(index) for index in range(2)], engine.replay.row
-            assert kept[0].shape[-1] == 25 + 5 + 1
-        expected = trajectory(engine, 1, STEPS)
-    with engine_of(algo, seeds, **options) as other:
-        if algo != "ppo":
-            for index in range(2):
-                other.replay.restore(index, kept[index], row)
-        other.restore(states)
-        assert_same(trajectory(other, 1, STEPS), expected)
+    # After two or four episodes, and an incomplete rollout of PPO and TD3.
+    assert_continues(lambda seeds: engine_of(algo, seeds, **SWIMMER, **options), 4 * LENGTH, STEPS)
 
 
 def test_state_within_an_episode_is_refused():
@@ -93,26 +71,6 @@ def test_state_within_an_episode_is_refused():
             WorkError, match="dmc:cheetah-run has a state between two episodes only"
         ):
             engine.state(0)
-
-
-@pytest.mark.parametrize(
-    ("algo", "options"),
-    [*((algo, {}) for algo in ALGORITHMS), ("sac", {"ofe": MANY})],
-)
-def test_extracted_policies_equal_agents(algo, options):
-    with engine_of(algo, [0, 1], **CHEETAH, **options) as engine:
-        for _ in engine.learn(40):
-            pass
-        observations = np.random.default_rng(0).normal(size=(2, 8, 17)).astype(np.float32)
-        actions = engine.act(observations)
-        policies = [engine.policy(index) for index in range(2)]
-        engine.load_policy(1, policies[0], 40)
-        loaded = engine.act(observations[[0, 0]])[1]
-    assert actions.shape == (2, 8, ACTIONS)
-    assert np.array_equal(loaded, actions[0])
-    for index, policy in enumerate(policies):
-        saved = SavedNetwork.from_files(*policy.files())
-        np.testing.assert_allclose(saved.act(observations[index]), actions[index], atol=2e-6)
 
 
 def test_each_motor_explores_by_itself():
@@ -132,16 +90,10 @@ def test_each_motor_explores_by_itself():
 
 @pytest.mark.parametrize(("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS)])
 def test_rule_of_another_package_moves_all_motors(rule, settings):
-    with (
-        short_engine(rule, settings, TASK, [7, 3]) as together,
-        short_engine(rule, settings, TASK, [3]) as alone,
-    ):
-        assert_same(trajectory(alone, 0, STEPS), trajectory(together, 1, STEPS))
-        observations = np.random.default_rng(0).normal(size=(1, 8, 17)).astype(np.float32)
-        actions = alone.act(observations)[0]
-        np.testing.assert_allclose(alone.policy(0).act(observations[0]), actions, atol=2e-6)
-    assert actions.shape == (8, ACTIONS)
-    assert np.ptp(actions, axis=1).min() > 0
+    assert_independent(lambda seeds: short_engine(rule, settings, TASK, seeds), STEPS)
+    with short_engine(rule, settings, TASK, [3, 4]) as engine:
+        actions = assert_policies_equal_agents(engine)
+    assert np.ptp(actions, axis=-1).min() > 0
 
 
 class AllMotors(RandomAgent):

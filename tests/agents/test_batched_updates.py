@@ -28,6 +28,7 @@ from tests.agents.test_batched_engine import slow
 # Bound of the difference of parameters after 1, 10 and 100 updates with a learning rate of 1e-3.
 # Parameters are of the order of 0.1, so 1e-6 is a few times the rounding of float32.
 PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
+OFF_POLICY = ("ddpg", "td3", "sac")
 PRECISIONS = pytest.mark.parametrize("dtype", PRECISION, ids=str)
 
 
@@ -51,44 +52,32 @@ def update_both(agent, learner, tensors, settings, updates):
 
 
 @pytest.mark.parametrize(
-    ("algo", "dtype", "actions"),
+    ("algo", "changes", "dtype", "actions", "updates"),
     [
-        *((algo, torch.float64, size) for algo in ("ddpg", "td3", "sac") for size in (1, 6)),
-        *(slow(algo, torch.float32, 1) for algo in ("ddpg", "td3")),
-        ("sac", torch.float32, 1),
+        *((algo, {}, torch.float64, size, 100) for algo in OFF_POLICY for size in (1, 6)),
+        *(slow(algo, {}, torch.float32, 1, 100) for algo in ("ddpg", "td3")),
+        ("sac", {}, torch.float32, 1, 100),
+        ("ddpg", {"hidden_layers": [16]}, torch.float64, 1, 10),
+        ("ddpg", {"hidden_layers": [20, 9, 12], "tau": 0.5, "gamma": 0.5}, torch.float64, 1, 10),
+        ("td3", {"policy_delay": 3, "target_policy_noise": 0.9}, torch.float64, 1, 10),
+        ("sac", {"ent_coef": 0.3}, torch.float64, 1, 10),
+        ("sac", {"tau": 1.0}, torch.float64, 1, 10),
     ],
 )
-def test_off_policy_updates_equal_stable_baselines3(algo, dtype, actions, monkeypatch):
+def test_off_policy_updates_equal_stable_baselines3(
+    algo, changes, dtype, actions, updates, monkeypatch
+):
     # In both, the target entropy of SAC is minus the size of an action.
-    settings = settings_of(algo, **({"target_entropy": "auto"} if algo == "sac" else {}))
+    automatic = {"target_entropy": "auto"} if algo == "sac" else {}
+    settings = settings_of(algo, **automatic, **changes)
     agent = oracle_of(algo, settings, dtype, monkeypatch, actions)
     tensors, (learner,), _ = learners_of(algo, settings, dtype, action_size=actions)
     copy_initial_parameters(algo, agent, learner)
-    for update in update_both(agent, learner, tensors, settings, 100):
+    for update in update_both(agent, learner, tensors, settings, updates):
         if update in (1, 10, 100):
             mine, their = ours(algo, learner), theirs(algo, agent)
             assert largest_difference(mine, their) < PRECISION[dtype]
     assert mean_losses(learner, tensors) == pytest.approx(sb3.losses(agent), rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("algo", "changes"),
-    [
-        ("ddpg", {"hidden_layers": [16]}),
-        ("ddpg", {"hidden_layers": [20, 9, 12], "tau": 0.5, "gamma": 0.5}),
-        ("td3", {"policy_delay": 3, "target_policy_noise": 0.9, "target_noise_clip": 0.1}),
-        ("sac", {"ent_coef": 0.3}),
-        ("sac", {"target_entropy": "auto", "tau": 1.0}),
-    ],
-)
-def test_updates_with_other_settings_equal_stable_baselines3(algo, changes, monkeypatch):
-    settings = settings_of(algo, **changes)
-    agent = oracle_of(algo, settings, torch.float64, monkeypatch)
-    tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
-    copy_initial_parameters(algo, agent, learner)
-    for _ in update_both(agent, learner, tensors, settings, 10):
-        pass
-    assert largest_difference(ours(algo, learner), theirs(algo, agent)) < 1e-10
 
 
 def test_sac_target_update_interval_counts_from_each_learning_phase():

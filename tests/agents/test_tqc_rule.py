@@ -8,9 +8,8 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import nn
 
-from jbench.agents.batched.rule import make_rule
 from jbench.tasks.gym import JitterbugEnv
-from tests.agents.batched_oracle import SIZE, fill, next_batch, transitions
+from tests.agents.batched_oracle import fill, next_batch, transitions
 from tests.agents.small_rules import TQC, TQC_SETTINGS, learners, mean_losses
 
 
@@ -78,16 +77,3 @@ def test_documented_tqc_equals_sb3_contrib(monkeypatch):
         )
     for name, values in parameters_of_tqc(agent).items():
         torch.testing.assert_close(learner._parameters[name], values, rtol=0, atol=1e-7, msg=name)
-
-
-def test_entropy_coefficient_loss_of_tqc_equals_sb3_contrib(monkeypatch):
-    dtype = torch.float64
-    agent, data = oracle_of_tqc(TQC_SETTINGS, dtype, monkeypatch), transitions()
-    fill(agent, data)
-    rule = make_rule(TQC, TQC_SETTINGS, SIZE).to(dtype)
-    known = {**parameters_of_tqc(agent), "log_alpha": agent.log_ent_coef.detach().clone()}
-    rule.load_state_dict(known)
-    batch = next_batch(data, TQC_SETTINGS, 2, dtype, 1)
-    agent.train(gradient_steps=1, batch_size=TQC_SETTINGS.batch_size)
-    expected = agent.logger.name_to_value["train/ent_coef_loss"]
-    assert rule("coefficient_loss", batch).item() == pytest.approx(expected, rel=1e-7)

@@ -140,24 +140,24 @@ def find_dataset(
         RequestError: if there is none, or it is not finished.
     """
     results, robot = results_to_read(results), recorded_robot(task)
-    verb = "jbench collect" if robot == JITTERBUG else f"jbench collect --task {robot}"
-    collect = with_results(verb, results.name)
+    option, of_robot = "", ""
+    if robot != JITTERBUG:
+        option, of_robot = f" --task {robot}", f" of {robot}"
+    collect = with_results(f"jbench collect{option}", results.name)
+    records, problems = results.scan("dataset")
     if id is not None:
         id = results.complete_id("dataset", id)
         record = results.find("dataset", id)
         if record is None:
-            ids = [record.id for record in results.scan("dataset")[0]]
-            raise RequestError(
-                f"No dataset {id} in {results.name}; "
-                + (f"there are {', '.join(ids)}." if ids else f"run {collect} first.")
-            )
+            ids = ", ".join(record.id for record in records)
+            more = f"there are {ids}." if ids else f"run {collect} first."
+            raise RequestError(f"No dataset {id} in {results.name}; {more}")
         if record.status != "finished":
             raise RequestError(
                 f"The dataset {id} is unfinished; type the jbench collect command that started it "
                 "to resume it."
             )
         return Dataset(record)
-    records, problems = results.scan("dataset")
     finished = [
         record
         for record in records
@@ -165,7 +165,6 @@ def find_dataset(
     ]
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
-        of_robot = "" if robot == JITTERBUG else f" of {robot}"
         raise RequestError(
             f"No finished dataset{of_robot} in {results.name}{reason}; run {collect} first "
             "(--steps 100000 makes a small one)."

@@ -6,6 +6,7 @@ import io
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -21,18 +22,10 @@ Not every kind of encoder minimizes a squared error. Columns that later versions
 """
 
 
-def write(
-    directory: Path,
-    name: str,
-    content: bytes,
-    table: str | None = None,
-    rows: int = 0,
-    role: str | None = None,
-) -> FileEntry:
-    """Writes a file atomically; returns its entry for the manifest, with these values."""
+def write(directory: Path, name: str, content: bytes, **about: Any) -> FileEntry:
+    """Writes a file atomically; returns its entry for the manifest, with what else is known."""
     files.write_atomic(directory / name, content)
-    size, digest = len(content), files.sha256(content)
-    return FileEntry(name=name, table=table, role=role, rows=rows, bytes=size, sha256=digest)
+    return FileEntry(name=name, bytes=len(content), sha256=files.sha256(content), **about)
 
 
 def write_rows(directory: Path, table: str, number: int, rows: pa.Table) -> FileEntry:
@@ -40,7 +33,7 @@ def write_rows(directory: Path, table: str, number: int, rows: pa.Table) -> File
     content = parquet.to_bytes(rows)
     # The hash makes the name unique.
     name = f"{table}-{number:05d}-{files.sha256(content)[:8]}.parquet"
-    return write(directory, name, content, table, rows.num_rows)
+    return write(directory, name, content, table=table, rows=rows.num_rows)
 
 
 def write_checkpoint(directory: Path, role: str, content: bytes) -> FileEntry:

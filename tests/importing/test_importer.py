@@ -18,10 +18,8 @@ from jbench.errors import RequestError
 from jbench.importing.request import parse_seed
 from jbench.store import Results
 from jbench.store.verify import verify
-
-EPISODES = {1: [100.0, 250.5, 900.0], 2: [50.0, 60.0, 70.0]}
-"""The returns in the files of the fixtures."""
-
+from tests.importing.conftest import EPISODES
+from tests.store.store_whole import snapshot
 
 # Reading.
 
@@ -107,22 +105,16 @@ def test_columns_and_seeds_with_usual_names_need_no_options(separator, tmp_path,
     assert rows()[9]["control_steps"].tolist() == [1000]
 
 
-def test_repeated_import_changes_nothing_and_reports_it(monitor_file, imports, tmp_path, capsys):
+def test_repeated_import_changes_nothing_and_reports_it(monitor_file, imports, tmp_path):
     file = monitor_file(1, EPISODES[1])
     assert imports("sb3-monitor", file)[0] == 0
-
-    def state():
-        files = (p for p in (tmp_path / "results").rglob("*") if p.is_file())
-        return {path: path.stat().st_mtime_ns for path in files}
-
-    before = state()
+    before = snapshot(tmp_path / "results")
     moved = tmp_path / "again-1.csv"
     shutil.copy(file, moved)
     code, out, _ = imports("sb3-monitor", moved)
-    assert code == 0
-    assert "imported before, nothing is changed" in out
+    assert (code, "imported before, nothing is changed" in out) == (0, True)
     assert "Imported 0 of 1 curves" in out
-    assert state() == before
+    assert snapshot(tmp_path / "results") == before
 
 
 def test_order_of_named_files_changes_nothing(sb3_files, monitor_file, imports, rows):
@@ -181,23 +173,16 @@ def test_imports_are_listed_verified_merged_and_repaired(monitor_file, imports, 
 
 
 def test_list_shows_points_and_kind_of_return(sb3_files, imports, tmp_path, capsys):
-    files = {
-        "sb3-monitor": sorted(sb3_files.glob("*.monitor.csv")),
-        "sb3-evaluations": [sb3_files / "evaluations.npz"],
-    }
-    for form, named in files.items():
-        assert imports(form, *named, seed_from=r"seed(\d+)")[0] == 0
-    where = ("runs", "--imports", "--results", str(tmp_path / "results"))
+    monitors = sorted(sb3_files.glob("*.monitor.csv"))
+    assert imports("sb3-monitor", *monitors, seed_from=r"seed(\d+)")[0] == 0
+    assert imports("sb3-evaluations", sb3_files / "evaluations.npz", seed_from=r"seed(\d+)")[0] == 0
     capsys.readouterr()
-    assert main([*where]) == 0
+    assert main(["runs", "--imports", "--results", str(tmp_path / "results")]) == 0
     words = [line.split() for line in capsys.readouterr().out.splitlines()]
     (header,) = [line for line in words if line[:1] == ["import"]]
     assert (header[2], header[-1], "episodes" in header) == ("points", "returns", False)
     lines = [line for line in words if "finished" in line]
     assert {line[-1]: line[2] for line in lines} == {"training": "4", "evaluation": "2"}
-    assert main([*where, "--json"]) == 0
-    listed = json.loads(capsys.readouterr().out)["imports"]
-    assert {one["returns"]: one["episodes"] for one in listed} == {"training": 4, "evaluation": 2}
 
 
 def test_curves_of_another_robot_are_imported_and_reported(monitor_file, imports, tmp_path, capsys):

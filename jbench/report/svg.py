@@ -122,13 +122,15 @@ def _set_attributes(element: ElementTree.Element) -> None:
             element.set(name, _COLORS[color])
     if element.get("stroke") == "none":
         element.attrib.pop("stroke")
+    if element.get("fill") == "none" and element.get("stroke") is None:
+        element.attrib.pop("clip-path", None)  # a place for the pointer, where nothing is drawn
     if element.get("transform", "").startswith("rotate(-0 "):
         element.attrib.pop("transform")
     for name in ("d", "x", "y"):
         if name in element.attrib:  # a tenth of a point is less than a pixel
             value = _NUMBER.sub(lambda number: f"{float(number[0]):.1f}", element.attrib[name])
             value = re.sub(r"\s*([MLCQz])\s*", r"\1", value.strip())
-            element.set(name, re.sub(r"\.0\b", "", value).replace(" -", "-"))
+            element.set(name, re.sub(r"\.0(?!\d)", "", value).replace(" -", "-"))
     number = re.fullmatch(r"series-(\d+)", element.get("id", ""))
     if number:
         element.attrib.pop("id")

@@ -138,8 +138,7 @@ def train_cells(
         RequestError: if the tracker's library is not installed; see also `sweep`.
     """
     from jbench.commands.progress import TrainingView
-    from jbench.loggers.logger import make_logger
-    from jbench.loggers.mirror import mirrored
+    from jbench.loggers.logger import make_logger, mirrored
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.scheduler import sweep
 

@@ -3,6 +3,5 @@
 request.py           `jbench.record`: from its arguments to the settings of the run
 recorder.py          a run whose training loop is the caller's
 writer.py            rows and end of a recorded run, and environments that write rows
-sb3.py               callback for stable-baselines3 models
 opened.py            `jbench.open`: queries and learning curves as pandas data frames
 """

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -12,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError
-from jbench.loggers.logger import Logger
-from jbench.loggers.mirror import mirrored
+from jbench.loggers.logger import Logger, mirrored
 from jbench.policies.acting import Actor, acting
+from jbench.policies.copied import UnsupportedPolicyError
 from jbench.recording.writer import RecordedEnvironment, RunWriter, as_numbers, copied_network
 from jbench.settings.records import ExternalSettings
 from jbench.simulation import find_task
@@ -22,7 +23,7 @@ from jbench.store import Results, schema
 from jbench.training.environment import load_run_encoder, make_env
 
 if TYPE_CHECKING:
-    from jbench.recording.sb3 import RecordingCallback
+    from stable_baselines3.common.callbacks import BaseCallback
 
 
 class AlreadyFinishedError(WorkError):
@@ -193,15 +194,33 @@ class Recording:
         inputs = task.observation_size if encoder is None else encoder.latent_size
         writer.kept = copied_network(actor, inputs, task.action_size), writer.control_steps
 
-    def sb3_callback(self) -> "RecordingCallback":
-        """Returns a callback for `learn` of a stable-baselines3 model.
+    def sb3_callback(self) -> "BaseCallback":
+        """Returns a callback for `learn` of a model of stable-baselines3, or of sb3-contrib.
 
         It records the losses, evaluates the model when that is due, and keeps its policy.
         """
-        from jbench.recording.sb3 import RecordingCallback
+        # They take a second to import.
+        from stable_baselines3.common.callbacks import BaseCallback
+
+        from jbench.agents import sb3
 
         self._running()
-        return RecordingCallback(self.losses, self.evaluate, self.keep_policy)
+        recording = self
+
+        class RecordingCallback(BaseCallback):
+            def _on_step(self) -> bool:
+                if losses := sb3.losses(self.model):
+                    recording.losses(**losses)
+                recording.evaluate(self.model)
+                return True
+
+            def _on_training_end(self) -> None:
+                try:
+                    recording.keep_policy(self.model)
+                except UnsupportedPolicyError as error:
+                    warnings.warn(str(error), stacklevel=2)
+
+        return RecordingCallback()
 
     def __getstate__(self) -> NoReturn:
         """Refuses to be copied into another process."""

@@ -12,8 +12,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from jbench.cli import main
-from jbench.loggers.logger import make_logger
-from jbench.loggers.mirror import mirrored
+from jbench.loggers.logger import make_logger, mirrored
 from jbench.store import Results, schema
 from tests.store.store_rows import episodes
 from tests.store.store_whole import add_whole_run, restart
@@ -141,8 +140,7 @@ def test_wandb_logs_each_point_offline(results, monkeypatch):
 LOGGED_BY_TRACKIO = """
 import json, sys
 from pathlib import Path
-from jbench.loggers.logger import make_logger
-from jbench.loggers.mirror import mirrored
+from jbench.loggers.logger import make_logger, mirrored
 from jbench.store import Results
 
 results, run = Results(Path(sys.argv[1])), sys.argv[2]

@@ -11,13 +11,11 @@ from pathlib import Path
 
 FILE = 250
 FUNCTION = 50
-TOTAL = 36_600
-WORDS = 24_000
+TOTAL = 33_600
+WORDS = 23_800
 """Of README and docs/."""
 
 LARGER = {
-    "jbench/commands/sweep.py: sweep": 78,
-    "jbench/commands/train.py: train": 63,
     "jbench/training/log.py": 280,
 }
 """Files and functions that are still larger, with the lines that they may have."""

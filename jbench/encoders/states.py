@@ -33,7 +33,16 @@ Scale = Literal["dataset", "observation", "sd"]
 
 
 def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Returns the indices of the training episodes (80%) and of the held-out ones (20%)."""
+    """Returns the indices of the training episodes (80%) and of the held-out ones (20%).
+
+    Raises:
+        RequestError: if there is a single episode.
+    """
+    if episodes < 2:
+        raise RequestError(
+            "The dataset has a single episode, and an encoder is trained on some and tested on "
+            "others; collect more, such as jbench collect --steps 10k."
+        )
     order = np.random.default_rng(np.random.SeedSequence(seed)).permutation(episodes)
     held_out = max(1, round(_TEST_SHARE * episodes))
     return np.sort(order[held_out:]), np.sort(order[:held_out])

@@ -165,8 +165,8 @@ def _shipped_run(name: str) -> str:
             f"{name} is not unique; type one of {', '.join(matches)} "
             "(jbench runs --results reference shows how they differ)."
         )
-    close = get_close_matches(name, names, 3)
-    choices = [shipped for shipped in names if shipped in close] or names
+    same = [shipped for shipped in names if shipped.startswith(f"{name.rpartition('/')[0]}/")]
+    choices = same or sorted(get_close_matches(name, names, 3)) or names
     instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"
     raise RequestError(f"No policy is shipped as {name}; {instead}.")
 

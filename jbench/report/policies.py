@@ -53,7 +53,7 @@ def findings(
     if not missing:
         return rows, []
     note = (
-        f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate --policy "
+        f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate "
         f"{HEURISTIC} --task {missing[0]}`."
     )
     return rows, [note]

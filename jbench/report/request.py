@@ -82,7 +82,7 @@ class Request:
     baseline: Annotated[
         str | None,
         Field(
-            description="draw the imported curves of this algorithm dashed, as published curves are"
+            description="draw the imported curves of this algorithm dotted, as published curves are"
         ),
     ] = None
     compare: tuple[str, str] | None = None

@@ -39,9 +39,10 @@ class MatrixComparison(NamedTuple):
         return name if self.claim == "a" else f"{name}, over the run"
 
     @property
-    def claims(self) -> tuple[str, str]:
+    def claims(self) -> list[str]:
         """What a user types for all comparisons of this representation, and for this one only."""
-        return self.ours.representation, f"{self.ours.representation}/{self.against}"
+        names = dict.fromkeys(_names(self.ours))
+        return [claim for name in names for claim in (name, f"{name}/{self.against}")]
 
 
 def comparisons(

@@ -63,6 +63,11 @@ def test_split_depends_only_on_seed():
     assert splits[0] != list(range(20))
 
 
+def test_a_single_episode_cannot_be_split():
+    with pytest.raises(RequestError, match=r"single episode.*jbench collect"):
+        split_episodes(1, 0)
+
+
 def test_states_are_scaled_by_extremes_of_dataset(dataset, scaled):
     states = read_states(dataset, seed=0)
     observations = observations_of(dataset)

@@ -17,7 +17,7 @@ _REDUCED = "dae12"  # the paper's reduced order: 12 latents of a denoising autoe
 _OFF_POLICY, _ON_POLICY = ("ddpg", "sac", "td3"), "ppo"
 _HARDER, _EASIER = "move_in_direction", "face_direction"  # the tasks of Figures 8 and 7
 _RANDOM_RETURNS = {_EASIER: 220.0, _HARDER: 303.0}
-"""Median return of random actions in 100 episodes (`jbench evaluate --policy random`)."""
+"""Median return of random actions in 100 episodes (`jbench evaluate random`)."""
 
 _STATISTICS = {
     "a": (IQM_DIFFERENCE, "final"),

@@ -148,9 +148,10 @@ def _find(
     from jbench.policies.find import find_run, full_name
     from jbench.simulation.find import checked_task
 
-    if policy is not None and option is not None:
+    typed = [name for name in (policy, option) if name is not None]
+    if len(typed) == 2:
         raise RequestError(f"Two policies, {policy} and {option}: type one.")
-    database, name = database_and_policy(results, policy or option or names.HEURISTIC)
+    database, name = database_and_policy(results, *(typed or [names.HEURISTIC]))
     name = full_name(database, name)
     if task is not None:
         return database, name, checked_task(task).name

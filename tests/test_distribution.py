@@ -145,6 +145,7 @@ def test_installed_package_runs_every_command(installed):
     assert json.loads(manifest.read_text())["provenance"]["git_revision"] is None
 
 
+@pytest.mark.slow
 def test_installed_command_lists_shipped_runs(jbench):
     assert "face_direction/td3/full/s00-" in jbench("runs", "--results", "reference")
     printed = jbench("report", "--results", "reference", "--algo", "ddpg", "--format", "svg")

@@ -80,7 +80,15 @@ def output(pages):
     return find
 
 
-SLOW = ("agents.md", "import.md", "recording.md", "submit.md")
+SLOW = (
+    "agents.md",
+    "curves.md",
+    "encoders.md",
+    "export.md",
+    "import.md",
+    "recording.md",
+    "submit.md",
+)
 """Pages whose blocks take more than about five seconds."""
 
 

@@ -220,7 +220,9 @@ def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
     assert "Next:" not in done.stdout
 
 
-@pytest.mark.parametrize(("name", "kills"), [("random-search", 5), (NAME, 2)])
+@pytest.mark.parametrize(
+    ("name", "kills"), [pytest.param("random-search", 5, marks=pytest.mark.slow), (NAME, 2)]
+)
 def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, name, kills, tmp_path):
     run = agent_run(name, package=None if name == NAME else "random-search-agent")
     request = {"path": str(tmp_path), "runs": [run.model_dump(mode="json")]}

@@ -221,6 +221,7 @@ def test_invalid_counts_are_refused(text):
         parsing.count(text)
 
 
+@pytest.mark.slow
 def test_algorithm_is_case_insensitive_and_full_means_no_encoder(tmp_path):
     arguments = ("train", "--algo", "TD3", "--encoder", "full", "--steps", "0.1k", "--seeds", "0")
     shortest = ("--set", "hidden_layers=[4]", "--evaluate-episodes", "0", "--jobs", "1")
@@ -353,6 +354,7 @@ def test_training_in_directory_without_permission_is_refused(tmp_path, monkeypat
     assert not list(tmp_path.rglob("manifest.json"))
 
 
+@pytest.mark.slow
 def test_train_with_defaults_prints_forecast_first(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "jbench", "train", "--results", str(tmp_path)],

@@ -156,6 +156,7 @@ def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     assert committed(run, results) == 10
 
 
+@pytest.mark.slow
 def test_killed_worker_is_restarted_limited_number_of_times(tmp_path, results):
     matrix = write_matrix(tmp_path, seeds="0-1", steps=1000)
     runs = runs_of_matrix(matrix, results)

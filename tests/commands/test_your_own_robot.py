@@ -15,6 +15,7 @@ from tests.documentation import code_of
 TASK = "two_poles:balance"
 
 
+@pytest.mark.slow
 def test_robot_of_page_is_collected_encoded_trained_and_reported(tmp_path):
     (tmp_path / "two_poles.py").write_text(code_of("your-own-robot.md", "python"))
     for arguments in (

@@ -277,6 +277,7 @@ def test_nonfinite_action_is_divergence(tmp_path):
     assert diverged == {"update": None, "control_steps": 1, "what": "actions"}
 
 
+@pytest.mark.slow
 def test_killed_run_is_unfinished_and_restarts(tmp_path):
     def program(what):
         target = "tests.recording.programs:record_two_episodes"

@@ -217,10 +217,15 @@ def test_deviation_of_every_configuration(returns):
         assert deviations == [f"{value:.0f}" for value in expected]
 
 
+@cache
+def shipped():
+    return Frames(shipped_results())
+
+
 def decision(task, representation, against):
     """Returns the text of a "lower" verdict of the sequential test, such as `-20 [-30, -10]`."""
     chosen = {"task": task, "representation": representation, "against": against}
-    (row,) = chosen_from(Frames(shipped_results()).decisions, **chosen).itertuples()
+    (row,) = chosen_from(shipped().decisions, **chosen).itertuples()
     assert row.verdict == "lower"
     return f"{row.difference:.0f} [{row.low:.0f}, {row.high:.0f}]"
 
@@ -235,7 +240,7 @@ def test_whitened_latents_are_between_plain_ones_and_the_observation(returns):
         assert f"({finals.min():.0f} to {finals.max():.0f})" in text_of("answer")
     tested = decision(TASKS[0], WHITENED, "scaled")
     assert f"lower than with `scaled`: {tested} by" in text_of("answer")
-    verdicts = chosen_from(Frames(shipped_results()).verdicts, returns="evaluation", claim="b")
+    verdicts = chosen_from(shipped().verdicts, returns="evaluation", claim="b")
     (row,) = verdicts[~verdicts["verdict"].isin(["undecided", None])].itertuples()
     assert (row.representation, row.against, row.verdict) == (WHITENED, "scaled", "more variable")
     low, high = re.findall(r"\d+", row.text)
@@ -319,7 +324,7 @@ def test_comparisons_that_the_sequential_test_has_decided(tmp_path):
     rows = json.loads(succeed(*typed, results=tmp_path).stdout)["comparisons"]
     # The report has the same decisions.
     tested = [(row["difference"], row["low"], row["high"]) for row in rows if row["seeds"]]
-    shown = Frames(shipped_results()).decisions[["difference", "low", "high"]]
+    shown = shipped().decisions[["difference", "low", "high"]]
     finite = shown.replace([np.inf, -np.inf], np.nan)  # JSON has no infinite numbers
     np.testing.assert_allclose(finite, np.array(tested, float), rtol=1e-9)
     decided = {

@@ -63,7 +63,7 @@ def hostile(found):
     return found
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_shipped_page_is_accessible_and_short(shipped_page, opened, scheme):
     shown = opened(shipped_page, color_scheme=scheme).page
     assert Axe().run(shown).response["violations"] == []

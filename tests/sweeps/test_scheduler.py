@@ -44,6 +44,7 @@ print(json.dumps([events, of_the_command_line]))
 """
 
 
+@pytest.mark.slow
 def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
     matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", steps=1000, dataset=1000)
     results = tmp_path / "results"
@@ -132,6 +133,7 @@ def test_run_that_kills_its_process_fails_no_other_run(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path, capsys):
     results = Results(tmp_path)
     matrix = write_matrix(tmp_path, representations='"pca3", "full"')

@@ -81,7 +81,7 @@ def generate(path: Path, runs: int, episodes: int, variants: int) -> None:
 
 def measure(path: Path, root: Path, *options: str) -> Measure:
     """Writes a report by a checkout of jbench, in a process of its own."""
-    command = [sys.executable, "-c", MEASURED, "report", "--results", str(path), *options]
+    command = [sys.executable, "-P", "-c", MEASURED, "report", "--results", str(path), *options]
     environment = {**os.environ, "PYTHONPATH": str(root)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     code, *numbers = done.stderr.splitlines()[-1].split()

@@ -87,6 +87,7 @@ SLOW = (
     "export.md",
     "import.md",
     "recording.md",
+    "report.md",
     "submit.md",
 )
 """Pages whose blocks take more than about five seconds."""

@@ -1,5 +1,7 @@
 """Tests of `jbench demo`, which runs the commands of the quick start."""
 
+import pytest
+
 from jbench.cli import main
 from jbench.commands import demo
 from jbench.store import Results
@@ -43,6 +45,7 @@ def test_curves_of_each_representation_are_shown_in_few_lines(demo_results, monk
         assert curve[0] < curve[-1]
 
 
+@pytest.mark.slow
 def test_failing_command_ends_demo(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(demo, "COMMANDS", ("train --encoder none --steps 1", "runs"))
     assert main(["demo", "--results", str(tmp_path / "results")]) == 2

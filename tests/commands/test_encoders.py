@@ -82,6 +82,7 @@ def test_repeated_training_is_skipped_and_json_lists_encoders(filled, capsys):
     assert {path: path.stat().st_mtime_ns for path in filled.rglob("*.parquet")} == before
 
 
+@pytest.mark.slow
 def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
     report = ("report", "--format", "png", "--out", str(tmp_path / "report"))
     assert main([*report, "--results", str(filled)]) == 0

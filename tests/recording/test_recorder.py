@@ -581,9 +581,8 @@ EXAMPLES = {
 }
 
 
-@pytest.mark.parametrize(
-    "example", ["cleanrl_td3", pytest.param("sb3_contrib_tqc", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES)
 def test_examples_train_with_at_most_five_jbench_lines(example, tmp_path):
     if "contrib" in example:
         pytest.importorskip("sb3_contrib")

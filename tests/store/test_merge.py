@@ -103,6 +103,7 @@ print(merged.reason, pa.default_memory_pool().max_memory())
 """
 
 
+@pytest.mark.slow
 def test_two_copies_of_dataset_are_compared_file_by_file(results, other):
     for place, last in ((results, 1), (other, 2)):
         record = place.create("dataset", "random/s00-bd048884", {"seed": 0})

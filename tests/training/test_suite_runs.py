@@ -32,13 +32,14 @@ def settings(algo, task, seed=0, **changes):
     return RunSettings(**{**about, **changes})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("algo", "task"),
     [
         ("td3", "dmc:cheetah-run"),
-        pytest.param("sac", "dmc:cartpole-swingup", marks=pytest.mark.slow),
-        pytest.param("sac", "dmc:cheetah-run", marks=pytest.mark.slow),
-        pytest.param("td3", "dmc:cartpole-swingup", marks=pytest.mark.slow),
+        ("sac", "dmc:cartpole-swingup"),
+        ("sac", "dmc:cheetah-run"),
+        ("td3", "dmc:cartpole-swingup"),
     ],
 )
 def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, task, tmp_path):

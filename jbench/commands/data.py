@@ -1,7 +1,7 @@
 """Commands for datasets: collect, datasets."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from typer import Option
 
@@ -10,9 +10,6 @@ from jbench.commands import completion, options, parsing
 from jbench.commands.output import Output, described
 from jbench.settings.records import DatasetSettings
 from jbench.wording import counted, progress_text, with_results
-
-if TYPE_CHECKING:
-    pass
 
 
 @options.with_settings(DatasetSettings, "steps", "seed", "augment")

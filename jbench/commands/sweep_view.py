@@ -21,7 +21,7 @@ def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> lis
     datasets = [
         dataset for dataset, _ in missing if not is_finished(results, "dataset", dataset.id)
     ]
-    encoders = [encoder for _, of_dataset in missing for encoder in of_dataset]
+    encoders = [encoder for _, unfinished in missing for encoder in unfinished]
     for dataset in datasets:
         output.say(f"Collected first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
     if encoders:

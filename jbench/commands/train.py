@@ -138,7 +138,7 @@ def train_cells(
         RequestError: if the tracker's library is not installed; see also `sweep`.
     """
     from jbench.commands.progress import TrainingView
-    from jbench.loggers.logger import make_logger, mirrored
+    from jbench.loggers.logger import copying_rows, make_logger
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.scheduler import sweep
 
@@ -148,7 +148,7 @@ def train_cells(
         if log is not None:
             logger, ids = make_logger(log, results.path), {run.id for run in all_runs(cells)}
             output.say(logger.where)
-            stack.enter_context(mirrored(results, ids, logger, output.warn))
+            stack.enter_context(copying_rows(results, ids, logger, output.warn))
         view = stack.enter_context(TrainingView(output))
         return sweep(cells, results, make_executor, view.show, **options)
 

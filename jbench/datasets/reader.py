@@ -140,9 +140,9 @@ def find_dataset(
         RequestError: if there is none, or it is not finished.
     """
     results, robot = results_to_read(results), recorded_robot(task)
-    option, of_robot = "", ""
+    option, robot_named = "", ""
     if robot != JITTERBUG:
-        option, of_robot = f" --task {robot}", f" of {robot}"
+        option, robot_named = f" --task {robot}", f" of {robot}"
     collect = with_results(f"jbench collect{option}", results.name)
     records, problems = results.scan("dataset")
     if id is not None:
@@ -166,7 +166,7 @@ def find_dataset(
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
-            f"No finished dataset{of_robot} in {results.name}{reason}; run {collect} first "
+            f"No finished dataset{robot_named} in {results.name}{reason}; run {collect} first "
             "(--steps 100000 makes a small one)."
         )
     plain = [record for record in finished if record.settings.get("augment") is None]

@@ -111,7 +111,7 @@ _VALUES = {"episodes": _episode, "evaluations": _evaluation, "metrics": _metrics
 
 
 @contextmanager
-def mirrored(
+def copying_rows(
     results: Results, runs: Collection[str], logger: Logger, warn: Callable[[str], None]
 ) -> Iterator[None]:
     """Copies the rows of runs to a logger during the block, and what is left at its end.

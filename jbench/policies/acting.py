@@ -127,8 +127,8 @@ def installed_policies() -> dict[str, EntryPoint]:
 
 def is_imported_policy(name: str) -> bool:
     """Returns whether a name is that of an installed policy, or of the form MODULE:NAME."""
-    of_ours = name.partition(":")[0] in _OURS
-    return not of_ours and (plugins.is_imported(name) or name in installed_policies())
+    is_ours = name.partition(":")[0] in _OURS
+    return not is_ours and (plugins.is_imported(name) or name in installed_policies())
 
 
 def imported_policy(name: str, task: str) -> ActingPolicy:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError
-from jbench.loggers.logger import Logger, mirrored
+from jbench.loggers.logger import Logger, copying_rows
 from jbench.policies.acting import Actor, acting
 from jbench.policies.copied import UnsupportedPolicyError
 from jbench.recording.writer import RecordedEnvironment, RunWriter, as_numbers, copied_network
@@ -94,7 +94,7 @@ class Recording:
             existing = stack.enter_context(self._results.locked("run", self.id))
             if self._logger is not None:
                 _note(self._logger.where)
-                stack.enter_context(mirrored(self._results, {self.id}, self._logger, _note))
+                stack.enter_context(copying_rows(self._results, {self.id}, self._logger, _note))
             if existing is not None and existing.status == "finished":
                 self.finished = True
                 try:

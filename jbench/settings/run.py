@@ -189,8 +189,8 @@ class RunSettings(Settings):
     @property
     def environments(self) -> int:
         """Number of parallel environments of the agent."""
-        of_ppo = self.hyperparameters.get("n_envs", 1) if self.is_ours else 1
-        return self.parallel or int(of_ppo)
+        per_rollout = self.hyperparameters.get("n_envs", 1) if self.is_ours else 1
+        return self.parallel or int(per_rollout)
 
     @property
     def rollout(self) -> int:

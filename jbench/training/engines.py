@@ -84,7 +84,7 @@ def train(engine: Trainer, steps: int, after_step: AfterStep) -> None:
             break
 
 
-def acting(engine: Trainer, seeds: int) -> Act:
+def policy_function(engine: Trainer, seeds: int) -> Act:
     """Returns what acts on observations (..., dim(O)) in the order of the engine's seeds."""
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:

@@ -60,7 +60,7 @@ class Event(NamedTuple):
 
     @property
     def resume_sentence(self) -> str:
-        """A sentence on where a resumed run goes on."""
+        """The sentence that says at which control step a resumed run continues."""
         at, other = self.steps, self.continues
         if not other:
             how = "was interrupted or failed; it " + ("resumes at" if at else "starts again from")

@@ -17,7 +17,7 @@ from jbench.policies.saved import policy_files
 from jbench.settings.run import RunSettings
 from jbench.store import Record
 from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
-from jbench.training.engines import acting, make_trainer, train
+from jbench.training.engines import make_trainer, policy_function, train
 from jbench.training.evaluation import (
     derive_seeds,
     evaluate_policies,
@@ -152,7 +152,7 @@ class TrainingGroup:
             settings,
             [derive_seeds(member.settings.seed)[1] for member in self._members],
             log.progress.evaluations,
-            acting(engine, len(self._members)),
+            policy_function(engine, len(self._members)),
             threads=engine.environments.threads if isinstance(engine, Engine) else 1,
             control_steps=engine.control_steps,
             episodes=self._final_episodes if engine.has_made(settings.steps) else None,

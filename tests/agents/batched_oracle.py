@@ -17,7 +17,7 @@ SIZE = 16  # of an observation of face_direction
 TRANSITIONS = 500
 
 
-def settings_of(algo, **overrides):
+def build_settings(algo, **overrides):
     """Settings with small networks and a larger learning rate."""
     small = {"hidden_layers": [24, 20], "batch_size": 32, "learning_rate": 1e-3}
     small |= {} if algo == "ppo" else {"buffer_size": TRANSITIONS}

@@ -89,5 +89,5 @@ def mean_losses(learner, tensors):
     return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
 
 
-def engine_of(rule, settings, seeds, **options):
+def build_engine(rule, settings, seeds, **options):
     return short_engine(rule, settings, "face_direction", seeds, **options)

@@ -13,8 +13,8 @@ from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.rule import Rule
 from tests.agents.batched_oracle import (
     SIZE,
+    build_settings,
     learners_of,
-    settings_of,
 )
 from tests.agents.small_rules import (
     PRECISION,
@@ -24,7 +24,7 @@ from tests.agents.small_rules import (
     TQC,
     TQC_SETTINGS,
     batches,
-    engine_of,
+    build_engine,
     learners,
     mean_losses,
 )
@@ -50,7 +50,7 @@ def td3_parameters(learner):
 @pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize("dtype", PRECISION, ids=str)
 def test_td3_rule_equals_builtin_td3(dtype, actions):
-    settings = settings_of("td3")
+    settings = build_settings("td3")
     own_tensors, (own,), _ = learners_of("td3", settings, dtype, action_size=actions)
     tensors, (learner,), _ = learners(TD3, settings, dtype, actions=actions)
     own.initialize(torch.Generator().manual_seed(3))
@@ -110,7 +110,7 @@ SEVERAL = {"environments": 2, "time_limit": "terminal"}
     ],
 )
 def test_seed_is_independent_of_other_seeds_bit_for_bit(rule, settings, options):
-    assert_independent(lambda seeds: engine_of(rule, settings, seeds, **options))
+    assert_independent(lambda seeds: build_engine(rule, settings, seeds, **options))
 
 
 @pytest.mark.parametrize(
@@ -123,16 +123,16 @@ def test_seed_is_independent_of_other_seeds_bit_for_bit(rule, settings, options)
     ],
 )
 def test_restored_engine_continues_bit_for_bit(rule, settings, stacked):
-    assert_continues(lambda seeds: engine_of(rule, settings, seeds, stacked=stacked), 37)
+    assert_continues(lambda seeds: build_engine(rule, settings, seeds, stacked=stacked), 37)
 
 
 @RULES
 def test_saved_policy_equals_agent_and_can_be_loaded(rule, settings):
     observations = np.random.default_rng(0).normal(size=(1, 10, SIZE)).astype(np.float32)
     with (
-        engine_of(rule, settings, [0]) as engine,
-        engine_of(rule, settings, [9]) as other,
-        engine_of(rule, settings.model_copy(update={"hidden_layers": (8,)}), [0]) as smaller,
+        build_engine(rule, settings, [0]) as engine,
+        build_engine(rule, settings, [9]) as other,
+        build_engine(rule, settings.model_copy(update={"hidden_layers": (8,)}), [0]) as smaller,
     ):
         for _ in engine.learn(60):
             pass
@@ -164,8 +164,8 @@ class Unusual(TD3):
 @pytest.mark.parametrize("stacked", [False, True])
 def test_rule_with_layers_without_bias_and_number_without_axes_is_trained(stacked):
     with (
-        engine_of(Unusual, TD3_SETTINGS, [0, 1], stacked=stacked) as engine,
-        engine_of(Unusual, TD3_SETTINGS, [9]) as other,
+        build_engine(Unusual, TD3_SETTINGS, [0, 1], stacked=stacked) as engine,
+        build_engine(Unusual, TD3_SETTINGS, [9]) as other,
     ):
         for _ in engine.learn(60):
             pass
@@ -180,7 +180,7 @@ def test_rule_with_layers_without_bias_and_number_without_axes_is_trained(stacke
 def test_diverged_seed_does_not_affect_others():
     states = []
     for poisoned in (False, True):
-        with engine_of(TD3, TD3_SETTINGS, [0, 5]) as engine:
+        with build_engine(TD3, TD3_SETTINGS, [0, 5]) as engine:
             if poisoned:
                 engine.learners[1]._parameters["critics.0.2.weight"][3, 4] = torch.inf
             for _ in engine.learn(STEPS):

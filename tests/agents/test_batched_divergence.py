@@ -9,7 +9,7 @@ import torch
 
 from jbench.agents.divergence import Divergence
 from jbench.settings.algorithms import ALGORITHMS
-from tests.agents.test_batched_engine import FEW, STEPS, engine_of, slow
+from tests.agents.test_batched_engine import FEW, STEPS, build_engine, slow
 
 SEEDS, DIVERGED = [0, 5, 3], 1
 CRITICS = {
@@ -47,10 +47,10 @@ def trained(engine, algo, poisoned_at=None):
     ],
 )
 def test_diverged_seed_does_not_affect_others(algo, stacked, capfd):
-    with engine_of(algo, SEEDS, stacked=stacked) as engine:
+    with build_engine(algo, SEEDS, stacked=stacked) as engine:
         returns, state = trained(engine, algo)
         assert engine.diverged == {}
-    with engine_of(algo, SEEDS, stacked=stacked) as engine:
+    with build_engine(algo, SEEDS, stacked=stacked) as engine:
         returns_beside, state_beside = trained(engine, algo, poisoned_at=42)
         assert list(engine.diverged) == [DIVERGED]
         actions = engine.act(np.zeros((3, 4, 16), np.float32))
@@ -73,7 +73,7 @@ def test_diverged_seed_does_not_affect_others(algo, stacked, capfd):
     ],
 )
 def test_divergence_is_detected_at_next_step_or_update(algo, network, what):
-    with engine_of(algo, SEEDS) as engine:
+    with build_engine(algo, SEEDS) as engine:
         for _ in engine.learn(60):
             pass
         steps, updates = engine.control_steps, engine.updates
@@ -92,7 +92,7 @@ def test_divergence_is_detected_at_next_step_or_update(algo, network, what):
 
 
 def test_check_weights_detects_divergence():
-    with engine_of("ddpg", SEEDS) as engine:
+    with build_engine("ddpg", SEEDS) as engine:
         engine.check_weights()
         assert engine.diverged == {}
         poison(engine, "critic_target")
@@ -104,7 +104,7 @@ def test_check_weights_detects_divergence():
 def test_diverged_features_are_detected_and_do_not_affect_others(stacked):
     states = []
     for poisoned in (False, True):
-        with engine_of("td3", SEEDS, ofe=FEW, stacked=stacked) as engine:
+        with build_engine("td3", SEEDS, ofe=FEW, stacked=stacked) as engine:
             for _ in engine.learn(60):
                 if poisoned and engine.control_steps == 59:
                     # The layer that predicts the next observation; the agent does not use it.
@@ -119,7 +119,7 @@ def test_diverged_features_are_detected_and_do_not_affect_others(stacked):
 
 def test_temperature_of_zero_is_not_divergence():
     # The logarithm, which is saved, is -inf.
-    with engine_of("sac", SEEDS, changes={"ent_coef": 0.0}) as engine:
+    with build_engine("sac", SEEDS, changes={"ent_coef": 0.0}) as engine:
         for _ in engine.learn(60):
             pass
         engine.check_weights()

@@ -38,14 +38,14 @@ SCRIPTS = {algo: {"changes": changes | SMALL[algo]} for algo, changes in SCRIPT.
 FEW, MANY = (OFESettings(units=units, layers=3, standardize_updates=20) for units in (6, 20))
 
 
-def settings_of(algo, **changes):
+def build_settings(algo, **changes):
     small = {"hidden_layers": [33, 20], "learning_rate": 1e-3} | SMALL[algo]
     small |= {} if algo == "ppo" else {"buffer_size": 50}
     return algorithm_settings(algo, overrides=small | changes)
 
 
-def engine_of(algo, seeds, *, task="face_direction", changes=None, **options):
-    return short_engine(algo, settings_of(algo, **(changes or {})), task, seeds, **options)
+def build_engine(algo, seeds, *, task="face_direction", changes=None, **options):
+    return short_engine(algo, build_settings(algo, **(changes or {})), task, seeds, **options)
 
 
 def short_engine(algo, settings, task, seeds, **options):
@@ -181,7 +181,7 @@ def slow(*values):
     ],
 )
 def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
-    assert_independent(lambda seeds: engine_of(algo, seeds, **options))
+    assert_independent(lambda seeds: build_engine(algo, seeds, **options))
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
     ],
 )
 def test_restored_engine_continues_bit_for_bit(algo, options, stop):
-    assert_continues(lambda seeds: engine_of(algo, seeds, **options), stop)
+    assert_continues(lambda seeds: build_engine(algo, seeds, **options), stop)
 
 
 @pytest.mark.parametrize("stacked", [False, True])
@@ -209,7 +209,7 @@ def test_restored_engine_continues_bit_for_bit(algo, options, stop):
 def test_engine_is_freed_with_last_reference(algo, stacked):
     gc.disable()
     try:
-        with engine_of(algo, [0, 1], stacked=stacked) as engine:
+        with build_engine(algo, [0, 1], stacked=stacked) as engine:
             for _ in engine.learn(STEPS):
                 pass
             updates = engine._group_updates
@@ -223,13 +223,13 @@ def test_engine_is_freed_with_last_reference(algo, stacked):
 
 def test_restoring_seeds_with_different_step_counts_is_refused():
     states = []
-    with engine_of("ppo", [0]) as engine:
+    with build_engine("ppo", [0]) as engine:
         for steps in (30, 60):
             for _ in engine.learn(steps):
                 pass
             states.append(engine.state(0))
     with (
-        engine_of("ppo", [0, 1]) as engine,
+        build_engine("ppo", [0, 1]) as engine,
         pytest.raises(ValueError, match="same number of control steps"),
     ):
         engine.restore(states)
@@ -269,7 +269,7 @@ def test_environments_equal_gymnasium_environment(augment):
 
 
 def test_robot_can_differ_per_episode():
-    with engine_of("ddpg", [0, 1], augment=lambda episode: min(episode + 1, 2)) as engine:
+    with build_engine("ddpg", [0, 1], augment=lambda episode: min(episode + 1, 2)) as engine:
         for _ in engine.learn(LENGTH):
             pass
         actions = np.full((2, 1, 1), 0.7)
@@ -293,7 +293,7 @@ def test_robot_can_differ_per_episode():
 )
 def test_loaded_policy_equals_agent_bit_for_bit(algo, ofe):
     observations = np.random.default_rng(0).normal(size=(1, 10, 16)).astype(np.float32)
-    with engine_of(algo, [0], ofe=ofe) as engine, engine_of(algo, [9], ofe=ofe) as other:
+    with build_engine(algo, [0], ofe=ofe) as engine, build_engine(algo, [9], ofe=ofe) as other:
         for _ in engine.learn(60):
             pass
         before = other.act(observations)
@@ -310,11 +310,11 @@ def test_loaded_policy_equals_agent_bit_for_bit(algo, ofe):
 @pytest.mark.parametrize(("steps", "starts"), [(65, 0), slow(100, 60), (60, 59)])
 def test_update_counts_equal_stable_baselines3(algo, steps, starts):
     changes = {"learning_starts": starts, "hidden_layers": [4]}
-    settings = settings_of(algo, **changes)
+    settings = build_settings(algo, **changes)
     env = DummyVecEnv([lambda: JitterbugEnv("face_direction")])
     agent = sb3.build(algo, settings, env, 0)
     agent.learn(steps, log_interval=None)
-    with engine_of(algo, [0], changes=changes) as engine:
+    with build_engine(algo, [0], changes=changes) as engine:
         for _ in engine.learn(steps):
             pass
     assert (engine.updates, engine.control_steps) == (agent._n_updates, agent.num_timesteps)
@@ -324,7 +324,7 @@ def test_script_td3_first_updates_at_learning_starts():
     updates = {}
     for starts in (24, 23):
         # 6 updates after every 12 control steps.
-        with engine_of("td3", [0], changes={"learning_starts": starts}) as engine:
+        with build_engine("td3", [0], changes={"learning_starts": starts}) as engine:
             for _ in engine.learn(24):
                 pass
             updates[starts] = engine.updates
@@ -342,7 +342,7 @@ def test_script_td3_first_updates_at_learning_starts():
     ],
 )
 def test_ratio_of_updates_is_independent_of_environments(environments, changes, updates):
-    with engine_of("ddpg", [0], environments=environments, changes=changes) as engine:
+    with build_engine("ddpg", [0], environments=environments, changes=changes) as engine:
         for _ in engine.learn(120):
             pass
         assert (engine.control_steps, engine.updates) == (120, updates)
@@ -350,7 +350,7 @@ def test_ratio_of_updates_is_independent_of_environments(environments, changes, 
 
 def test_indivisible_number_of_environments_is_refused():
     with pytest.raises(RequestError, match="3 environments can't share 5 updates every 10 control"):
-        engine_of("ddpg", [0], environments=3)
+        build_engine("ddpg", [0], environments=3)
 
 
 class GlobalNormals:
@@ -368,7 +368,7 @@ class GlobalNormals:
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3"])
 def test_action_noise_equals_stable_baselines3(algo):
-    settings = settings_of(algo)
+    settings = build_settings(algo)
     ours, theirs = ActionNoise(settings, (1, 1, 3)), sb3._noise(settings, (3,))
     stream = GlobalNormals(300)
     for number in range(100):
@@ -388,10 +388,10 @@ def actions_of(engine, steps):
 
 def test_actions_before_learning_starts_are_uniform_or_of_policy():
     changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 10_000}
-    with engine_of("td3", [0], changes=changes) as engine:
+    with build_engine("td3", [0], changes=changes) as engine:
         # The standard deviation of U(-1, 1) is 0.577; an untrained policy's actions hardly vary.
         assert 0.5 < np.std(actions_of(engine, 240)) < 0.65
-    with engine_of("ddpg", [0], changes=changes) as engine:
+    with build_engine("ddpg", [0], changes=changes) as engine:
         observation = engine.environments.observations[0].numpy()
         (taken, *_) = actions_of(engine, 1)
         assert taken == pytest.approx(float(engine.policy(0).act(observation)[0, 0]), abs=1e-6)
@@ -400,7 +400,7 @@ def test_actions_before_learning_starts_are_uniform_or_of_policy():
 def test_ppo_bootstraps_at_time_limit_unless_terminal():
     rewards = {}
     for limit in ("bootstrap", "terminal"):
-        with engine_of("ppo", [0], changes={"n_steps": 100}, time_limit=limit) as engine:
+        with build_engine("ppo", [0], changes={"n_steps": 100}, time_limit=limit) as engine:
             for ended in engine.learn(200):
                 if ended is not None:
                     break
@@ -433,7 +433,7 @@ def test_ppo_bootstraps_at_time_limit_unless_terminal():
     ],
 )
 def test_extracted_policies_equal_agents(algo, options):
-    with engine_of(algo, [0, 1, 2], **options) as engine:
+    with build_engine(algo, [0, 1, 2], **options) as engine:
         for _ in engine.learn(40):
             pass
         assert_policies_equal_agents(engine)
@@ -441,7 +441,7 @@ def test_extracted_policies_equal_agents(algo, options):
 
 def test_actions_are_of_latest_policy():
     changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 0}
-    with engine_of("ddpg", [0], changes=changes, stacked=True) as engine:
+    with build_engine("ddpg", [0], changes=changes, stacked=True) as engine:
         observations = [engine.environments.observations[0, 0].clone()]
         policies = []
         for _ in engine.learn(LENGTH - 1):
@@ -462,7 +462,7 @@ def test_invalid_option_is_refused_with_alternatives():
         ({"precision": "tf32"}, "Only a GPU has the precision tf32; type float32 or bfloat16."),
     ):
         with pytest.raises(RequestError, match=sentence):
-            engine_of("ddpg", [0], **option)
+            build_engine("ddpg", [0], **option)
 
 
 def test_out_of_memory_error_names_option(monkeypatch):
@@ -471,4 +471,4 @@ def test_out_of_memory_error_names_option(monkeypatch):
 
     monkeypatch.setattr("jbench.agents.batched.off_policy.ReplayBuffer", full)
     with pytest.raises(WorkError, match=r"replay buffers of 3 seeds: type fewer --seeds at a time"):
-        engine_of("ddpg", [0, 1, 2])
+        build_engine("ddpg", [0, 1, 2])

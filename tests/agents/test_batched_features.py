@@ -10,9 +10,9 @@ from jbench.agents.batched.make import on_features
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.records import OFESettings
-from tests.agents.batched_oracle import SIZE, settings_of
+from tests.agents.batched_oracle import SIZE, build_settings
 from tests.agents.plain_ofe import PlainDDPGOnFeatures, PlainFeatures
-from tests.agents.test_batched_engine import engine_of
+from tests.agents.test_batched_engine import build_engine
 from tests.agents.test_plain_updates import (
     ACTIONS,
     assert_equal_parameters,
@@ -32,7 +32,7 @@ UPDATES = 10
 def learner_of(algo, ofe, *, stacked=False, actions=1, **changes):
     """A learner of one seed, or of a stack of two seeds with the same parameters."""
     tensors = Tensors(2 if stacked else 1, torch.float64)
-    make = partial(on_features(algo, ofe), settings_of(algo, **changes), SIZE, actions)
+    make = partial(on_features(algo, ofe), build_settings(algo, **changes), SIZE, actions)
     each = [make(tensors.select(seed)) for seed in range(tensors.seeds)]
     for learner in each:
         learner.initialize(torch.Generator().manual_seed(1))
@@ -79,7 +79,7 @@ def test_gradients_and_updates_of_features_equal_autograd(ofe, stacked, actions)
 @pytest.mark.parametrize("stacked", [False, True])
 def test_updates_of_ddpg_on_features_equal_autograd(ofe, stacked, actions):
     learner, seed = learner_of("ddpg", ofe, stacked=stacked, actions=actions)
-    plain = PlainDDPGOnFeatures(settings_of("ddpg"), ofe, SIZE, actions)
+    plain = PlainDDPGOnFeatures(build_settings("ddpg"), ofe, SIZE, actions)
     random = torch.Generator().manual_seed(2)
     layers = [*ddpg_layers(seed, plain), *feature_layers(seed.features, plain.features)]
     copy_parameters(layers)
@@ -146,7 +146,7 @@ def test_features_learn_in_pretraining_and_training():
     changes |= {"learning_starts": 100, "train_freq": 50, "gradient_steps": 25}
     for pretraining in (0.0, 2.0):
         its = ofe.model_copy(update={"pretraining": pretraining})
-        with engine_of("td3", [0], changes=changes, ofe=its, episode_steps=60) as engine:
+        with build_engine("td3", [0], changes=changes, ofe=its, episode_steps=60) as engine:
             for _ in engine.learn(400):
                 losses.append(engine.losses(0).get("prediction_loss"))
     without, pretrained = losses[:400], losses[400:]

@@ -15,7 +15,7 @@ from tests.agents.test_batched_engine import (
     SCRIPTS,
     STEPS,
     assert_same,
-    engine_of,
+    build_engine,
     slow,
     trajectory,
 )
@@ -97,10 +97,10 @@ def with_replay(engine):
 )
 def test_replayed_recording_has_same_results(algo, options):
     options = {"stacked": True, **options}
-    with engine_of(algo, [0, 1], **options) as plain:
+    with build_engine(algo, [0, 1], **options) as plain:
         expected = trajectory(plain, 1)
     before = Replayed.repeats
-    with engine_of(algo, [0, 1], **options) as engine:
+    with build_engine(algo, [0, 1], **options) as engine:
         assert_same(trajectory(with_replay(engine), 1), expected)
     # The policies act in at least half of the steps.
     assert Replayed.repeats - before > STEPS / 2

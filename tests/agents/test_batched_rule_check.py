@@ -9,7 +9,7 @@ from jbench.agents.batched.rule_check import checked_rule
 from jbench.errors import RequestError, WorkError
 from jbench.policies.copied import UnsupportedPolicyError
 from tests.agents.batched_oracle import SIZE
-from tests.agents.small_rules import TD3_SETTINGS, engine_of
+from tests.agents.small_rules import TD3_SETTINGS, build_engine
 
 
 def changed(**attributes):
@@ -70,7 +70,7 @@ def failing(self, batch):
     raise AssertionError
 
 
-def of_some_transitions(self, batch):
+def loss_on_part(self, batch):
     return TD3.critic_loss(self, batch) + batch.rewards[batch.rewards >= 0].mean()
 
 
@@ -125,18 +125,18 @@ class WithSharedModule(TD3):
             r"seeds fails \(.*does not require grad",
         ),
         (changed(critic_loss=failing), r"seeds fails \(AssertionError\)"),
-        (changed(critic_loss=of_some_transitions), "seeds fails"),
+        (changed(critic_loss=loss_on_part), "seeds fails"),
         (changed(explore=explore_sometimes), "seeds fails"),
     ],
 )
 def test_faulty_rule_is_refused_before_training(rule, sentence):
     with pytest.raises(WorkError, match=f"The rule {rule.__name__} .*{sentence}"):
-        engine_of(rule, TD3_SETTINGS, [0])
+        build_engine(rule, TD3_SETTINGS, [0])
 
 
 def test_policy_that_cannot_be_saved_is_refused_before_training():
     with pytest.raises(UnsupportedPolicyError, match="softsign"):
-        engine_of(with_actor(nn.Softsign(), nn.Linear(8, 1)), TD3_SETTINGS, [0])
+        build_engine(with_actor(nn.Softsign(), nn.Linear(8, 1)), TD3_SETTINGS, [0])
 
 
 class ForOneAction(TD3):
@@ -175,6 +175,6 @@ def test_rule_for_one_action_is_refused_for_six():
 
 def test_policy_keeps_layers_other_than_relu():
     rule = with_actor(nn.LayerNorm(8), nn.Tanh(), nn.Linear(8, 1))
-    with engine_of(rule, TD3_SETTINGS, [0]) as engine:
+    with build_engine(rule, TD3_SETTINGS, [0]) as engine:
         kinds = [layer.kind for layer in engine.policy(0).layers]
     assert kinds == ["linear", "layer_norm", "tanh", "linear", "tanh"]

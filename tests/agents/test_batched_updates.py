@@ -12,6 +12,7 @@ from jbench.agents.batched.replay import Batch
 from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import (
     SIZE,
+    build_settings,
     copy_initial_parameters,
     fill,
     largest_difference,
@@ -19,7 +20,6 @@ from tests.agents.batched_oracle import (
     next_batch,
     oracle_of,
     ours,
-    settings_of,
     theirs,
     transitions,
 )
@@ -69,7 +69,7 @@ def test_off_policy_updates_equal_stable_baselines3(
 ):
     # In both, the target entropy of SAC is minus the size of an action.
     automatic = {"target_entropy": "auto"} if algo == "sac" else {}
-    settings = settings_of(algo, **automatic, **changes)
+    settings = build_settings(algo, **automatic, **changes)
     agent = oracle_of(algo, settings, dtype, monkeypatch, actions)
     tensors, (learner,), _ = learners_of(algo, settings, dtype, action_size=actions)
     copy_initial_parameters(algo, agent, learner)
@@ -81,7 +81,7 @@ def test_off_policy_updates_equal_stable_baselines3(
 
 
 def test_sac_target_update_interval_counts_from_each_learning_phase():
-    settings = settings_of("sac", target_update_interval=3, gradient_steps=5)
+    settings = build_settings("sac", target_update_interval=3, gradient_steps=5)
     _, (learner,), _ = learners_of("sac", settings, torch.float64)
     delayed = [learner.is_delayed_update(7 + i, i) for i in range(5)]
     assert delayed == [True, False, False, True, False]
@@ -136,7 +136,7 @@ def test_ppo_updates_equal_stable_baselines3(
     epochs, batch_size, changes, actions, dtype, monkeypatch
 ):
     changes = {"n_envs": 2, "n_steps": 60, "n_epochs": epochs, "batch_size": batch_size} | changes
-    settings = settings_of("ppo", **changes)
+    settings = build_settings("ppo", **changes)
     agent = oracle_of("ppo", settings, dtype, monkeypatch, actions)
     tensors, (learner,), _ = learners_of("ppo", settings, dtype, action_size=actions)
     copy_initial_parameters("ppo", agent, learner)
@@ -154,7 +154,7 @@ def test_ppo_updates_equal_stable_baselines3(
 
 
 def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
-    settings = settings_of("ppo", n_envs=2, n_steps=200, batch_size=100)
+    settings = build_settings("ppo", n_envs=2, n_steps=200, batch_size=100)
     agent = oracle_of("ppo", settings, torch.float32, monkeypatch)
     rollout = rollout_of(agent, settings, transitions())
     buffer = agent.rollout_buffer
@@ -165,7 +165,7 @@ def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
 @pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
 def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
-    settings = settings_of(algo, **({"n_envs": 1} if algo == "ppo" else {}))
+    settings = build_settings(algo, **({"n_envs": 1} if algo == "ppo" else {}))
     agent = oracle_of(algo, settings, torch.float64, monkeypatch, actions)
     _, (learner,), _ = learners_of(algo, settings, torch.float64, action_size=actions)
     copy_initial_parameters(algo, agent, learner)
@@ -193,7 +193,7 @@ def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
     [*((algo, {}) for algo in ("ddpg", "td3", "sac", "ppo")), *SCRIPT.items()],
 )
 def test_stacked_updates_equal_those_of_single_seeds(algo, changes, actions):
-    settings = settings_of(algo, **changes)
+    settings = build_settings(algo, **changes)
     (alone, each, _), (together, _, stack) = (
         learners_of(algo, settings, torch.float64, 3, actions) for _ in range(2)
     )
@@ -225,7 +225,7 @@ def test_stacked_updates_equal_those_of_single_seeds(algo, changes, actions):
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
 def test_initial_weights_are_distributed_as_in_stable_baselines3(algo, monkeypatch):
-    settings = settings_of(algo, hidden_layers=[200, 100])
+    settings = build_settings(algo, hidden_layers=[200, 100])
     agent = oracle_of(algo, settings, torch.float32, monkeypatch)
     _, (learner,), _ = learners_of(algo, settings)
     learner.initialize(torch.Generator().manual_seed(0))

@@ -52,7 +52,7 @@ def check(tensors, function, *arguments):
     assert (len(tensors._scratch), len(tensors.saved)) == before
 
 
-def group_of(rule, settings, precision="float32"):
+def build_group(rule, settings, precision="float32"):
     tensors = Tensors(SEEDS, torch.float32, GPU, low_precision=precision == "bfloat16")
     learner = rule(settings, SIZE, 1, tensors)
     return Group(learner, range(SEEDS), [Generators(seed, 1) for seed in range(SEEDS)])
@@ -81,7 +81,7 @@ def test_recorded_functions_stay_on_gpu(algo, options):
     else:
         settings = algo.Settings()
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))
-    group = group_of(rule, settings, given.get("precision", "float32"))
+    group = build_group(rule, settings, given.get("precision", "float32"))
     learner, tensors = group.learner, group.learner.view
     seen, noise = (torch.empty(SEEDS, 1, size, device=GPU) for size in (SIZE, 1))
     check(tensors, engine.act, learner, seen)

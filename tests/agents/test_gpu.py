@@ -28,7 +28,7 @@ from tests.agents.test_batched_engine import (
     assert_continues,
     assert_policies_equal_agents,
     assert_same,
-    engine_of,
+    build_engine,
     resume,
     stopped_at,
     trajectory,
@@ -50,7 +50,7 @@ ONE_UPDATE = {"changes": {"n_epochs": 1, "batch_size": 30}}
 
 def filled_engine(algo, seeds, **options):
     """Agents whose buffers are full of reproducible random transitions."""
-    engine = engine_of(algo, seeds, **options)
+    engine = build_engine(algo, seeds, **options)
     random = torch.Generator().manual_seed(1)
     if isinstance(engine, OffPolicyEngine):
         for index in range(len(seeds)):
@@ -117,7 +117,7 @@ def test_stacked_updates_equal_those_of_single_seeds_on_cpu(algo, options, dtype
 def test_training_is_reproducible_bit_for_bit(algo, device):
     trajectories = []
     for _ in range(2):
-        with engine_of(algo, [0, 4], device=device, stacked=True) as engine:
+        with build_engine(algo, [0, 4], device=device, stacked=True) as engine:
             trajectories.append(trajectory(engine, 1))
     assert_same(*trajectories)
 
@@ -125,10 +125,10 @@ def test_training_is_reproducible_bit_for_bit(algo, device):
 @needs_gpu
 @pytest.mark.parametrize("algo", ALGORITHMS)
 def test_replayed_graphs_equal_direct_calls_bit_for_bit(algo, monkeypatch):
-    with engine_of(algo, [0, 4], device="cuda") as engine:
+    with build_engine(algo, [0, 4], device="cuda") as engine:
         replayed = trajectory(engine, 1)
     monkeypatch.setattr(Captured, "__call__", lambda self, function, argument: function(argument))
-    with engine_of(algo, [0, 4], device="cuda") as engine:
+    with build_engine(algo, [0, 4], device="cuda") as engine:
         assert_same(trajectory(engine, 1), replayed)
 
 
@@ -144,7 +144,7 @@ def test_replayed_graphs_equal_direct_calls_bit_for_bit(algo, monkeypatch):
 )
 def test_restored_engine_continues_bit_for_bit(algo, options, steps, device):
     more = {**options, "device": device, "stacked": True}
-    assert_continues(lambda seeds: engine_of(algo, seeds, **more), steps)
+    assert_continues(lambda seeds: build_engine(algo, seeds, **more), steps)
 
 
 @on_each_device
@@ -153,7 +153,7 @@ def test_checkpoint_can_be_restored_on_other_device(algo, device):
     here = {"device": "cpu", "stacked": False}
     there = {"device": device, "stacked": True}
     for first, second in ((here, there), (there, here)):
-        with engine_of(algo, [0, 4], **first) as engine:
+        with build_engine(algo, [0, 4], **first) as engine:
             saved = stopped_at(engine, 40)
             whole = trajectory(engine, 1)
         states = [dict(state.tensors) for state in saved[0]]
@@ -161,7 +161,7 @@ def test_checkpoint_can_be_restored_on_other_device(algo, device):
             # Checkpoints of older versions on a GPU have these extra tensors.
             state.tensors["loop/actor"] = torch.full((3,), np.nan)
             state.tensors["loop/losses"] = torch.full((2, 2), np.nan)
-        with engine_of(algo, [8, 9], **second) as other:
+        with build_engine(algo, [8, 9], **second) as other:
             resume(other, *saved)
             for index, tensors in enumerate(states):
                 found = other.state(index)
@@ -178,7 +178,7 @@ def test_checkpoint_can_be_restored_on_other_device(algo, device):
 @pytest.mark.parametrize("algo", ALGORITHMS)
 def test_actions_equal_those_of_saved_policies(algo, device):
     # Products in TF32 would differ by 1e-3.
-    with engine_of(algo, [0, 1, 2], device=device, stacked=True) as engine:
+    with build_engine(algo, [0, 1, 2], device=device, stacked=True) as engine:
         for _ in engine.learn(32):
             pass
         # The first call is not replayed, the second records, the third replays.

@@ -17,12 +17,12 @@ from tests.agents.test_batched_engine import (
     assert_continues,
     assert_independent,
     assert_policies_equal_agents,
-    engine_of,
+    build_engine,
     short_engine,
     slow,
 )
 from tests.agents.test_plugin_engine import RandomAgent
-from tests.agents.test_plugin_engine import engine_of as plugin_engine
+from tests.agents.test_plugin_engine import build_engine as plugin_engine
 
 TASK, ACTIONS = "dmc:cheetah-run", 6
 CHEETAH = {"task": TASK}
@@ -48,7 +48,7 @@ def learn(engine, steps):
     ],
 )
 def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
-    assert_independent(lambda seeds: engine_of(algo, seeds, **options), STEPS)
+    assert_independent(lambda seeds: build_engine(algo, seeds, **options), STEPS)
 
 
 @pytest.mark.parametrize(
@@ -61,11 +61,13 @@ def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
 )
 def test_engine_restored_between_episodes_continues_bit_for_bit(algo, options):
     # After two or four episodes, and an incomplete rollout of PPO and TD3.
-    assert_continues(lambda seeds: engine_of(algo, seeds, **SWIMMER, **options), 4 * LENGTH, STEPS)
+    assert_continues(
+        lambda seeds: build_engine(algo, seeds, **SWIMMER, **options), 4 * LENGTH, STEPS
+    )
 
 
 def test_state_within_an_episode_is_refused():
-    with engine_of("td3", [0], **CHEETAH) as engine:
+    with build_engine("td3", [0], **CHEETAH) as engine:
         next(engine.learn(LENGTH))
         with pytest.raises(
             WorkError, match="dmc:cheetah-run has a state between two episodes only"
@@ -77,7 +79,7 @@ def test_each_motor_explores_by_itself():
     changes = {"learning_starts": 1000, "buffer_size": 1000}
     for uniform, deviation in ((True, 3**-0.5), (False, 0.3)):
         warmup = {**changes, "uniform_warmup": uniform, "noise_sigma": 0.0 if uniform else 0.3}
-        with engine_of("td3", [0], **CHEETAH, changes=warmup) as engine:
+        with build_engine("td3", [0], **CHEETAH, changes=warmup) as engine:
             learn(engine, 10 * LENGTH)
             rows = engine.replay.rows_since(0)[0]
         # The last row of an episode has no action.

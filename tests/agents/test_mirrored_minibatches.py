@@ -17,7 +17,7 @@ from jbench.tasks.features import mirrored
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_sac import PlainSAC
 from tests.agents.plain_td3 import PlainTD3
-from tests.agents.test_batched_engine import STEPS, engine_of, slow, trajectory
+from tests.agents.test_batched_engine import STEPS, build_engine, slow, trajectory
 from tests.agents.test_plain_updates import assert_equal_parameters, copy_parameters, layers_of
 from tests.encoders.encoder_data import planar_encoder
 
@@ -61,7 +61,7 @@ def encoded(encoder, observations, actions, rewards):
 def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
     rows, images = (encoded(encoder, *each) for each in replay_rows())
     changes = {"mirror": True, "tau": 0.1, "batch_size": 15}
-    with engine_of(algo, [3], encoder=encoder, changes=changes, dtype=torch.float64) as engine:
+    with build_engine(algo, [3], encoder=encoder, changes=changes, dtype=torch.float64) as engine:
         engine.replay.restore(0, rows[None], ROWS)
         settings, (learner,), (updates,) = engine._settings, engine.learners, engine._group_updates
         kind, names = PLAIN[algo]
@@ -89,11 +89,11 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
 def test_seed_in_stack_with_other_mirrors_equals_single_seed(algo):
     encoders, seeds = [PLANAR, OTHER_PLANAR], [0, 4]
     options = {"dtype": torch.float64, **MIRROR}
-    with engine_of(algo, seeds, encoder=encoders, stacked=True, **options) as engine:
+    with build_engine(algo, seeds, encoder=encoders, stacked=True, **options) as engine:
         list(engine.learn(STEPS))
         states = [engine.state(index) for index in range(2)]
     for state, seed, encoder in zip(states, seeds, encoders, strict=True):
-        with engine_of(algo, [seed], encoder=encoder, **options) as single:
+        with build_engine(algo, [seed], encoder=encoder, **options) as single:
             list(single.learn(STEPS))
             expected = single.state(0)
         assert state.scalars == expected.scalars
@@ -102,7 +102,7 @@ def test_seed_in_stack_with_other_mirrors_equals_single_seed(algo):
 
 
 def test_half_of_minibatches_changes_training():
-    with engine_of("sac", [0], **MIRROR) as one, engine_of("sac", [0]) as other:
+    with build_engine("sac", [0], **MIRROR) as one, build_engine("sac", [0]) as other:
         losses = [trajectory(engine, 0)[2][-1]["critic_loss"] for engine in (one, other)]
     assert losses[0] != losses[1]
 
@@ -110,4 +110,4 @@ def test_half_of_minibatches_changes_training():
 @pytest.mark.parametrize("encoder", [MIXING, planar_encoder(TASK, PlanarMirror)])
 def test_other_representations_are_refused(encoder):
     with pytest.raises(RequestError, match=r"^mirror=true .*: leave it out, or choose"):
-        engine_of("td3", [0], encoder=encoder, **MIRROR)
+        build_engine("td3", [0], encoder=encoder, **MIRROR)

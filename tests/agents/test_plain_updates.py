@@ -12,7 +12,7 @@ from jbench.agents.batched.ppo import Minibatch
 from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.bases import SCRIPT
-from tests.agents.batched_oracle import SIZE, learners_of, settings_of
+from tests.agents.batched_oracle import SIZE, build_settings, learners_of
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO
 from tests.agents.plain_sac import PlainSAC
@@ -89,7 +89,7 @@ PPO_CHANGES = {
 @ACTIONS
 @pytest.mark.parametrize("changes", PPO_CHANGES.values(), ids=PPO_CHANGES)
 def test_ppo_updates_equal_autograd(changes, actions):
-    settings = settings_of("ppo", **changes)
+    settings = build_settings("ppo", **changes)
     _, (learner,), _ = learners_of("ppo", settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
     plain, random = PlainPPO(settings, SIZE, actions), torch.Generator().manual_seed(2)
@@ -124,7 +124,7 @@ def transitions(random, actions=1, noise=0):
 @pytest.mark.parametrize("changes", DDPG_CHANGES.values(), ids=DDPG_CHANGES)
 def test_ddpg_updates_equal_autograd(changes, actions):
     # With a large tau, the targets influence the updates early.
-    settings = settings_of("ddpg", tau=0.1, **changes)
+    settings = build_settings("ddpg", tau=0.1, **changes)
     _, (learner,), _ = learners_of("ddpg", settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
     plain, random = PlainDDPG(settings, SIZE, actions), torch.Generator().manual_seed(2)
@@ -139,7 +139,7 @@ def test_ddpg_updates_equal_autograd(changes, actions):
 
 @ACTIONS
 def test_td3_updates_equal_autograd(actions):
-    settings = settings_of("td3", tau=0.1)
+    settings = build_settings("td3", tau=0.1)
     _, (learner,), _ = learners_of("td3", settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
     plain, random = PlainTD3(settings, SIZE, actions), torch.Generator().manual_seed(2)
@@ -156,7 +156,7 @@ def test_td3_updates_equal_autograd(actions):
 @ACTIONS
 def test_sac_updates_equal_autograd(actions):
     # The target entropy is minus the size of an action.
-    settings = settings_of("sac", tau=0.1, target_entropy="auto")
+    settings = build_settings("sac", tau=0.1, target_entropy="auto")
     _, (learner,), _ = learners_of("sac", settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
     plain, random = PlainSAC(settings, SIZE, actions), torch.Generator().manual_seed(2)

@@ -57,21 +57,21 @@ class RandomAgent(jbench.Agent):
         self.optimizer.load_state_dict(state["optimizer"])
 
 
-def engine_of(kind=RandomAgent, task="face_direction", encoder=None, **options):
+def build_engine(kind=RandomAgent, task="face_direction", encoder=None, **options):
     environments = Environments(task, [3], 2, [encoder], episode_steps=EPISODE)
     return PluginEngine("drawing", kind, kind.Settings(), environments, **options)
 
 
 def test_engine_restored_within_episode_continues_bit_for_bit():
-    with engine_of() as whole:
+    with build_engine() as whole:
         returns = [each.tolist() for each in whole.learn(70) if each is not None]
         weights = whole.policy(0).files()
         losses = whole.losses(0)
-    with engine_of() as first:
+    with build_engine() as first:
         before = [each.tolist() for each in first.learn(34) if each is not None]
         state = first.state(0)
         list(first.learn(70))  # changes the global generators before the state is restored
-    with engine_of() as second:
+    with build_engine() as second:
         second.restore([state])
         assert second.control_steps == 34
         after = [each.tolist() for each in second.learn(70) if each is not None]
@@ -103,10 +103,10 @@ def gpu(monkeypatch):
 
 
 def test_agent_that_draws_on_gpu_continues_bit_for_bit(gpu):
-    with engine_of(DrawingOnGPU, device=gpu) as engine:
+    with build_engine(DrawingOnGPU, device=gpu) as engine:
         state = engine.state(0)
         whole = [each.tolist() for each in engine.learn(40) if each is not None]
-    with engine_of(DrawingOnGPU, device=gpu) as other:
+    with build_engine(DrawingOnGPU, device=gpu) as other:
         other.restore([state])
         resumed = []
         for returns in other.learn(40):
@@ -116,17 +116,17 @@ def test_agent_that_draws_on_gpu_continues_bit_for_bit(gpu):
 
 
 def test_checkpoint_of_cpu_can_be_restored_on_gpu(gpu):
-    with engine_of() as engine:
+    with build_engine() as engine:
         list(engine.learn(34))
         state = engine.state(0)
-    with engine_of(device=gpu) as other:
+    with build_engine(device=gpu) as other:
         other.restore([state])
         assert other.control_steps == 34
 
 
 @pytest.mark.parametrize("time_limit", ["bootstrap", "terminal"])
 def test_transitions_follow_episodes_and_time_limit(time_limit):
-    with engine_of(time_limit=time_limit) as engine:
+    with build_engine(time_limit=time_limit) as engine:
         list(engine.learn(2 * EPISODE * 2))
         seen = engine._agent.transitions
     assert len(seen) == 2 * EPISODE
@@ -153,7 +153,7 @@ class ChangingArrays(RandomAgent):
 
 
 def test_agent_that_changes_its_arrays_continues_bit_for_bit():
-    with engine_of(ChangingArrays) as engine, engine_of(ChangingArrays) as resumed:
+    with build_engine(ChangingArrays) as engine, build_engine(ChangingArrays) as resumed:
         list(engine.learn(34))
         state = engine.state(0)
         list(engine.learn(40))
@@ -180,7 +180,7 @@ class DrawingWhenAsked(RandomAgent):
 def test_evaluations_and_checkpoints_do_not_change_training():
     outcomes = []
     for asks in (False, True):
-        with engine_of(DrawingWhenAsked) as engine:
+        with build_engine(DrawingWhenAsked) as engine:
             for _ in engine.learn(40):
                 if asks:
                     engine.act(np.ones((1, 5, 16), np.float32))
@@ -196,7 +196,7 @@ def test_actions_of_wrong_shape_are_refused():
             return super().act(observations)[:, 0]
 
     with (
-        engine_of(Flat) as engine,
+        build_engine(Flat) as engine,
         pytest.raises(WorkError, match=r"returned the shape \(5,\) .* must return actions \(5, 1"),
     ):
         engine.act(np.ones((1, 5, 16), np.float32))
@@ -207,7 +207,10 @@ def test_losses_that_are_no_dictionary_are_refused():
         def learn(self, transition):
             pass
 
-    with engine_of(Forgetful) as engine, pytest.raises(WorkError, match="returned a NoneType; it"):
+    with (
+        build_engine(Forgetful) as engine,
+        pytest.raises(WorkError, match="returned a NoneType; it"),
+    ):
         next(engine.learn(10))
 
 
@@ -216,7 +219,7 @@ def test_nonfinite_loss_is_divergence():
         def learn(self, transition):
             return {**super().learn(transition), "critic_loss": float("inf")}
 
-    with engine_of(Diverging) as engine:
+    with build_engine(Diverging) as engine:
         next(engine.learn(40))
         assert engine.diverged[0].what == "critic_loss"
 
@@ -227,7 +230,7 @@ def test_policy_that_cannot_be_saved_is_refused_before_training():
             return nn.Sequential(self.actor, nn.Softsign())
 
     with pytest.raises(UnsupportedPolicyError, match="softsign"):
-        engine_of(UnsavedPolicy)
+        build_engine(UnsavedPolicy)
 
 
 def test_policy_that_is_no_module_is_refused_with_a_sentence():
@@ -236,14 +239,14 @@ def test_policy_that_is_no_module_is_refused_with_a_sentence():
             return 3
 
     with pytest.raises(UnsupportedPolicyError, match="its type is int, no torch module; pass"):
-        engine_of(Number)
+        build_engine(Number)
 
 
 def test_agent_without_state_is_not_resumable():
     class WithoutState(RandomAgent):
         restore = jbench.Agent.restore
 
-    with engine_of(WithoutState) as without_state, engine_of() as engine:
+    with build_engine(WithoutState) as without_state, build_engine() as engine:
         assert not without_state.is_resumable
         assert engine.is_resumable
 

@@ -29,7 +29,7 @@ class Wrapped(TQC):
         super().__init__(*rest, **more)
 
 
-def settings_of(name, **overrides):
+def build_settings(name, **overrides):
     return algorithm_fields(name, overrides=overrides)["hyperparameters"]
 
 
@@ -88,18 +88,18 @@ def test_lists_and_noise_are_converted_to_arguments():
 
 
 def test_arguments_by_position_are_no_settings():
-    assert set(settings_of(f"{__name__}:Wrapped")) == {"own"}
+    assert set(build_settings(f"{__name__}:Wrapped")) == {"own"}
     with pytest.raises(RequestError, match="Wrapped has no setting rest; it has own"):
-        settings_of(f"{__name__}:Wrapped", rest=[1])
+        build_settings(f"{__name__}:Wrapped", rest=[1])
 
 
 def test_number_that_is_not_finite_is_refused():
     with pytest.raises(RequestError, match="gamma of sb3_contrib:TQC can't be nan: numbers must"):
-        settings_of(NAME, gamma=float("nan"))
+        build_settings(NAME, gamma=float("nan"))
 
 
 def test_none_replaces_a_default():
-    settings = settings_of("stable_baselines3:PPO", target_kl=0.1)
+    settings = build_settings("stable_baselines3:PPO", target_kl=0.1)
     assert settings["clip_range_vf"] is None
     agent = sb3.build("stable_baselines3:PPO", {**settings, "target_kl": None}, _env(), 0)
     assert agent.target_kl is None
@@ -115,17 +115,17 @@ def test_none_replaces_a_default():
 )
 def test_class_that_cannot_be_trained_is_refused(name, settings, sentence):
     with pytest.raises(RequestError, match=sentence):
-        sb3.check(name, settings_of(name, **settings), (16, 1), 1)
+        sb3.check(name, build_settings(name, **settings), (16, 1), 1)
 
 
 def test_settings_are_checked_with_the_environments_of_the_run():
-    by_episodes = settings_of(NAME, train_freq=[1, "episode"])
+    by_episodes = build_settings(NAME, train_freq=[1, "episode"])
     sb3.check(NAME, by_episodes, (16, 1), 1)
     with pytest.raises(RequestError, match="can't be in episodes with 2 environments: type a"):
         sb3.check(NAME, by_episodes, (16, 1), 2)
     # A rollout has more than one step.
     ppo = "stable_baselines3:PPO"
-    one_step = settings_of(ppo, n_steps=1, batch_size=2)
+    one_step = build_settings(ppo, n_steps=1, batch_size=2)
     sb3.check(ppo, one_step, (16, 1), 2)
     with pytest.raises(RequestError, match="n_steps"):
         sb3.check(ppo, one_step, (16, 1), 1)
@@ -133,7 +133,7 @@ def test_settings_are_checked_with_the_environments_of_the_run():
 
 def test_unknown_argument_is_refused():
     with pytest.raises(RequestError, match=r"TQC has no setting tua; .*tau"):
-        settings_of(NAME, tua=1)
+        build_settings(NAME, tua=1)
 
 
 def test_number_of_environments_is_separate_setting():

@@ -12,7 +12,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from jbench.cli import main
-from jbench.loggers.logger import make_logger, mirrored
+from jbench.loggers.logger import copying_rows, make_logger
 from jbench.store import Results, schema
 from tests.store.store_rows import episodes
 from tests.store.store_whole import add_whole_run, restart
@@ -26,7 +26,7 @@ def results(tmp_path):
 def mirror(results, *runs, name="tensorboard", warn=pytest.fail, during=lambda: None):
     """Copies runs to a tracker while `during` is called."""
     logger = make_logger(name, results.path)
-    with mirrored(results, [run.id for run in runs], logger, warn):
+    with copying_rows(results, [run.id for run in runs], logger, warn):
         during()
 
 
@@ -90,7 +90,7 @@ def test_log_of_finished_run_is_closed_during_block(results):
     ended = threading.Event()
     logger = make_logger("tensorboard", results.path)
     close, logger.end = logger.end, lambda id: (close(id), ended.set())
-    with mirrored(results, [run.id], logger, pytest.fail):
+    with copying_rows(results, [run.id], logger, pytest.fail):
         assert ended.wait(60)
     assert scalars(results, run, "training/episode_return") == [(1000, 1.0)]
 
@@ -140,12 +140,12 @@ def test_wandb_logs_each_point_offline(results, monkeypatch):
 LOGGED_BY_TRACKIO = """
 import json, sys
 from pathlib import Path
-from jbench.loggers.logger import make_logger, mirrored
+from jbench.loggers.logger import make_logger, copying_rows
 from jbench.store import Results
 
 results, run = Results(Path(sys.argv[1])), sys.argv[2]
 for _ in range(2):
-    with mirrored(results, [run], make_logger("trackio", results.path), sys.exit):
+    with copying_rows(results, [run], make_logger("trackio", results.path), sys.exit):
         pass
 from trackio import Api
 from trackio.sqlite_storage import SQLiteStorage

@@ -89,7 +89,7 @@ def module(tmp_path, monkeypatch):
     return name
 
 
-def policy_of(name):
+def named_policy(name):
     return find_policy(Results(Path()), name, "face_direction")
 
 
@@ -97,14 +97,14 @@ OBSERVATIONS = np.ones((3, 16), np.float32)
 
 
 def test_function_class_and_torch_module_act(module):
-    assert policy_of(f"{module}:half").act(OBSERVATIONS).tolist() == [[0.5]] * 3
-    assert policy_of(f"{module}:strong").act(OBSERVATIONS).tolist() == [[1.0]] * 3
-    counting = policy_of(f"{module}:Counting")
+    assert named_policy(f"{module}:half").act(OBSERVATIONS).tolist() == [[0.5]] * 3
+    assert named_policy(f"{module}:strong").act(OBSERVATIONS).tolist() == [[1.0]] * 3
+    counting = named_policy(f"{module}:Counting")
     counting.reset(3)
     # The class is called with the task's name, which has 14 letters.
     assert counting.act(OBSERVATIONS) == pytest.approx(np.full((3, 1), 0.14))
     assert counting.act(OBSERVATIONS) == pytest.approx(np.full((3, 1), 0.28))
-    assert policy_of(f"{module}:network").act(OBSERVATIONS).shape == (3, 1)
+    assert named_policy(f"{module}:network").act(OBSERVATIONS).shape == (3, 1)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_function_class_and_torch_module_act(module):
 )
 def test_policy_that_cannot_act_is_refused_before_episode(module, name, error, sentence):
     with pytest.raises(error, match=sentence):
-        policy_of(f"{module}:{name}")
+        named_policy(f"{module}:{name}")
 
 
 def test_builtin_names_are_not_imported():

@@ -51,7 +51,7 @@ def random_matrix(*shape):
     return np.random.default_rng(len(shape)).normal(size=shape).astype("f4")
 
 
-def policy_of(inputs, actions=1):
+def build_policy(inputs, actions=1):
     """A policy with two layers."""
     hidden = linear_layer(random_matrix(8, inputs) / inputs, random_matrix(8))
     output = linear_layer(random_matrix(actions, 8), random_matrix(actions))
@@ -60,7 +60,7 @@ def policy_of(inputs, actions=1):
 
 @pytest.mark.parametrize("lacking", ["task", "encoder"])
 def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_path, refused):
-    policy, results = policy_of(16), Results(tmp_path / "results")
+    policy, results = build_policy(16), Results(tmp_path / "results")
     settings = {"task": "face_direction", "encoder": None, "seed": 0}
     del settings[lacking]
     id = f"face_direction/other/full/s00-{settings_hash(settings)}"
@@ -127,7 +127,7 @@ def make_encoder(name, states):
 )
 def test_encoder_is_part_of_model(kind, states, tmp_path):
     encoder = make_encoder(kind, states)
-    agent = TrainedAgent(TASK, policy_of(encoder.latent_size), encoder)
+    agent = TrainedAgent(TASK, build_policy(encoder.latent_size), encoder)
     export_onnx(agent, "run", tmp_path / "policy.onnx", in_si_units=True)
     observations = observations_of(states.dataset)[0, ::100]
     actions = run_model(tmp_path / "policy.onnx", features.denormalize(TASK, observations))
@@ -175,7 +175,7 @@ def test_every_layer_type_is_exported(policy, tmp_path):
 
 def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
     path = tmp_path / "policy.onnx"
-    agent = TrainedAgent("move_to_pose", policy_of(19), None)
+    agent = TrainedAgent("move_to_pose", build_policy(19), None)
     export_onnx(agent, "a/run", path, in_si_units=True)
     model = onnx.load(path)
     properties = {entry.key: entry.value for entry in model.metadata_props}
@@ -199,7 +199,7 @@ def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
 
 def test_policy_of_another_robot_has_its_observation_and_all_its_motors(tmp_path):
     path = tmp_path / "policy.onnx"
-    agent = TrainedAgent("dmc:fish-swim", policy_of(24, 5), None)
+    agent = TrainedAgent("dmc:fish-swim", build_policy(24, 5), None)
     export_onnx(agent, "a/run", path, in_si_units=False)
     observations = np.random.default_rng(5).normal(size=(50, 24)).astype("f4")
     actions = run_model(path, observations)
@@ -231,7 +231,7 @@ class SortingEncoder:
 
 
 def test_encoder_that_is_not_layers_is_refused(tmp_path):
-    agent = TrainedAgent(TASK, policy_of(16), SortingEncoder())
+    agent = TrainedAgent(TASK, build_policy(16), SortingEncoder())
     with pytest.raises(RequestError, match="The run a/b can't be exported to ONNX"):
         export_onnx(agent, "a/b", tmp_path / "policy.onnx", in_si_units=True)
     assert not (tmp_path / "policy.onnx").exists()

@@ -27,8 +27,8 @@ from jbench.tasks.features import mirrored
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.repeat import reevaluate
-from tests.agents.test_batched_engine import engine_of
-from tests.agents.test_plugin_engine import engine_of as plugin_engine_of
+from tests.agents.test_batched_engine import build_engine
+from tests.agents.test_plugin_engine import build_engine as plugin_engine_of
 from tests.encoders.encoder_data import make_dataset, planar_encoder
 from tests.tasks.test_mirror import mirror_image
 from tests.training.small_runs import EPISODE, shorten_episodes, small_run, train
@@ -85,7 +85,7 @@ def policy():
     """A trained agent, 200 observations of the task, and its engine's actions for them."""
     encoder = planar_encoder(TASK, PlanarMirror)
     observations = np.random.default_rng(1).uniform(-1, 1, (200, 16)).astype(np.float32)
-    with engine_of("td3", [3], encoder=encoder) as engine:
+    with build_engine("td3", [3], encoder=encoder) as engine:
         list(engine.learn(64))
         actions = engine.act(observations[None])[0]
         agent = TrainedAgent(TASK, engine.policy(0), encoder)

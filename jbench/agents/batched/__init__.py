@@ -3,8 +3,7 @@
     tensors.py       tensors of all seeds, stacked, scratch memory, and their optimizer
     layers.py        layers with hand-written gradients; network.py: networks of them, and twins
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
-    features.py      features learned with an agent; dense.py: their layers; on_features.py: the
-                     update rules on them
+    features.py      features learned with an agent; on_features.py: the update rules on them
     rule.py          base class of other packages' rules; rule_check.py: refuses faulty ones;
                      autograd.py: trains them
     replay.py        replay buffers and minibatches; updates.py: updates from them

@@ -32,7 +32,8 @@ class Panel:
     Attributes:
         versions: draws it, by the names of a version, such as `evaluation linear`; the first one
             is that of files.
-        changes: the versions that change what the one before them has drawn; others draw anew.
+        changes: names of versions that modify the drawing of the previous version; the others begin
+            with empty axes.
         size: width and height in inches on the page, where text is 9 points high.
     """
 

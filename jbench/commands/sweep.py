@@ -92,8 +92,12 @@ def sweep(
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
-    changes: dict[str, Any] = {} if seeds is None else {"seeds": parse_numbers(seeds)}
-    changes |= {} if steps is None else {"steps": steps}
+    changes: dict[str, Any] = {} if steps is None else {"steps": steps}
+    limit = _MAX_SEEDS if max_seeds is None else max_seeds
+    if until_decided:
+        changes["seeds"] = _seeds_to_compare(matrix, limit)
+    elif seeds is not None:
+        changes["seeds"] = parse_numbers(seeds)
     parts = read_matrix(matrix, **changes)
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = jobs or default_jobs(train_on)
@@ -115,7 +119,6 @@ def sweep(
     cells = matrix_cells(parts, database)
     check_runs([cell.runs[0] for cell in cells], keep_state, output)
     if until_decided:
-        limit = _MAX_SEEDS if max_seeds is None else max_seeds
         _decide(matrix, cells, claims or [], database, limit, None if dry_run else train, output)
         return
     runs = list(all_runs(cells))
@@ -130,6 +133,17 @@ def sweep(
         output.say(f"Next: {with_results('jbench report', results)}")
 
 
+def _seeds_to_compare(matrix: str, max_seeds: int) -> list[int]:
+    """Returns all seeds that a comparison of a matrix may need."""
+    from jbench.statistics.sequential import BLOCK
+    from jbench.sweeps.matrix import read_comparisons
+
+    if max_seeds < BLOCK or max_seeds % BLOCK:
+        raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
+    planned = (entry.max_seeds or 0 for entry in read_comparisons(matrix))
+    return list(range(max([max_seeds, *planned])))
+
+
 def _decide(
     matrix: str,
     cells: "Sequence[Cell]",
@@ -140,30 +154,34 @@ def _decide(
     output: Output,
 ) -> None:
     """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
-    from jbench.commands.sweep_view import described_outcomes, introduction, show_analysis
-    from jbench.statistics.sequential import BLOCK
+    from jbench.commands.sweep_view import described_outcomes, introduction, show_outcomes
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.comparisons import comparisons
-    from jbench.sweeps.deciding import interim_analyses
-    from jbench.sweeps.matrix import read_comparisons
+    from jbench.sweeps.deciding import next_cells, outcomes
+    from jbench.sweeps.matrix import Claim, read_comparisons
     from jbench.training.status import failures_among, run_statuses
 
     chosen = comparisons(cells, read_comparisons(matrix), claims, max_seeds)
-    if max_seeds < BLOCK or max_seeds % BLOCK:
-        raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
     output.say(introduction(chosen, max_seeds))
-    for analysis in interim_analyses(chosen, results, train):
-        show_analysis(analysis, output)
-    needed = [run.id for run in all_runs(analysis.needed)]
+    returns, tried = dict[tuple[str, Claim], float](), set[str]()
+    while True:  # an interim analysis of all comparisons
+        reached = outcomes(chosen, results, returns)
+        needed_next = next_cells(reached, tried)
+        show_outcomes(reached, tried, output)
+        if not needed_next or train is None:
+            break
+        tried |= {run.id for run in all_runs(needed_next)}
+        train(needed_next)
+    needed = [run.id for run in all_runs(needed_next)]
     if needed:
-        configurations = counted(len(analysis.needed), "configuration")
+        configurations = counted(len(needed_next), "configuration")
         output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
-    tried = (run for outcome in analysis.outcomes for run in outcome.needed)
-    failures = failures_among(run_statuses(tried, results))
+    unfinished = (run for outcome in reached for run in outcome.needed)
+    failures = failures_among(run_statuses(unfinished, results))
     output.document(
         {
             "matrix": matrix,
-            "comparisons": described_outcomes(analysis.outcomes),
+            "comparisons": described_outcomes(reached),
             "needed": needed,
             "failures": failures,
         }

@@ -1,6 +1,6 @@
 """Tables of a sweep's status, of what it needs, and of the analyses of `--until-decided`."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 from jbench.commands.output import Output
@@ -10,7 +10,7 @@ from jbench.store import Results
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
 from jbench.sweeps.comparisons import MatrixComparison
-from jbench.sweeps.deciding import ComparisonOutcome, InterimAnalysis
+from jbench.sweeps.deciding import ComparisonOutcome
 from jbench.sweeps.prepare import is_finished, missing_encoders
 from jbench.wording import counted, duration
 
@@ -120,12 +120,18 @@ _VERDICTS = {
 }
 
 
-def show_analysis(analysis: InterimAnalysis, output: Output) -> None:
-    """Prints each comparison's decision, its number of seeds, and the error rate spent."""
+def show_outcomes(
+    outcomes: Sequence[ComparisonOutcome], tried: Container[str], output: Output
+) -> None:
+    """Prints each comparison's decision, its number of seeds, and the error rate spent.
+
+    Args:
+        tried: ids of the runs that were trained, finished or not.
+    """
     rows: list[tuple[object, ...]] = []
-    for outcome in analysis.outcomes:
+    for outcome in outcomes:
         decision, verdict = outcome.decision, _VERDICTS[outcome.decision.verdict]
-        left = [run.id for run in outcome.needed if run.id in analysis.tried]
+        left = [run.id for run in outcome.needed if run.id in tried]
         if left:
             verdict += f": {left[0]} is not finished"
         numbers = ("", "")
@@ -134,7 +140,7 @@ def show_analysis(analysis: InterimAnalysis, output: Output) -> None:
             numbers = f"{decision.difference:+.0f}", interval
         spent = f"{decision.spent:.2%}"
         rows.append((outcome.comparison.name, verdict, decision.seeds, *numbers, spent))
-    decided = sum(outcome.decision.verdict != "undecided" for outcome in analysis.outcomes)
+    decided = sum(outcome.decision.verdict != "undecided" for outcome in outcomes)
     header = ("comparison", "verdict", "seeds", "difference", "interval", "error spent")
     output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows)
 

@@ -4,7 +4,7 @@ A run's id depends only on the file of the matrix: `dae12` is the encoder with t
 and options, even if the results contain newer ones, so the same matrix always gives the same runs.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -48,23 +48,6 @@ class Cell(NamedTuple):
 def all_runs(cells: Sequence[Cell]) -> Iterator[RunSettings]:
     """Yields the runs of all cells once."""
     yield from {run.id: run for cell in cells for run in cell.runs}.values()
-
-
-def with_seeds(cell: Cell, seeds: Iterable[int]) -> Cell:
-    """Returns a cell of any seeds, which need not be in the matrix, with their encoders."""
-    runs = [cell.runs[0].model_copy(update={"seed": seed}) for seed in seeds]
-    if cell.runs[0].encoder_draws is None:
-        return cell._replace(runs=runs)
-    draws = tuple(cell.encoders[0].model_copy(update={"seed": run.seed}) for run in runs)
-    own_draws = [
-        run.model_copy(update={"encoder": draw.id}) for run, draw in zip(runs, draws, strict=True)
-    ]
-    return cell._replace(runs=own_draws, encoders=draws)
-
-
-def run_with_seed(cell: Cell, seed: int) -> RunSettings:
-    """Returns the run of a cell with any seed, which need not be in the matrix."""
-    return with_seeds(cell, [seed]).runs[0]
 
 
 def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
@@ -111,25 +94,29 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
     elif name != FULL:
         robot = dataset_robot(find_task(task))
         dataset = validated(DatasetSettings, "[dataset]", **matrix.dataset.model_dump(), **robot)
-        wanted = named_encoder(name, task)
-        if wanted is None:
-            known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
-        assert wanted is not None
-        options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
-        for agent_seed in matrix.seeds:
-            seed = agent_seed if matrix.encoder.seed == "each" else matrix.encoder.seed
-            encoders[agent_seed] = encoder_settings(
-                wanted.kind,
-                options,
-                task=task,
-                dataset=dataset.id,
-                latents=wanted.latents,
-                seed=seed,
-            )
-        first = encoders[matrix.seeds[0]]
-        fields["representation"] = first.representation
-        if matrix.encoder.seed == "each":
-            fields["encoder_draws"] = first.draws
+        encoder, draws = _encoder(matrix, task, name, dataset), matrix.encoder.seed == "each"
+        encoders = {
+            seed: encoder.model_copy(update={"seed": seed}) if draws else encoder
+            for seed in matrix.seeds
+        }
+        fields["representation"] = encoder.representation
+        fields["encoder_draws"] = encoder.draws if draws else None
     runs = make_runs(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
     different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
     return Cell(task, algo, name, runs, default_base(task, matrix.settings), different, dataset)
+
+
+def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> EncoderSettings:
+    """Returns the settings of the encoder with the seed of the file, or the seed 0."""
+    wanted = named_encoder(name, task)
+    if wanted is None:
+        known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
+    assert wanted is not None
+    return encoder_settings(
+        wanted.kind,
+        {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options},
+        task=task,
+        dataset=dataset.id,
+        latents=wanted.latents,
+        seed=0 if matrix.encoder.seed == "each" else matrix.encoder.seed,
+    )

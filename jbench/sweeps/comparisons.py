@@ -16,11 +16,10 @@ class MatrixComparison(NamedTuple):
     """Two cells that differ only in their representation.
 
     Attributes:
-        ours: cell of the first representation.
-        theirs: cell of the second one.
+        ours: cell of the first representation, with runs of the seeds from 0 on.
+        theirs: cell of the second one, likewise.
         against: name of the second representation.
         share: of the error rate, before other comparisons pass theirs on.
-        claim: what is compared.
         max_seeds: maximum number of seeds per cell, a multiple of the block size.
     """
 

@@ -4,7 +4,7 @@ Interim analyses are at 5, 10, 15 ... seeds from seed 0. They depend only on the
 no other state is stored, and an interrupted command reaches the same decisions again.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Container, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from jbench.settings.run import RunSettings
 from jbench.statistics import FloatArray, sequential
 from jbench.statistics.step_down import Decision, decide
 from jbench.store import Record, Results
-from jbench.sweeps.cell import Cell, all_runs, run_with_seed, with_seeds
+from jbench.sweeps.cell import Cell
 from jbench.sweeps.comparisons import MatrixComparison
 from jbench.sweeps.matrix import Claim
 from jbench.training.status import run_status
@@ -33,19 +33,6 @@ class ComparisonOutcome(NamedTuple):
     comparison: MatrixComparison
     decision: Decision
     needed: list[RunSettings]
-
-
-class InterimAnalysis(NamedTuple):
-    """One interim analysis of all comparisons.
-
-    Attributes:
-        needed: cells with the runs that undecided comparisons need next.
-        tried: runs that were trained before this analysis, by id, finished or not.
-    """
-
-    outcomes: list[ComparisonOutcome]
-    needed: list[Cell]
-    tried: dict[str, RunSettings]
 
 
 def compared_return(record: Record, claim: Claim = "a") -> float:
@@ -82,12 +69,12 @@ def outcomes(
 
     Args:
         chosen: all comparisons that share the error rate.
-        returns: the compared returns of runs by id, to which those are added that are read.
+        returns: the compared returns of runs by id, to which those that are read are added.
     """
     pairs = [
         (
-            _first_seeds(comparison.ours, comparison, results, returns),
-            _first_seeds(comparison.theirs, comparison, results, returns),
+            _first_returns(comparison.ours, comparison, results, returns),
+            _first_returns(comparison.theirs, comparison, results, returns),
         )
         for comparison in chosen
     ]
@@ -99,7 +86,7 @@ def outcomes(
     ]
 
 
-def _first_seeds(
+def _first_returns(
     cell: Cell,
     comparison: MatrixComparison,
     results: Results,
@@ -107,8 +94,7 @@ def _first_seeds(
 ) -> FloatArray:
     """Returns the returns of a cell's first seeds, up to the first unfinished one."""
     first = []
-    for seed in range(comparison.max_seeds):
-        run = run_with_seed(cell, seed)
+    for run in cell.runs[: comparison.max_seeds]:
         key = run.id, comparison.claim
         if key not in returns:
             if run_status(run, results).state != "finished":
@@ -125,49 +111,30 @@ def _needed(
 ) -> list[RunSettings]:
     if decision.verdict != "undecided":
         return []
-    seeds = range(min(decision.seeds + sequential.BLOCK, comparison.max_seeds))
-    runs = (
-        run_with_seed(cell, seed) for cell in (comparison.ours, comparison.theirs) for seed in seeds
-    )
+    seeds = min(decision.seeds + sequential.BLOCK, comparison.max_seeds)
+    runs = (*comparison.ours.runs[:seeds], *comparison.theirs.runs[:seeds])
     return [run for run in runs if run_status(run, results).state != "finished"]
 
 
-def next_cells(
-    outcomes: Sequence[ComparisonOutcome], tried: Mapping[str, RunSettings]
-) -> list[Cell]:
+def next_cells(outcomes: Sequence[ComparisonOutcome], tried: Container[str]) -> list[Cell]:
     """Returns the cells of undecided comparisons, each with the runs that it needs next.
 
     A comparison gets no more seeds if it needs a run that was tried and is still unfinished.
-    """
-    cells: dict[str, Cell] = {}
-    for outcome in outcomes:
-        if any(run.id in tried for run in outcome.needed):
-            continue
-        for cell in (outcome.comparison.theirs, outcome.comparison.ours):
-            key = run_with_seed(cell, 0).id
-            seeds = {run.seed for run in outcome.needed if run == run_with_seed(cell, run.seed)}
-            if seeds:
-                before = cells[key].runs if key in cells else []
-                cells[key] = with_seeds(cell, sorted(seeds | {run.seed for run in before}))
-    return list(cells.values())
-
-
-def interim_analyses(
-    chosen: Sequence[MatrixComparison],
-    results: Results,
-    train: Callable[[Sequence[Cell]], object] | None,
-) -> Iterator[InterimAnalysis]:
-    """Adds seeds in blocks until the comparisons are decided or have all; yields each analysis.
 
     Args:
-        train: trains the runs of cells (`jbench.sweeps.scheduler.sweep`); None for one analysis.
+        tried: ids of runs.
     """
-    returns, tried = dict[tuple[str, Claim], float](), dict[str, RunSettings]()
-    while True:
-        reached = outcomes(chosen, results, returns)
-        needed = next_cells(reached, tried)
-        yield InterimAnalysis(reached, needed, tried)
-        if not needed or train is None:
-            return
-        tried = tried | {run.id: run for run in all_runs(needed)}
-        train(needed)
+    going_on = [
+        outcome for outcome in outcomes if not any(run.id in tried for run in outcome.needed)
+    ]
+    needed = {run.id for outcome in going_on for run in outcome.needed}
+    cells = {
+        cell.runs[0].id: cell
+        for outcome in going_on
+        for cell in (outcome.comparison.theirs, outcome.comparison.ours)
+    }
+    return [
+        cell._replace(runs=runs)
+        for cell in cells.values()
+        if (runs := [run for run in cell.runs if run.id in needed])
+    ]

@@ -18,7 +18,7 @@ from typing import Any
 
 from jbench.policies.saved import DESCRIPTION, WEIGHTS, has_policy
 from jbench.store import Record, Results, files
-from jbench.store.manifest import MANIFEST, FileEntry, Manifest
+from jbench.store.manifest import FileEntry, Manifest
 from jbench.store.shipped import shipped
 from jbench.store.verify import examine
 
@@ -66,13 +66,12 @@ def last_return(run: Record) -> float | None:
 def copy(record: Record, target: Results, listed: tuple[FileEntry, ...]) -> None:
     """Copies some files of a record, and a manifest that lists these alone."""
     manifest = public(record.manifest).model_copy(update={"files": listed})
-    path = target.record(record.kind, record.id).path
-    files.make_directory(path)
+    copied = target.record(record.kind, record.id)
+    files.make_directory(copied.path)
     for entry in listed:
-        if record.path != path:
-            files.write_atomic(path / entry.name, record.read_file(entry.name))
-    files.write_atomic(path / MANIFEST, manifest.to_bytes())
-    files.remove(files.unlisted(path, {MANIFEST, *(entry.name for entry in listed)}))
+        if record.path != copied.path:
+            files.write_atomic(copied.path / entry.name, record.read_file(entry.name))
+    copied.begin(manifest)
 
 
 def ship_encoder(id: str | None, source: Results, target: Results) -> bool:

@@ -89,8 +89,8 @@ def _show_curves(results: "Results", output: Output) -> None:
     from jbench.commands.progress import sparkline
     from jbench.store.query import query_results
 
-    rows = []
-    for representation, curve in query_results(results, _CURVES).rows.groupby("representation"):
+    rows, (curves, _) = [], query_results(results, _CURVES)
+    for representation, curve in curves.groupby("representation"):
         last = curve.iloc[-1]
         extremes = f"{last['lowest']:.0f} and {last['highest']:.0f}"
         line = sparkline(curve["median"].tolist())

@@ -63,10 +63,10 @@ class OpenedResults:
         Raises:
             RequestError: if it is not one SELECT, or DuckDB reports an error.
         """
-        answer = query.query_results(self._results, sql)
-        for problem in answer.problems:
+        rows, problems = query.query_results(self._results, sql)
+        for problem in problems:
             warnings.warn(problem, stacklevel=2)
-        return answer.rows
+        return rows
 
     def runs(self, task: str | None = None, algo: str | None = None) -> pd.DataFrame:
         """Returns the runs with their final returns and settings; imported curves are runs as well.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from jbench.errors import RequestError, WorkError
 from jbench.store import files
 from jbench.store.flaws import DamagedError, RecordError, UnreadableError
-from jbench.store.manifest import MANIFEST, Kind
+from jbench.store.manifest import MANIFEST, Kind, Manifest
 from jbench.store.record import Record
 
 # A part of an id becomes a directory: no separators and no leading dot.
@@ -22,8 +22,8 @@ class Folder(NamedTuple):
 
     Attributes:
         id: path below the folder of the kind; the id of its record if it has one.
-        names: of its files and symlinks; the manifest's name is included even if it is a folder.
-        problem: why it can't be read, as a clause to follow the path, or None.
+        names: of its files and symlinks; and the manifest's even if that is a folder.
+        problem: why it can't be read, as a clause to follow the path.
     """
 
     kind: Kind
@@ -95,9 +95,16 @@ class Results:
         settings: Mapping[str, Any],
         made_on: Mapping[str, Any] | None = None,
     ) -> Record:
-        """Creates a record, or restarts an unfinished one; see `Record.create`."""
+        """Creates a record, or restarts an unfinished one without its data; see `Record.begin`.
+
+        Args:
+            made_on: more provenance, such as that of `device_provenance`.
+
+        Raises:
+            RequestError: if the settings can't be recorded.
+        """
         record = self.record(kind, id)
-        record.create(settings, made_on)
+        record.begin(Manifest.new(kind, id, settings, made_on or {}))
         return record
 
     def find(self, kind: Kind, id: str) -> Record | None:

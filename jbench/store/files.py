@@ -20,7 +20,8 @@ from jbench.errors import RequestError, WorkError
 
 _File = TypeVar("_File", bound=BinaryIO | io.BufferedReader)
 
-_TEMPORARY = ".writing-"
+TEMPORARY = ".writing-"
+"""Beginning of the name of a file that is not complete."""
 
 PLAIN = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 """Flags to open an untrusted file, which may be a symlink or a pipe; some systems lack some."""
@@ -79,7 +80,7 @@ def write_atomic(path: Path, content: bytes) -> None:
     """
     temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY, dir=path.parent)
+        handle, temporary = tempfile.mkstemp(prefix=TEMPORARY, dir=path.parent)
         with _closing(os.fdopen(handle, "wb")) as file:
             file.write(content)
             file.flush()
@@ -168,18 +169,6 @@ def entries(directory: Path) -> list[os.DirEntry[str]]:
     while True:
         with contextlib.suppress(InterruptedError), os.scandir(directory) as iterator:
             return sorted(iterator, key=lambda entry: entry.name)
-
-
-def unlisted(directory: Path, listed: set[str]) -> list[Path]:
-    """Returns files that an interrupted writer of a record left uncommitted; see `entries`."""
-    kinds = (".parquet", ".safetensors", ".json")
-    return [
-        directory / entry.name
-        for entry in entries(directory)
-        if entry.name not in listed
-        and (entry.name.startswith(_TEMPORARY) or entry.name.endswith(kinds))
-        and not entry.is_dir(follow_symlinks=False)
-    ]
 
 
 def remove(paths: Iterable[Path]) -> None:

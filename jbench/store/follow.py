@@ -29,8 +29,7 @@ class Change(NamedTuple):
         is_new: whether the run is seen for the first time or has started over. Rows of it that
             were yielded before are then void.
         status_changed: whether its status is another one than before, or it is new.
-        rows: new rows of `episodes`, `evaluations` and `metrics`, in the order of their control
-            steps; numbers that are not finite are None.
+        rows: new ones in the order of control steps; numbers that are not finite are None.
     """
 
     record: Record
@@ -52,7 +51,7 @@ class Follower:
             filters: allowed values by field of a run's line; see `listing.make_line`.
         """
         self._results, self._filters = results, filters
-        # By id: the record whose rows were yielded, and what each of its commits changes.
+        # By id: the record whose rows were yielded, and the stamp of its manifest.
         self._seen: dict[str, Record] = {}
         self._stamps: dict[str, tuple[int, ...] | None] = {}
         self._reported: set[str] = set()
@@ -85,18 +84,15 @@ class Follower:
         seen = self._seen.get(record.id)
         if seen is None and not matches(make_line(record), self._filters):
             return None
-        while True:
+
+        def changes() -> Change:
             before = None if seen is None or _starts_over(record, seen) else seen
-            try:
-                rows = _rows_after(record, before)
-                break
-            except WorkError:
-                # A writer may have joined the files since the manifest was read.
-                if not record.refresh():
-                    raise
+            status_changed = before is None or record.status != before.status
+            return Change(record, before is None, status_changed, _rows_after(record, before))
+
+        change = record.reading(changes)
         self._seen[record.id] = record
-        status_changed = before is None or record.status != before.status
-        return Change(record, before is None, status_changed, rows)
+        return change
 
 
 def grouped(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:

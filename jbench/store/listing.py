@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -34,21 +35,24 @@ def list_runs(
     """
     records, problems = results.scan(kind)
     lines: list[Row] = []
-    cells: dict[tuple[str, str], dict[str, Run]] = {}  # settings by variant, by cell
+    # By algorithm and representation, the settings of each variant.
+    variants: dict[tuple[str, str], dict[str, Run]] = {}
     for record in records:
         try:
             line = make_line(record)
-            if matches(line, filters):
-                lines.append(line | _final_returns(record, line) if returns else line)
-                run, cell = read_run(record.settings), (line["algo"], line["representation"])
-                if not isinstance(run, Unreadable):
-                    cells.setdefault(cell, {})[line["variant"]] = run
+            if not matches(line, filters):
+                continue
+            lines.append(record.reading(partial(_with_returns, record)) if returns else line)
         except WorkError as error:
             problems.append(str(error))
-    words = {cell: variant_words(variants) for cell, variants in cells.items()}
+            continue
+        run = read_run(record.settings)
+        if not isinstance(run, Unreadable):
+            variants.setdefault((line["algo"], line["representation"]), {})[line["variant"]] = run
+    words = {names: variant_words(runs) for names, runs in variants.items()}
     for line in lines:
-        cell = line["algo"], line["representation"]
-        line["variant"] = words.get(cell, {}).get(line["variant"], "")
+        named = words.get((line["algo"], line["representation"]), {})
+        line["variant"] = named.get(line["variant"], "")
     return lines, problems
 
 
@@ -57,8 +61,8 @@ def make_line(record: Record) -> Row:
 
     Its fields are columns of the table `runs` and: `steps_done`, control steps of the committed
     episodes, or of the finished run; `returns`, the kind of return of an import, whose points are
-    its `episodes`; `error`, why a failed run failed; and the final returns `last_return`, that of
-    training, or of an import that of its kind, and `evaluation_return`.
+    its `episodes`; `error`, why a failed run failed; and, null until they are read, the final
+    returns `last_return`, that of training or of an import's kind, and `evaluation_return`.
 
     Raises:
         DamagedError: if a value of its manifest does not fit into its column.
@@ -77,7 +81,8 @@ def make_line(record: Record) -> Row:
         "returns": row.get("returns"),
         "error": record.error,
         "variant": row.get("variant"),
-        **{"last_return": None, "evaluation_return": None},
+        "last_return": None,
+        "evaluation_return": None,
     }
     return finite(line)
 
@@ -108,19 +113,21 @@ def evaluation_return(record: Record) -> float | None:
     return final_evaluation(rows["evaluation"].to_numpy(), rows["episode_return"].to_numpy())
 
 
-def _final_returns(record: Record, line: Row) -> Row:
+def _with_returns(record: Record) -> Row:
+    """Returns the line of a run or an import with its final returns."""
+    line = make_line(record)
     if record.kind == "import":
         points = record.read("import_points").to_pandas()
         returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
         if line["returns"] == "evaluation":
-            final = final_return(returns[-1:])
-            return {"last_return": final, "evaluation_return": final}
-        return {"last_return": final_return(returns)}
+            line["last_return"] = line["evaluation_return"] = final_return(returns[-1:])
+        else:
+            line["last_return"] = final_return(returns)
+        return line
     rows = record.read("episodes")
-    if not len(rows):
-        return {}
-    time = rows["wall_time"][-1].as_py() if line["wall_time"] is None else line["wall_time"]
-    last = final_return(rows["episode_return"].to_numpy())
-    return finite(
-        {"last_return": last, "evaluation_return": evaluation_return(record), "wall_time": time}
-    )
+    if len(rows):
+        line["last_return"] = final_return(rows["episode_return"].to_numpy())
+        line["evaluation_return"] = evaluation_return(record)
+        if line["wall_time"] is None:
+            line["wall_time"] = rows["wall_time"][-1].as_py()
+    return finite(line)

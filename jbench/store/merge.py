@@ -27,12 +27,7 @@ for times; kept because the existing record is more complete; or refused."""
 
 
 class Merged(NamedTuple):
-    """Outcome for one record of a source.
-
-    Attributes:
-        record: kind and id.
-        reason: why it was refused, as a sentence; otherwise empty.
-    """
+    """Outcome for a record of a source, by kind and id, and the sentence that refuses it."""
 
     record: str
     outcome: Outcome

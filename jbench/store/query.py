@@ -31,13 +31,6 @@ class Tables(NamedTuple):
     problems: list[str]
 
 
-class Answer(NamedTuple):
-    """The rows of a query, and the problems of its tables."""
-
-    rows: pd.DataFrame
-    problems: list[str]
-
-
 def load(
     results: Results,
     names: Collection[str] = tuple(schema.TABLES),
@@ -91,18 +84,18 @@ def published() -> pa.Table:
     return pa.Table.from_pandas(rows, schema.PUBLISHED, preserve_index=False, nthreads=1)
 
 
-def query_results(results: Results, sql: str) -> Answer:
-    """Runs one SELECT over the results; see `run_sql`."""
+def query_results(results: Results, sql: str) -> tuple[pd.DataFrame, list[str]]:
+    """Runs one SELECT over the results, see `run_sql`; returns the problems of `load`, too."""
     # Arrow's own allocator releases and requests memory for each file, a third of the time.
     pa.set_memory_pool(pa.system_memory_pool())
     # Only tables whose names occur in the SQL are read. If the SQL builds a name, DuckDB does not
     # find the table, and all tables are read.
-    loaded = load(results, _named(sql) or set(schema.TABLES), coded=True)
+    tables, problems = load(results, _named(sql) or set(schema.TABLES), coded=True)
     try:
-        return Answer(_select(sql, loaded.tables), loaded.problems)
+        return _select(sql, tables), problems
     except duckdb.CatalogException:
-        loaded = load(results, coded=True)
-        return Answer(run_sql(sql, loaded.tables), loaded.problems)
+        tables, problems = load(results, coded=True)
+        return run_sql(sql, tables), problems
     except duckdb.Error as error:
         raise _refusal(error, schema.TABLES, sql) from None
 
@@ -223,14 +216,13 @@ def _read(
     """Returns the row and the tables of each record, and an error for each damaged one."""
 
     def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
-        while True:
-            try:
-                return make_row(record), {
-                    name: record.read(name, schemas[name]) for name in schemas
-                }
-            except WorkError as error:
-                if not record.refresh():
-                    return str(error)
+        def row_and_tables() -> tuple[Row, dict[str, pa.Table]]:
+            return make_row(record), {name: record.read(name, schemas[name]) for name in schemas}
+
+        try:
+            return record.reading(row_and_tables)
+        except WorkError as error:
+            return str(error)
 
     # pyarrow and hashlib release the GIL.
     with ThreadPoolExecutor(cores()) as threads:

@@ -5,18 +5,21 @@ it. A writer adds new files beside the old ones, syncs them, and then replaces t
 """
 
 import contextlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.store import files, listed, locks, schema
-from jbench.store.flaws import DamagedError
+from jbench.store.flaws import DamagedError, RecordError
 from jbench.store.manifest import MANIFEST, FileEntry, Kind, Manifest, Status
 from jbench.store.provenance import differences, provenance, utc_now
 from jbench.wording import with_results
+
+_Read = TypeVar("_Read")
+_SUFFIXES = (".parquet", ".safetensors", ".json")
 
 
 class Record:
@@ -25,7 +28,7 @@ class Record:
     manifest: Manifest
 
     def __init__(self, path: Path, kind: Kind, id: str) -> None:
-        """Refers to a record; `create` and `load` set its manifest."""
+        """Refers to a record; `begin` and `load` set its manifest."""
         self.path, self.kind, self.id = path, kind, id
 
     def load(self) -> bool:
@@ -40,11 +43,17 @@ class Record:
         self.manifest = manifest
         return True
 
-    def refresh(self) -> bool:
-        """Reads the manifest again; returns whether it has changed.
+    def reading(self, read: Callable[[], _Read]) -> _Read:
+        """Returns what a function reads; it reads again if a writer has joined the files."""
+        while True:
+            try:
+                return read()
+            except WorkError:
+                if not self.refresh():
+                    raise
 
-        Files may disappear after a reader has read the manifest, when a writer joins them.
-        """
+    def refresh(self) -> bool:
+        """Reads the manifest again; returns whether it has changed."""
         # Compared as bytes, since a summary may contain NaN, which never equals itself.
         before = self.manifest.to_bytes()
         with contextlib.suppress(WorkError):
@@ -53,7 +62,7 @@ class Record:
 
     @property
     def status(self) -> Status:
-        """Whether the work is unfinished, finished or failed."""
+        """The state of the work."""
         return self.manifest.status
 
     @property
@@ -104,10 +113,14 @@ class Record:
                 return listed.read(self.path, entry, self.advice)
         raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
 
-    def check(self, entry: FileEntry) -> None:
-        """Checks a file in chunks; raises the errors of `listed.read`."""
-        columns = None if self.manifest.is_old else schema.FILES.get(entry.table or "")
-        listed.check(self.path, entry, () if columns is None else columns.names)
+    def damages(self) -> Iterator[RecordError]:
+        """Checks all files in chunks, and yields the errors of `listed.read`."""
+        for entry in self.manifest.files:
+            columns = None if self.manifest.is_old else schema.FILES.get(entry.table or "")
+            try:
+                listed.check(self.path, entry, () if columns is None else columns.names)
+            except RecordError as error:
+                yield error
 
     @property
     def advice(self) -> str:
@@ -122,17 +135,13 @@ class Record:
         with locks.hold(self.path, f"the {self.kind} {self.id}"):
             yield
 
-    def create(self, settings: Mapping[str, Any], made_on: Mapping[str, Any] | None = None) -> None:
-        """Creates the record, or restarts an unfinished one without its data.
-
-        Args:
-            made_on: more provenance, such as that of `device_provenance`.
+    def begin(self, manifest: Manifest) -> None:
+        """Makes the record, or replaces what it holds.
 
         Raises:
-            RequestError: if the settings are invalid, or the directory is not writable.
-            WorkError: if the disk is full or fails, as do all methods that write.
+            RequestError: if the directory is not writable.
+            WorkError: if the disk is full or fails; this is true of all methods that write.
         """
-        manifest = Manifest.new(self.kind, self.id, settings, made_on or {})
         files.make_directory(self.path)
         self._commit(manifest)
         self.clean()
@@ -153,10 +162,10 @@ class Record:
             drop: roles of checkpoints to remove.
             replace: tables whose existing rows are dropped.
         """
-        checkpoints = checkpoints or {}
+        states = checkpoints or {}
         added = [self._write_rows(name, rows) for name, rows in tables.items() if rows.num_rows]
-        added += [listed.write_checkpoint(self.path, *item) for item in checkpoints.items()]
-        before, dropped = self.manifest.files, {*checkpoints, *drop}
+        added += [listed.write_checkpoint(self.path, *item) for item in states.items()]
+        before, dropped = self.manifest.files, {*states, *drop}
         kept = [e for e in before if e.role not in dropped and e.table not in replace]
         after = {entry.name: entry for entry in (*kept, *added)}  # the same rows are the same file
         self._update(files=tuple(after.values()))
@@ -169,7 +178,7 @@ class Record:
 
         Args:
             where: progress as JSON values.
-            made_on: more provenance, as in `create`.
+            made_on: more provenance, as in `Results.create`.
 
         Returns:
             `differences` of the provenance since the start.
@@ -215,8 +224,7 @@ class Record:
         """Copies an intact record of other results; call it while holding the lock."""
         for entry in source.manifest.files:
             files.write_atomic(self.path / entry.name, listed.read(source.path, entry))
-        self._commit(source.manifest)
-        self.clean()
+        self.begin(source.manifest)
 
     def clean(self) -> None:
         """Removes uncommitted files; call it while holding the lock. Errors are ignored."""
@@ -224,8 +232,15 @@ class Record:
             files.remove(self.uncommitted())
 
     def uncommitted(self) -> list[Path]:
-        """Returns the files that an interrupted writer left uncommitted; see `files.unlisted`."""
-        return files.unlisted(self.path, {MANIFEST, *(e.name for e in self.manifest.files)})
+        """Returns the files that an interrupted writer left; see `files.entries`."""
+        listed = {MANIFEST, *(entry.name for entry in self.manifest.files)}
+        return [
+            self.path / entry.name
+            for entry in files.entries(self.path)
+            if entry.name not in listed
+            and (entry.name.startswith(files.TEMPORARY) or entry.name.endswith(_SUFFIXES))
+            and not entry.is_dir(follow_symlinks=False)
+        ]
 
     def _join(self, table: str) -> FileEntry:
         parts = self.parts(table)

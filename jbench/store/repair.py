@@ -23,13 +23,7 @@ from jbench.store.verify import Flaw, examine
 
 
 class Repaired(NamedTuple):
-    """Result of a repair or a dry run.
-
-    Attributes:
-        moved: (source, destination) pairs in order.
-        left: a sentence for each problem that was not repaired.
-        commands: make the moved records again, as far as their manifests are readable.
-    """
+    """What was moved from where to where, why the rest was not, and commands to make it again."""
 
     moved: list[tuple[Path, Path]]
     left: list[str]
@@ -58,12 +52,7 @@ class Quarantine:
             self.moved[path] = to
 
     def take_record(self, folder: Folder) -> None:
-        """Moves the files of a folder, its manifest first, except for its lock.
-
-        Raises:
-            UnreadableError: if the folder can't be read.
-            WorkError: if a file can't be moved.
-        """
+        """Moves the files of a folder, its manifest first, except for its lock."""
         folder.check()
         for name in sorted(folder.names, key=lambda name: (name != MANIFEST, name)):
             if name != locks.LOCK:
@@ -90,8 +79,7 @@ def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine
     """Repairs a folder, unless another process is writing there.
 
     Returns:
-        The command that makes its damaged record again; empty if it has none, or its manifest does
-        not tell.
+        The command that makes its damaged record again, if its manifest tells.
     """
     folder = results.look(kind, id)
     folder.check()

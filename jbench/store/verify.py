@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from jbench.settings.base import settings_hash
 from jbench.store import locks
@@ -24,21 +24,9 @@ Progress = Callable[[int], AbstractContextManager[Callable[[int], None]]]
 
 _MAX_TRIES = 5  # for a record that changes during the check
 
-_REFERENCES: dict[Kind, tuple[str, Kind]] = {
-    "encoder": ("dataset", "dataset"),
-    "run": ("encoder", "encoder"),
-    "evaluation": ("policy", "run"),
-}
-"""The setting of a kind that names another record, and that record's kind."""
-
 
 class Flaw(NamedTuple):
-    """A problem in a results directory.
-
-    Attributes:
-        id: of the record, or the path at which a record would be.
-        problem: clause to follow the path in a sentence.
-    """
+    """A problem, a clause to follow the path in a sentence; `id` names a record or its folder."""
 
     sort: Sort
     kind: Kind
@@ -51,14 +39,7 @@ class Flaw(NamedTuple):
 
 
 class Verified(NamedTuple):
-    """Result of checking a results directory.
-
-    Attributes:
-        records: number of readable manifests.
-        files: number of the files that they list.
-        bytes: total size of these files.
-        findings: record by record.
-    """
+    """Counts of readable manifests, of the files that they list, and of their bytes; flaws."""
 
     records: int
     files: int
@@ -79,19 +60,20 @@ def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
 def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
     """Checks a results directory; each thread checks a record, and the progress is in folders."""
     folders = [folder for kind in KINDS for folder in results.walk(kind)]
-    checked: list[tuple[Record | None, list[Flaw]]] = []
+    checked = []
     with progress(len(folders)) as show, ThreadPoolExecutor(threads) as pool:
         for outcome in pool.map(lambda folder: _check_beside_writers(results, folder), folders):
             checked.append(outcome)
             show(len(checked))
     records = [record for record, _ in checked if record is not None]
-    findings = [flaw for _, flaws in checked for flaw in flaws]
-    damaged = {(flaw.kind, flaw.id) for flaw in findings if flaw.sort == "damaged"}
-    intact = {(record.kind, record.id) for record in records} - damaged
+    intact = {(record.kind, record.id) for record in records} - {
+        (flaw.kind, flaw.id) for _, flaws in checked for flaw in flaws if flaw.sort == "damaged"
+    }
+    findings = list[Flaw]()
     for record, flaws in checked:
-        flaws += () if record is None else _warnings(record, intact)
+        findings += flaws
+        findings += () if record is None else _warnings(record, intact)
     sizes = [entry.bytes for record in records for entry in record.manifest.files]
-    findings = [flaw for _, flaws in checked for flaw in flaws]
     return Verified(len(records), len(sizes), sum(sizes), findings)
 
 
@@ -120,21 +102,16 @@ def _check_beside_writers(results: Results, folder: Folder) -> tuple[Record | No
 
 def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
     """Returns the record of a folder, and what is wrong with it, its files and unlisted ones."""
-    record, errors = None, list[RecordError]()
+    record, errors, listed = None, list[RecordError](), set[str]()
     try:
         record = folder.read()
         if record is not None:
             _check_settings(record)
     except RecordError as error:
         errors.append(error)
-    listed: set[str] = set()
     if record is not None:
-        listed |= {entry.name for entry in record.manifest.files}
-        for entry in record.manifest.files:
-            try:
-                record.check(entry)
-            except RecordError as error:
-                errors.append(error)
+        errors += record.damages()
+        listed = {entry.name for entry in record.manifest.files}
     flaws = [Flaw(e.sort, folder.kind, folder.id, e.path, e.problem) for e in errors]
     if record is not None or MANIFEST not in folder.names:
         for name in sorted({*folder.names} - listed - {MANIFEST, locks.LOCK}):
@@ -155,9 +132,8 @@ def _check_settings(record: Record) -> None:
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
     """Yields warnings about a record."""
     problems = []
-    setting, kind = _REFERENCES.get(record.kind, ("", record.kind))
-    named = str(record.settings.get(setting))
-    if named != "None" and not _is_self_contained(record, named) and (kind, named) not in intact:
+    kind, named = _needed(record)
+    if named is not None and (kind, str(named)) not in intact:
         problems.append(f"names the {kind} {named}, which is not intact in these results")
     for what in ("created", "updated"):
         date = getattr(record.manifest, what)
@@ -167,15 +143,17 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
 
 
-def _is_self_contained(record: Record, named: str) -> bool:
-    """Returns whether a record is usable without the record that its settings name.
-
-    A finished encoder is. An evaluation depends on a run of these results only if its policy is the
-    id of a run, and not a shipped one, whose name begins with `reference/`.
-    """
-    if record.kind == "encoder":
-        return record.status == "finished"
-    return record.kind == "evaluation" and ("/" not in named or named.startswith("reference/"))
+def _needed(record: Record) -> tuple[Kind, Any]:
+    """Returns the kind and the id of the record without which a record is of no use, or None."""
+    settings = record.settings
+    if record.kind == "encoder" and record.status != "finished":
+        return "dataset", settings.get("dataset")
+    if record.kind == "evaluation":
+        # The name of a hand-written policy has no slash; that of a shipped run begins with this.
+        policy = str(settings.get("policy"))
+        is_run = "/" in policy and not policy.startswith("reference/")
+        return "run", policy if is_run else None
+    return "encoder", settings.get("encoder") if record.kind == "run" else None
 
 
 def _check_date(text: str) -> str | None:

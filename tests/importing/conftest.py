@@ -139,8 +139,8 @@ def rows(tmp_path):
     def read(name="import_points"):
         joined = "SELECT seed, p.* FROM import_points p JOIN imports USING (import)"
         sql = "FROM imports" if name == "imports" else f"{joined} ORDER BY point, episode"
-        answer = query.query_results(Results(tmp_path / "results"), sql)
-        assert answer.problems == []
-        return {int(seed): frame for seed, frame in answer.rows.groupby("seed")}
+        rows, problems = query.query_results(Results(tmp_path / "results"), sql)
+        assert problems == []
+        return {int(seed): frame for seed, frame in rows.groupby("seed")}
 
     return read

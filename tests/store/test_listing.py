@@ -4,7 +4,7 @@ import pytest
 
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store.listing import list_runs
-from tests.store.store_rows import alter_manifest, listed
+from tests.store.store_rows import alter_manifest, episodes, listed
 from tests.store.store_whole import add_whole_run
 from tests.store.test_damage import truncate
 
@@ -71,6 +71,16 @@ def test_last_return_averages_last_quarter_capped_at_100(results, count, mean):
     assert line["last_return"] == mean
     # Two seconds per episode; an unfinished run has no other wall time.
     assert line["wall_time"] == (2.0 * count or None)
+
+
+def test_run_whose_files_are_joined_meanwhile_is_listed(results, monkeypatch):
+    run = add_whole_run(results, [1.0], finish=False)
+    run.append({"episodes": episodes(run.id, [1.0, 2.0]).slice(1)})
+    before = results.scan("run")
+    run.finish({})
+    monkeypatch.setattr(results, "scan", lambda kind: before)
+    (line,), problems = list_runs(results, {}, returns=True)
+    assert (line["status"], line["last_return"], problems) == ("finished", 2.0, [])
 
 
 def test_damaged_files_are_reported_only_if_read(results):

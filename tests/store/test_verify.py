@@ -98,7 +98,7 @@ def test_table_without_required_column_is_reported(results):
     )
     with pytest.raises(WorkError, match="it has no column run: another version of jbench wrote it"):
         record.read("episodes")
-    assert "it has no column run" in query.query_results(results, "FROM episodes").problems[0]
+    assert "it has no column run" in query.query_results(results, "FROM episodes")[1][0]
 
 
 def test_id_that_contradicts_settings_is_reported(results):

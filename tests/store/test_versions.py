@@ -37,12 +37,11 @@ def test_episodes_of_old_version_are_read(old):
 
 
 def test_renamed_column_is_read_under_new_name(old):
-    answer = query.query_results(
-        old, "SELECT epoch, train_loss, test_mse FROM encoder_epochs ORDER BY 1"
-    )
-    assert answer.problems == []
+    sql = "SELECT epoch, train_loss, test_mse FROM encoder_epochs ORDER BY 1"
+    rows, problems = query.query_results(old, sql)
+    assert problems == []
     # The old version wrote train_mse = 1 and 1/2, and test_mse = 1/2 and 1/4.
-    assert answer.rows.to_numpy().tolist() == [[1, 1.0, 0.5], [2, 0.5, 0.25]]
+    assert rows.to_numpy().tolist() == [[1, 1.0, 0.5], [2, 0.5, 0.25]]
 
 
 def test_columns_missing_from_old_version_are_null(old):

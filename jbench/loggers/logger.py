@@ -1,34 +1,20 @@
-"""What a logger of an experiment tracker does, and copying committed rows to one."""
+"""Copying committed rows to the logger of an experiment tracker."""
 
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
-from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from jbench.errors import RequestError
+from jbench.loggers.trackers import Point, TensorBoard, Trackio, WeightsAndBiases
 from jbench.store import Results
 from jbench.store.follow import LOOK_EVERY, Change, Follower, grouped
 from jbench.store.schema import LOSSES
 
 _Rows = Sequence[Mapping[str, Any]]
 _Values = Iterator[tuple[str, float | None]]
-
-
-class Point(NamedTuple):
-    """Values at a control step.
-
-    Attributes:
-        control_steps: of the run, over all environments.
-        time: seconds since the epoch.
-        values: by name, such as training/episode_return.
-    """
-
-    control_steps: int
-    time: float
-    values: Mapping[str, float]
 
 
 class Logger(Protocol):
@@ -50,10 +36,10 @@ class Logger(Protocol):
         """Ends the log of a run, if it was started."""
 
 
-_MODULES = {
-    "tensorboard": ("jbench.loggers.tensorboard", "TensorBoard"),
-    "trackio": ("jbench.loggers.trackio", "Trackio"),
-    "wandb": ("jbench.loggers.wandb", "WeightsAndBiases"),
+_TRACKERS: dict[str, Callable[[Path], Logger]] = {
+    "tensorboard": TensorBoard,
+    "trackio": Trackio,
+    "wandb": WeightsAndBiases,
 }
 
 
@@ -63,15 +49,13 @@ def make_logger(name: str, results: Path) -> Logger:
     Raises:
         RequestError: if its library is not installed.
     """
-    module, class_name = _MODULES[name]
     try:
-        made: Logger = getattr(import_module(module), class_name)(results / name)
+        return _TRACKERS[name](results / name)
     except ImportError as error:
         raise RequestError(
             f"--log {name} needs the package {error.name or name}; type pip install "
             f"'jbench[{name}]'."
         ) from None
-    return made
 
 
 def points(change: Change) -> list[Point]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -71,28 +72,20 @@ class Scene:
         return env
 
 
-@dataclass(frozen=True)
-class Frame:
+class Frame(NamedTuple):
     """One image of an episode.
 
     Attributes:
-        step: control steps since the start.
+        time: seconds since the start.
         episode_return: sum of the rewards so far.
         goal: distance and direction of the target as text; empty for other robots.
         picture: image without text.
-        timestep: simulated seconds in a control step.
     """
 
-    step: int
+    time: float
     episode_return: float
     goal: str
     picture: Picture
-    timestep: float = CONTROL_TIMESTEP
-
-    @property
-    def time(self) -> float:
-        """Seconds since the start."""
-        return self.step * self.timestep
 
 
 def render_episode(
@@ -120,19 +113,14 @@ def render_episode(
             if step in at:
                 words = goal(scene.task, observation) if scene.task in TASKS else ""
                 picture = np.asarray(env.render())
-                yield Frame(step, episode_return, words, picture, scene.timestep)
+                yield Frame(step * scene.timestep, episode_return, words, picture)
             progress(step)
     finally:
         env.close()
 
 
 def video_picture(frame: Frame, title: str, note: str) -> Picture:
-    """Returns a copy of a frame's image with text.
-
-    Args:
-        title: first line, with task and policy.
-        note: bottom line, with camera and speed.
-    """
+    """Returns a copy of a frame's image with text: a title above, and a note below."""
     above = [title, times(frame), frame.goal]
     return write(frame.picture, above, [note], lines_in_height=24)
 
@@ -152,11 +140,9 @@ def times(frame: Frame) -> str:
 def write(
     picture: Picture, above: Sequence[str], below: Sequence[str], *, lines_in_height: int
 ) -> Picture:
-    """Returns a copy of an image (height, width, 3) with left-aligned lines of text.
+    """Returns a copy of an image (height, width, 3) with lines of text above and below.
 
     Args:
-        above: lines at the top.
-        below: lines at the bottom.
         lines_in_height: determines the text size: number of lines in the image's height or three
             quarters of its width, whichever is less.
     """

@@ -26,19 +26,11 @@ from jbench.store.files import check_output, write_atomic
 SUFFIXES = (".mp4", ".gif", ".png")
 """Supported file suffixes: video, animation, strip of images."""
 
-_VIDEO_SIZE = (640, 480)
-_MOMENT_SIZE = (320, 240)
-
-_INTERVAL = 0.04
-"""Seconds between the images of a video or an animation, rounded to whole control steps."""
-
+_VIDEO_SIZE, _MOMENT_SIZE = (640, 480), (320, 240)  # pixels
+_INTERVAL = 0.04  # s between the images of a video or an animation, before rounding to steps
 _MOMENTS = 6  # images in a strip
-
-# Images from which an animation's palette is computed.
-_PALETTE_PICTURES = 8
-
-# Out of 10; a minute of 640 x 480 pixels takes about 10 MB.
-_VIDEO_QUALITY = 8
+_PALETTE_PICTURES = 8  # from which an animation's palette is computed
+_VIDEO_QUALITY = 8  # out of 10; a minute of 640 x 480 pixels takes about 10 MB
 
 
 def default_size(path: Path) -> tuple[int, int]:
@@ -47,12 +39,7 @@ def default_size(path: Path) -> tuple[int, int]:
 
 
 def _check(path: Path) -> None:
-    """Checks that a picture or video can be written, before anything is simulated.
-
-    Raises:
-        RequestError: if the suffix is not in `SUFFIXES`, a library is missing, or see
-            `files.check_output`.
-    """
+    """Checks that a picture or video can be written, before anything is simulated."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RequestError(
@@ -108,14 +95,13 @@ def render_to_file(
         "" if speed == 1 else f"{speed:g} x real time",
     )
     note = ", ".join(filter(None, notes))
+    # Only the last frame is kept, since a long video would fill the memory.
     last_frame: list[Frame] = []
 
     def pictures() -> Iterator[Picture]:
         for frame in render_episode(policy, scene, at, progress):
-            # Only the last frame is kept, since a long video would fill the memory.
             last_frame[:] = [frame]
-            is_strip = suffix == ".png"
-            yield strip_picture(frame) if is_strip else video_picture(frame, title, note)
+            yield strip_picture(frame) if suffix == ".png" else video_picture(frame, title, note)
 
     if suffix == ".mp4":
         content = mp4(pictures(), (scene.width, scene.height), seconds)
@@ -128,7 +114,7 @@ def render_to_file(
 
 
 def strip_steps(steps: int) -> Collection[int]:
-    """Returns the control steps of a strip's images, equally spaced from the first to the last."""
+    """Returns the control steps of a strip's images, equally spaced, with the first and last."""
     last = min(_MOMENTS - 1, steps)
     return [round(moment * steps / last) for moment in range(last + 1)]
 

@@ -105,7 +105,6 @@ def test_invalid_request_is_refused(results, refused, arguments, message):
 
 def test_missing_library_is_reported_before_training(tmp_path, refused, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "torch.utils.tensorboard", None)
-    monkeypatch.delitem(__import__("sys").modules, "jbench.loggers.tensorboard", raising=False)
     arguments = ("train", "--log", "tensorboard", "--seeds", "0")
     error = refused(*arguments, results=tmp_path / "results")
     assert "type pip install 'jbench[tensorboard]'" in error

@@ -55,19 +55,6 @@ def drawn(model, episode):
     return data, {task: draw_target(task, random) for task in TASKS}
 
 
-def test_rows_are_whole_episodes_in_order(steps):
-    np.testing.assert_array_equal(steps["episode"], np.repeat(np.arange(6), 1001).reshape(6, 1001))
-    np.testing.assert_array_equal(steps["step"], [np.arange(1001)] * 6)
-
-
-def test_only_last_state_of_episode_has_no_action(six_episodes):
-    rows = six_episodes.read("steps")
-    missing = rows["action"].is_null().to_numpy(zero_copy_only=False)
-    np.testing.assert_array_equal(missing, rows["step"].to_numpy() == 1000)
-    others = [name for name in rows.column_names if name != "action"]
-    assert all(rows[name].null_count == 0 for name in others)
-
-
 def test_actions_are_uniform_and_independent(steps):
     actions = steps["action"][:, :-1].astype(float)
     assert -1 <= actions.min() < -0.99
@@ -129,9 +116,3 @@ def test_targets_equal_those_drawn_by_task(task, targets):
         x, y, height = expected[task].position
         assert (x, y, expected[task].yaw) == tuple(targets[task][episode])
         assert height == TARGET_HEIGHT
-
-
-def test_episodes_have_different_initial_states(steps):
-    heights = [steps[name][:, 0] for name in ("position_x", "position_y", "position_z")]
-    np.testing.assert_array_equal(heights, np.float32([[0] * 6, [0] * 6, [0.035] * 6]))
-    assert len(np.unique(steps["quaternion_w"][:, 0])) == 6

@@ -85,18 +85,6 @@ def test_only_dataset_with_damaged_manifest_is_reported(results):
     assert f"({path} is not a manifest" in refusal(results)
 
 
-@pytest.mark.parametrize("table", ["steps", "dataset_episodes"])
-def test_flipped_byte_is_reported(copied, table):
-    entry = copied.record.parts(table)[1]
-    path = copied.record.path / entry.name
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-    for read in (copied.observations, lambda task: list(copied.blocks(task))):
-        with pytest.raises(WorkError, match=f"{copied.id}/{entry.name} is damaged"):
-            read("face_direction")
-
-
 def test_missing_file_is_reported_when_it_is_read(copied):
     (copied.record.path / copied.record.parts("steps")[1].name).unlink()
     blocks = copied.blocks("move_to_pose")

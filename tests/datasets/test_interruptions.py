@@ -2,8 +2,6 @@
 
 import importlib
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,27 +10,8 @@ from jbench.datasets import collect
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from tests.command_line import Process
-from tests.forking import ROOT
 
 SETTINGS = DatasetSettings(seed=3, steps=2000)
-
-# Collects with one short episode per file.
-VERB = """
-import sys
-from tests.datasets.limited import collect
-sys.exit(collect(-1, sys.argv[1]))
-"""
-# Collects on a disk of 200 kB, enlarges it, collects again and prints the checksums.
-SMALL_DISK = """
-set -e
-mount -t tmpfs -o size=200k tmpfs "$1"
-"$2" -c "$3" "$1/results" || echo "exit code $?"
-find "$1" -name '*.parquet' | wc -l
-mount -o remount,size=10m "$1"
-"$2" -c "$3" "$1/results"
-cd "$1/results/datasets/random" && sha256sum */*.parquet
-"""
-IN_A_NAMESPACE = ("unshare", "--user", "--map-root-user", "--mount")
 
 
 def checksums(record):
@@ -89,23 +68,3 @@ def test_collection_resumes_after_a_file_size_limit(tmp_path, uninterrupted):
     again = Process("tests.datasets.limited:collect", -1, str(tmp_path)).finished()
     assert again.returncode == 0, again.stderr
     assert checksums(finished_dataset(tmp_path)) == checksums(uninterrupted)
-
-
-@pytest.mark.slow
-def test_collection_resumes_after_a_full_disk(tmp_path, uninterrupted):
-    tried = subprocess.run(
-        [*IN_A_NAMESPACE, "mount", "-t", "tmpfs", "tmpfs", tmp_path], capture_output=True, text=True
-    )
-    if tried.returncode:
-        pytest.skip(f"no disk can be mounted here: {tried.stderr}")
-    command = ["sh", "-c", SMALL_DISK, "sh", tmp_path, sys.executable, VERB]
-    done = subprocess.run([*IN_A_NAMESPACE, *command], cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    code, there, *rest = done.stdout.splitlines()
-    assert code == "exit code 1"
-    assert 4 <= int(there) < 40  # files of 20 episodes, two each
-    assert error_line(done.stderr).startswith("Error: No room left to write ")
-    files = {entry.name: entry.sha256 for entry in uninterrupted.manifest.files}
-    assert sorted(line for line in rest if line.endswith(".parquet")) == sorted(
-        f"{sha256}  {SETTINGS.id.split('/')[1]}/{name}" for name, sha256 in files.items()
-    )

@@ -125,16 +125,6 @@ def test_incomplete_episode_or_missing_file_is_refused(altered, tables):
         list(found.blocks(TASK))
 
 
-@pytest.mark.parametrize(
-    ("table", "column"),
-    [("steps", "torso_velocity_x"), ("steps", "action"), ("dataset_episodes", f"{TASK}_target_x")],
-)
-def test_dataset_without_column_is_refused(altered, tables, table, column):
-    found = altered(**{table: tables[table].drop_columns(column)})
-    with pytest.raises(WorkError, match=f"is damaged .it has no column {column}: another version"):
-        list(found.blocks(TASK))
-
-
 def test_column_of_wrong_type_is_refused(altered, tables):
     words = pc.cast(tables["steps"]["position_x"], pa.string())
     words = pc.replace_substring(words, "0", "o")

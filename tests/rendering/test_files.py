@@ -31,7 +31,7 @@ def test_strip_has_moments_side_by_side(tmp_path, steps, shown):
     path = tmp_path / "new" / "strip.png"
     last = render_to_file(Constant(), SCENE, path, name="constant", steps=steps)
     np.testing.assert_array_equal(Image.open(path), np.hstack(pictures(shown, strip_picture)))
-    assert (last.step, last.episode_return > 0) == (steps, True)
+    assert (last.time, last.episode_return > 0) == (steps * 0.01, True)
 
 
 @rendering

@@ -15,8 +15,8 @@ def plain(gray=128, height=HEIGHT, width=WIDTH):
     return np.full((height, width, 3), gray, np.uint8)
 
 
-def frame(step=250, episode_return=12.34, goal="target", picture=None):
-    return Frame(step, episode_return, goal, plain() if picture is None else picture)
+def frame(time=2.5, episode_return=12.34, goal="target"):
+    return Frame(time, episode_return, goal, plain())
 
 
 def changed_rows(one, other):
@@ -41,7 +41,7 @@ def test_text_changes_only_its_lines():
 
 @pytest.mark.parametrize(
     ("change", "line"),
-    [({"step": 260}, 1), ({"episode_return": 99.0}, 1), ({"goal": "other"}, 2)],
+    [({"time": 2.6}, 1), ({"episode_return": 99.0}, 1), ({"goal": "other"}, 2)],
 )
 def test_each_line_shows_its_value(change, line):
     one, other = (video_picture(f, "title", "ego camera") for f in (frame(), frame(**change)))
@@ -51,7 +51,7 @@ def test_each_line_shows_its_value(change, line):
 
 def test_numbers_have_fixed_width():
     assert times(frame()) == f"{PAD}2.50 s   return {PAD}{PAD}12.3"
-    assert times(frame(1000, 914.37)) == "10.00 s   return" + f" {PAD}914.4"
+    assert times(frame(10.0, 914.37)) == "10.00 s   return" + f" {PAD}914.4"
 
 
 def test_small_pictures_keep_legible_letters():

@@ -1,6 +1,6 @@
 """Tests of checkpoints: each is committed together with its rows and replaces its predecessor."""
 
-from tests.store.store_rows import listed, manifest_of, names, numbers, read
+from tests.store.store_rows import listed, names, numbers, read
 
 ROLE = "checkpoint.safetensors"
 
@@ -22,16 +22,6 @@ def test_checkpoint_is_kept_until_its_role_has_another(results, record):
     record.append({"t": numbers(2)}, {"a.json": b"3"})
     again = results.find("run", "a/b")
     assert (again.read_file("a.json"), again.read_file("b.json")) == (b"3", b"2")
-
-
-def test_finish_removes_checkpoints_and_keeps_files(results, record):
-    record.append({"t": numbers(1)}, {ROLE: b"state"})
-    record.finish({}, {"policy.json": b"{}"})
-    again = results.find("run", "a/b")
-    assert ROLE not in again.roles()
-    assert (again.read_file("policy.json"), read(again)) == (b"{}", [1])
-    assert names(record.path) == {"manifest.json", *listed(record)}
-    assert all("role" not in entry for entry in manifest_of(record)["files"])
 
 
 def test_dropped_roles_are_removed_with_their_files(results, record):

@@ -1,6 +1,5 @@
 """Tests that damaged, misplaced and newer records are refused by a message that names them."""
 
-import json
 import os
 import shutil
 
@@ -8,7 +7,6 @@ import pytest
 
 from jbench.errors import WorkError
 from jbench.store import Results, query
-from jbench.store.files import sha256
 from jbench.store.verify import verify
 from tests.store.store_rows import (
     add_run,
@@ -141,13 +139,3 @@ def test_record_is_not_written_through_link_out_of_results(tmp_path, results):
     with pytest.raises(WorkError, match="leads out of the results directory"):
         results.create("run", "out/r", {})
     assert list((tmp_path / "outside").iterdir()) == []
-
-
-def test_manifest_is_plain_json(results, record):
-    record.append({"t": numbers(1, 2)})
-    found = json.loads((results.path / "runs" / "a" / "b" / "manifest.json").read_bytes())
-    (entry,) = found["files"]
-    content = (record.path / entry["name"]).read_bytes()
-    assert (entry["table"], entry["rows"]) == ("t", 2)
-    assert (entry["bytes"], entry["sha256"]) == (len(content), sha256(content))
-    assert (found["schema_version"], found["kind"], found["id"]) == (5, "run", "a/b")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from jbench.errors import RequestError, WorkError
-from jbench.store.files import make_directory, write_atomic
+from jbench.errors import WorkError
+from jbench.store.files import write_atomic
 from tests.store.store_rows import names
 
 OLD, NEW = b"old" * 100, b"new" * 10_000
@@ -24,21 +24,8 @@ def test_file_is_readable_by_other_users(tmp_path):
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
 
 
-def test_write_into_missing_directory_reports_file(tmp_path):
-    with pytest.raises(WorkError, match=r"missing/file can't be written \(No such file"):
-        write_atomic(tmp_path / "missing" / "file", NEW)
-
-
 def test_write_over_directory_is_refused_and_leaves_no_temporary(tmp_path):
     (tmp_path / "there").mkdir()
     with pytest.raises(WorkError, match="there can't be written"):
         write_atomic(tmp_path / "there", NEW)
     assert names(tmp_path) == {"there"}
-
-
-@pytest.mark.parametrize("below", ["", "a", "a/b"])
-def test_directory_on_or_below_file_is_refused(tmp_path, below):
-    (tmp_path / "file").write_bytes(OLD)
-    with pytest.raises(RequestError, match="is a file, or lies in one; name a directory"):
-        make_directory(tmp_path / "file" / below)
-    assert (tmp_path / "file").read_bytes() == OLD

@@ -35,11 +35,6 @@ def test_hash_is_prefix_of_sha256_of_canonical_json():
     assert settings_hash(SETTINGS) == hashlib.sha256(text).hexdigest()[:8]
 
 
-@pytest.mark.parametrize("change", [{"seed": 4}, {"noise": 0.2}, {"more": {"b": 2}}, {"new": None}])
-def test_any_change_of_settings_changes_hash(change):
-    assert settings_hash({**SETTINGS, **change}) != settings_hash(SETTINGS)
-
-
 @pytest.mark.parametrize(
     "text",
     [

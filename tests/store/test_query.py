@@ -83,15 +83,6 @@ def test_runs_join_with_their_episodes(filled):
     ]
 
 
-def test_runs_join_with_encoder_and_its_epochs(filled):
-    sql = """
-        select runs.run, encoders.latents, encoders.test_mse, sum(epochs.train_loss)
-        from runs join encoders using (encoder) join encoder_epochs epochs using (encoder)
-        group by all
-    """
-    assert fetch(filled, sql) == [("dae/s0", 12, 0.25, 1.0 + 0.5)]
-
-
 def test_variant_ignores_seed_and_steps(results):
     for id, change in (("a", {}), ("b", {"seed": 1}), ("c", {"steps": 9000}), ("d", DAE)):
         add_run(results, id, **change)

@@ -74,17 +74,6 @@ def test_damaged_run_is_set_aside_and_can_be_recreated(results):
     assert verify(results, 2).findings == []
 
 
-def test_leftover_files_are_set_aside_and_their_record_is_kept(results):
-    run = add_whole_run(results)
-    with run.lock():
-        pass
-    before = snapshot(run.path)
-    (run.path / "stray.json").write_bytes(b"left")
-    done = repaired(results)
-    assert [path.name for path, _ in done.moved] == ["stray.json"]
-    assert snapshot(run.path) == before
-
-
 def test_dry_run_reports_same_moves_and_changes_nothing(broken):
     before = snapshot(broken.path)
     would = repaired(broken, dry_run=True)

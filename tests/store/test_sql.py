@@ -1,12 +1,10 @@
 """Tests of the SQL sandbox and its output: one SELECT on the tables, no files or variables."""
 
-import io
 import json
 import subprocess
 import sys
 
 import duckdb
-import pandas as pd
 import pyarrow as pa
 import pytest
 
@@ -179,18 +177,3 @@ def test_json_of_uuid_is_its_text():
     done = subprocess.run([sys.executable, "-c", UUID], capture_output=True, check=False)
     assert done.returncode == 0
     assert json.loads(done.stdout) == [{"id": "75e6f7ab-b270-4aa0-9b11-47858b540e74"}]
-
-
-def test_csv_preserves_rows():
-    frame = pd.DataFrame(
-        {
-            "text": ['a,b "quoted"', "two\nlines", "é ;\t"],
-            "real": [0.1 + 0.2, 1e-300, -1 / 3],
-            "whole": [2**53 + 1, -1, 0],
-            "gap": pd.array([1, None, 3], "Int64"),
-        }
-    )
-    text = to_csv(frame)
-    assert text.startswith("text,real,whole,gap\n")
-    back = pd.read_csv(io.StringIO(text), dtype={"gap": "Int64"})
-    pd.testing.assert_frame_equal(back, frame)

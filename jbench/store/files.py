@@ -20,8 +20,7 @@ from jbench.errors import RequestError, WorkError
 
 _File = TypeVar("_File", bound=BinaryIO | io.BufferedReader)
 
-TEMPORARY = ".writing-"
-"""Beginning of the name of a file that is not complete."""
+_TEMPORARY = ".writing-"
 
 PLAIN = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 """Flags to open an untrusted file, which may be a symlink or a pipe; some systems lack some."""
@@ -80,7 +79,7 @@ def write_atomic(path: Path, content: bytes) -> None:
     """
     temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(prefix=TEMPORARY, dir=path.parent)
+        handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY, dir=path.parent)
         with _closing(os.fdopen(handle, "wb")) as file:
             file.write(content)
             file.flush()
@@ -169,6 +168,17 @@ def entries(directory: Path) -> list[os.DirEntry[str]]:
     while True:
         with contextlib.suppress(InterruptedError), os.scandir(directory) as iterator:
             return sorted(iterator, key=lambda entry: entry.name)
+
+
+def written(directory: Path) -> list[Path]:
+    """Returns the files that a writer of a record may have written, complete or not."""
+    suffixes = (".parquet", ".safetensors", ".json")
+    return [
+        directory / entry.name
+        for entry in entries(directory)
+        if (entry.name.startswith(_TEMPORARY) or entry.name.endswith(suffixes))
+        and not entry.is_dir(follow_symlinks=False)
+    ]
 
 
 def remove(paths: Iterable[Path]) -> None:

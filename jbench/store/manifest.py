@@ -149,10 +149,6 @@ class Manifest(BaseModel):
         except ValidationError as error:
             raise RequestError(f"The {kind} {id} can't be saved ({_reason(error)}).") from None
 
-    def changed(self, **changes: Any) -> "Manifest":
-        """Returns the manifest with other values, updated now."""
-        return self.model_copy(update={"updated": utc_now(), **changes})
-
     def to_bytes(self) -> bytes:
         """Returns the manifest as indented JSON."""
         return (self.model_dump_json(indent=1) + "\n").encode()

@@ -19,7 +19,6 @@ from jbench.store.provenance import differences, provenance, utc_now
 from jbench.wording import with_results
 
 _Read = TypeVar("_Read")
-_SUFFIXES = (".parquet", ".safetensors", ".json")
 
 
 class Record:
@@ -174,20 +173,16 @@ class Record:
     def resume(
         self, where: Mapping[str, Any], made_on: Mapping[str, str | None] | None = None
     ) -> dict[str, list[Any]]:
-        """Records in the provenance that unfinished or failed work is resumed.
-
-        Args:
-            where: progress as JSON values.
-            made_on: more provenance, as in `Results.create`.
+        """Records that unfinished or failed work is resumed, and where, as JSON values.
 
         Returns:
-            `differences` of the provenance since the start.
+            The `differences` of the provenance, to which `made_on` is added, since the start.
         """
         before = self.manifest.provenance
         changed = differences(before, {**provenance(), **(made_on or {})})
         notes = before.get("continued")
-        note = {"at": utc_now(), **where, "changed": changed}
-        continued = [*(notes if isinstance(notes, list) else []), note]
+        continued = notes if isinstance(notes, list) else []
+        continued = [*continued, {"at": utc_now(), **where, "changed": changed}]
         made = {**before, "continued": continued}
         self._update(status="unfinished", summary={}, provenance=made)
         return changed
@@ -232,15 +227,9 @@ class Record:
             files.remove(self.uncommitted())
 
     def uncommitted(self) -> list[Path]:
-        """Returns the files that an interrupted writer left; see `files.entries`."""
-        listed = {MANIFEST, *(entry.name for entry in self.manifest.files)}
-        return [
-            self.path / entry.name
-            for entry in files.entries(self.path)
-            if entry.name not in listed
-            and (entry.name.startswith(files.TEMPORARY) or entry.name.endswith(_SUFFIXES))
-            and not entry.is_dir(follow_symlinks=False)
-        ]
+        """Returns the files that an interrupted writer left; see `files.written`."""
+        committed = {MANIFEST, *(entry.name for entry in self.manifest.files)}
+        return [path for path in files.written(self.path) if path.name not in committed]
 
     def _join(self, table: str) -> FileEntry:
         parts = self.parts(table)
@@ -254,7 +243,7 @@ class Record:
         return listed.write_rows(self.path, table, len(self.parts(table)), rows)
 
     def _update(self, **changes: Any) -> None:
-        self._commit(self.manifest.changed(**changes))
+        self._commit(self.manifest.model_copy(update={"updated": utc_now(), **changes}))
 
     def _commit(self, manifest: Manifest) -> None:
         files.write_atomic(self.path / MANIFEST, manifest.to_bytes())

@@ -16,7 +16,8 @@ from jbench.report.request import Request
 from jbench.wording import are, counted, duration, progress_text, repair_hint
 
 if TYPE_CHECKING:
-    from jbench.store.follow import Change, Row
+    from jbench.store.follow import Change
+    from jbench.store.rows import Row
 
 
 def runs(
@@ -126,7 +127,7 @@ def tail(
         output.say(f"No such runs in {results}.")
 
 
-def _last(rows: list["Row"], episodes: int) -> list["Row"]:
+def _last(rows: list[tuple[str, "Row"]], episodes: int) -> list[tuple[str, "Row"]]:
     """Returns the rows of the last training episodes and those after them."""
     starts = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
     if episodes == 0:

@@ -14,12 +14,10 @@ from jbench.store.database import Folder, Results
 from jbench.store.listing import finite, make_line, matches
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
+from jbench.store.rows import Row
 
 LOOK_EVERY = 2.0
 """Seconds between two looks at the results."""
-
-Row = tuple[str, dict[str, Any]]
-"""The name of a table and a row of it."""
 
 
 class Change(NamedTuple):
@@ -29,13 +27,14 @@ class Change(NamedTuple):
         is_new: whether the run is seen for the first time or has started over. Rows of it that
             were yielded before are then void.
         status_changed: whether its status is another one than before, or it is new.
-        rows: new ones in the order of control steps; numbers that are not finite are None.
+        rows: new ones, each with its table, in the order of control steps; numbers that are not
+            finite are None.
     """
 
     record: Record
     is_new: bool
     status_changed: bool
-    rows: list[Row]
+    rows: list[tuple[str, Row]]
 
 
 class Follower:
@@ -95,11 +94,11 @@ class Follower:
         return change
 
 
-def grouped(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+def grouped(rows: Sequence[tuple[str, Row]]) -> Iterator[tuple[str, list[Row]]]:
     """Yields the table and the rows of an episode (one), an evaluation, or a step's metrics."""
     number = {"episodes": "episode", "evaluations": "evaluation", "metrics": "control_steps"}
 
-    def key(row: Row) -> tuple[str, int]:
+    def key(row: tuple[str, Row]) -> tuple[str, int]:
         return row[0], row[1][number[row[0]]]
 
     for (table, _), group in groupby(rows, key):
@@ -120,9 +119,9 @@ def _starts_over(record: Record, seen: Record) -> bool:
     return has_fewer or record.manifest.created != seen.manifest.created
 
 
-def _rows_after(record: Record, before: Record | None) -> list[Row]:
+def _rows_after(record: Record, before: Record | None) -> list[tuple[str, Row]]:
     """Returns the rows that a run did not have before; reads only the files that have them."""
-    rows: list[Row] = []
+    rows: list[tuple[str, Row]] = []
     for table, columns in schema.LOG_TABLES.items():
         known, first = 0 if before is None else before.rows(table), 0
         parts = [columns.empty_table()]

@@ -23,7 +23,7 @@ Not every kind of encoder minimizes a squared error. Columns that later versions
 
 
 def write(directory: Path, name: str, content: bytes, **about: Any) -> FileEntry:
-    """Writes a file atomically; returns its entry for the manifest, with what else is known."""
+    """Writes a file; returns its entry for the manifest, with what else is known about it."""
     files.write_atomic(directory / name, content)
     return FileEntry(name=name, bytes=len(content), sha256=files.sha256(content), **about)
 
@@ -43,10 +43,7 @@ def write_checkpoint(directory: Path, role: str, content: bytes) -> FileEntry:
 
 
 def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
-    """Returns the content of a file.
-
-    Args:
-        advice: what to do if it is damaged, as a clause.
+    """Returns the content of a file; `advice` is a clause for one that is damaged.
 
     Raises:
         DamagedError: if it is missing or not what the manifest lists.

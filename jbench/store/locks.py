@@ -14,15 +14,13 @@ from portalocker import LockFlags
 from jbench.errors import WorkError
 from jbench.store import files
 
-LOCK = "lock"
-"""Name of the lock file."""
+LOCK = "lock"  # name of the lock file
 
 
 class HeldError(WorkError):
-    """Another process holds the lock."""
+    """Another process holds the lock of a record, such as `the run ID`."""
 
     def __init__(self, whose: str) -> None:
-        """Makes the error of a locked record, such as `the run ID`."""
         super().__init__(f"Another process is writing {whose}; wait for it or stop it.")
 
 
@@ -72,11 +70,7 @@ def is_shared(directory: Path) -> bool:
 
 
 def _refuses(directory: Path, access: int, kind: LockFlags) -> bool:
-    """Returns whether a lock of a directory can't be acquired.
-
-    Args:
-        access: mode in which to open the file; some file systems require write access.
-    """
+    """Returns whether a lock can't be acquired; for some, systems require write access."""
     try:
         handle = os.open(directory / LOCK, access | files.PLAIN)
     except OSError:

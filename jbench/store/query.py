@@ -118,11 +118,9 @@ def run_sql(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
 
 
 def _select(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
-    """Runs one SELECT, which Ctrl-C interrupts.
-
-    DuckDB handles Ctrl-C only at some points and turns it into its own errors. It therefore runs in
-    another thread, and this one receives Ctrl-C.
-    """
+    """Runs one SELECT, which Ctrl-C interrupts."""
+    # DuckDB handles Ctrl-C only at some points and turns it into its own errors. It therefore runs
+    # in another thread, and this one receives Ctrl-C.
     connection = duckdb.connect(":memory:", config={"python_enable_replacements": False})
     try:
         with ThreadPoolExecutor(1) as thread:
@@ -143,9 +141,8 @@ def _answer(
 ) -> pd.DataFrame:
     for name, rows in tables.items():
         connection.register(name, rows)
-    # Do not spill to files in the working directory.
+    # No spilling to files in the working directory; no files, network and extensions, permanently.
     connection.execute("SET temp_directory = ''")
-    # Disable files, network and extensions permanently.
     connection.execute("SET enable_external_access = false")
     connection.execute("SET lock_configuration = true")
     statements = connection.extract_statements(sql)
@@ -157,14 +154,10 @@ def _answer(
 
 
 def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
-    """Returns the rows with integers and dates that DuckDB turned into floats and times.
-
-    Args:
-        types: SQL types of the columns. A sum of integers is a HUGEINT; numbers of 2^53 or more
-            remain floats, which are not exact.
-    """
+    """Returns the rows with integers and dates that DuckDB turned into floats and times."""
     for i, type in enumerate(types):
         column = frame.iloc[:, i]
+        # A sum of integers; from 2^53 on, floats are not exact and stay floats.
         if type == "HUGEINT" and (column.isna() | (column.abs() < 2**53)).all():
             frame.isetitem(i, column.astype("Int64").array)
         elif type == "DATE":

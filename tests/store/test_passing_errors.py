@@ -121,17 +121,6 @@ def test_unreadable_results_directory_is_reported(results, monkeypatch):
         Results(results.path)
 
 
-def test_repeated_command_removes_leftover_of_finished_record(results):
-    command = ["evaluate", "--episodes", "1", "--threads", "1", "--results", str(results.path)]
-    assert main(command) == 0
-    (record,) = results.scan("evaluation")[0]
-    left = record.path / ".writing-abc"
-    left.write_bytes(b"left")
-    assert main(command) == 0
-    assert not left.exists()
-    assert verify(results, 1).findings == []
-
-
 def test_planning_removes_leftover_of_finished_run(results):
     settings = RunSettings(
         task="face_direction",

@@ -70,19 +70,6 @@ def test_settings_and_provenance_are_queryable_json(filled):
     assert json.loads(provenance)["packages"].keys() >= {"mujoco", "torch"}
 
 
-def test_runs_join_with_their_episodes(filled):
-    sql = """
-        select representation, seed, count(*), avg(episode_return), max(control_steps)
-        from runs join episodes using (run) group by all order by all
-    """
-    # (1 + 3) / 2, (10 + 20 + 60) / 3, 100
-    assert fetch(filled, sql) == [
-        ("dae12", 0, 2, 2, 2000),
-        ("full", 0, 3, 30, 3000),
-        ("full", 1, 1, 100, 1000),
-    ]
-
-
 def test_variant_ignores_seed_and_steps(results):
     for id, change in (("a", {}), ("b", {"seed": 1}), ("c", {"steps": 9000}), ("d", DAE)):
         add_run(results, id, **change)

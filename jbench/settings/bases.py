@@ -30,20 +30,6 @@ SCRIPT: dict[str, dict[str, Any]] = {
 }
 """Settings of the authors' script that differ from those of `jbench.settings.algorithms`."""
 
-_SB3: dict[str, dict[str, Any]] = {
-    "ddpg": {
-        "learning_starts": 100,
-        "uniform_warmup": True,
-        "train_freq": 1,
-        "gradient_steps": 1,
-        "tau": 0.005,
-    },
-    "ppo": {"batch_size": 256, "n_epochs": 10, "clip_range_vf": None},  # the batch is Table 1's
-    "sac": {"target_entropy": "auto"},
-    "td3": {},
-}
-"""Defaults of stable-baselines3 2.9 that differ and are not in Table 1."""
-
 _OFF_POLICY = {
     "hidden_layers": [256, 256],
     "batch_size": 256,
@@ -54,31 +40,47 @@ _OFF_POLICY = {
     "tau": 0.005,
     "noise_mean": 0.0,
 }
-_SUITE: dict[str, dict[str, Any]] = {
-    "ddpg": {**_OFF_POLICY, "learning_rate": 1e-3, "action_noise": "normal", "noise_sigma": 0.1},
-    "ppo": {
-        "hidden_layers": [64, 64],
-        "learning_rate": 3e-4,
-        "batch_size": 64,
-        "n_epochs": 10,
-        "clip_range_vf": None,
-        "ent_coef": 0.0,
-    },
-    "sac": {
-        **_OFF_POLICY,
-        "learning_rate": 3e-4,
-        "action_noise": "none",
-        "target_entropy": "auto",  # minus the number of actions
-    },
-    "td3": {**_OFF_POLICY, "learning_rate": 1e-3, "noise_sigma": 0.1},
-}
-"""Settings for other robots that differ: those of stable-baselines3, but off policy with two layers
-of 256 units and 1,000 random steps."""
 
 CHANGES: dict[Base, dict[str, dict[str, Any]]] = {
     "published": {},
     "script": SCRIPT,
-    "sb3": _SB3,
-    "suite": _SUITE,
+    # Defaults of stable-baselines3 2.9 that differ and are not in Table 1.
+    "sb3": {
+        "ddpg": {
+            "learning_starts": 100,
+            "uniform_warmup": True,
+            "train_freq": 1,
+            "gradient_steps": 1,
+            "tau": 0.005,
+        },
+        "ppo": {"batch_size": 256, "n_epochs": 10, "clip_range_vf": None},  # the batch is Table 1's
+        "sac": {"target_entropy": "auto"},
+        "td3": {},
+    },
+    # Other robots: stable-baselines3's defaults, but off policy with two layers of 256 units and
+    # 1,000 random steps.
+    "suite": {
+        "ddpg": {
+            **_OFF_POLICY,
+            "learning_rate": 1e-3,
+            "action_noise": "normal",
+            "noise_sigma": 0.1,
+        },
+        "ppo": {
+            "hidden_layers": [64, 64],
+            "learning_rate": 3e-4,
+            "batch_size": 64,
+            "n_epochs": 10,
+            "clip_range_vf": None,
+            "ent_coef": 0.0,
+        },
+        "sac": {
+            **_OFF_POLICY,
+            "learning_rate": 3e-4,
+            "action_noise": "none",
+            "target_entropy": "auto",  # minus the number of actions
+        },
+        "td3": {**_OFF_POLICY, "learning_rate": 1e-3, "noise_sigma": 0.1},
+    },
 }
 """Settings by source and algorithm that differ."""

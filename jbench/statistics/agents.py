@@ -6,11 +6,9 @@ episodes of an agent (a one-way random-effects model; S. R. Searle, G. Casella, 
 *Variance Components*, 1992, chapter 3). All deviations are in points of return.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import fdtri, nctdtrinc, stdtrit
 
 from jbench.statistics import FloatArray
@@ -62,21 +60,6 @@ class Components(NamedTuple):
     low: float = np.nan
     high: float = np.nan
     episode_deviation: float = np.nan
-
-
-def agents_from(returns: Iterable[ArrayLike]) -> Agents:
-    """Returns the mean returns of agents from those of their episodes.
-
-    Args:
-        returns: per agent, the returns (episodes,) of one evaluation; NaN for no episode, so that
-            an array (agents, episodes) will do. An agent without episodes is left out.
-    """
-    rows = [np.asarray(row, np.float64) for row in returns]
-    rows = [row[np.isfinite(row)] for row in rows]
-    rows = [row for row in rows if len(row)]
-    variances = [row.var(ddof=1) / len(row) if len(row) > 1 else np.nan for row in rows]
-    means = np.array([row.mean() for row in rows])
-    return Agents(means, np.array(variances), np.array([len(row) for row in rows], np.float64))
 
 
 def components(agents: Agents, confidence: float = 0.95) -> Components:

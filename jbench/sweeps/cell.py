@@ -4,7 +4,7 @@ A run's id depends only on the file of the matrix: `dae12` is the encoder with t
 and options, even if the results contain newer ones, so the same matrix always gives the same runs.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -48,6 +48,12 @@ class Cell(NamedTuple):
 def all_runs(cells: Sequence[Cell]) -> Iterator[RunSettings]:
     """Yields the runs of all cells once."""
     yield from {run.id: run for cell in cells for run in cell.runs}.values()
+
+
+def with_runs(cells: Iterable[Cell], ids: Collection[str]) -> list[Cell]:
+    """Returns the cells that have some of these runs, each with no others."""
+    chosen = (cell._replace(runs=[run for run in cell.runs if run.id in ids]) for cell in cells)
+    return [cell for cell in chosen if cell.runs]
 
 
 def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:

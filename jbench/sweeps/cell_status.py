@@ -12,7 +12,7 @@ from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Record, Results
 from jbench.store.provenance import processor
-from jbench.sweeps.cell import Cell
+from jbench.sweeps.cell import Cell, with_runs
 from jbench.sweeps.executors import batches
 from jbench.training.memory import memory_sentence
 from jbench.training.status import run_status
@@ -57,6 +57,7 @@ def cell_statuses(
     measured, quickly = _measured(results, device), dict[str, float | None]()
     all_statuses = []
     for cell in cells:
+        processes = min(jobs, len(cell.runs))  # that share the seeds
         statuses = [run_status(run, results) for run in cell.runs]
         states = [status.state for status in statuses]
         left = sum(status.steps_left for status in statuses)
@@ -75,7 +76,7 @@ def cell_statuses(
                 failed=states.count("failed"),
                 missing=states.count("missing"),
                 steps_left=left,
-                seconds_left=None if seconds is None else left * seconds / _at_once(cell, jobs),
+                seconds_left=None if seconds is None else left * seconds / processes,
                 estimate="" if not left else "unknown" if seconds is None else source,
                 evaluating=_evaluating(cell.runs[0], seconds) if left and seconds else 0.0,
             )
@@ -89,7 +90,7 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
     for status in statuses:
         if status.seconds_left is None:
             return None
-        work += status.seconds_left * _at_once(status.cell, jobs)
+        work += status.seconds_left * min(jobs, len(status.cell.runs))
     return work / jobs
 
 
@@ -99,9 +100,7 @@ def forecasts(
     """Yields sentences on the memory and time that runs of cells need on this machine, if known."""
     waiting = batches(runs, jobs, device)
     jobs = min(jobs, len(waiting))
-    ids = {run.id for run in runs}
-    left = [cell._replace(runs=[run for run in cell.runs if run.id in ids]) for cell in cells]
-    statuses = cell_statuses([cell for cell in left if cell.runs], results, jobs, device)
+    statuses = cell_statuses(with_runs(cells, {run.id for run in runs}), results, jobs, device)
     memory = memory_sentence([run for batch in waiting[:jobs] for run in batch], device)
     yield from filter(None, (memory, forecast(statuses, jobs)))
 
@@ -130,11 +129,6 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
         f"{counted(jobs, 'process', 'processes')} at a time: about "
         f"{duration(seconds)}.{less}"
     )
-
-
-def _at_once(cell: Cell, jobs: int) -> int:
-    """Returns the number of processes that share the seeds of a cell."""
-    return min(jobs, len(cell.runs))
 
 
 def _evaluating(run: RunSettings, seconds: float) -> float:

@@ -16,7 +16,7 @@ from jbench.settings.run import RunSettings
 from jbench.statistics import FloatArray, sequential
 from jbench.statistics.step_down import Decision, decide
 from jbench.store import Record, Results
-from jbench.sweeps.cell import Cell
+from jbench.sweeps.cell import Cell, with_runs
 from jbench.sweeps.comparisons import MatrixComparison
 from jbench.sweeps.matrix import Claim
 from jbench.training.status import run_status
@@ -133,8 +133,4 @@ def next_cells(outcomes: Sequence[ComparisonOutcome], tried: Container[str]) -> 
         for outcome in going_on
         for cell in (outcome.comparison.theirs, outcome.comparison.ours)
     }
-    return [
-        cell._replace(runs=runs)
-        for cell in cells.values()
-        if (runs := [run for run in cell.runs if run.id in needed])
-    ]
+    return with_runs(cells.values(), needed)

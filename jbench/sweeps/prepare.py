@@ -28,11 +28,11 @@ def missing_encoders(
 ) -> list[tuple[DatasetSettings, list[EncoderSettings]]]:
     """Returns each dataset with those of its encoders that are not finished, if there are any."""
     datasets = {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
-    missing: dict[str, dict[str, EncoderSettings]] = {id: {} for id in datasets}
-    for encoder in (encoder for cell in cells for encoder in cell.encoders):
+    missing: dict[str, list[EncoderSettings]] = {id: [] for id in datasets}
+    for encoder in {encoder.id: encoder for cell in cells for encoder in cell.encoders}.values():
         if not is_finished(results, "encoder", encoder.id):
-            missing[encoder.dataset][encoder.id] = encoder
-    return [(datasets[id], list(encoders.values())) for id, encoders in missing.items() if encoders]
+            missing[encoder.dataset].append(encoder)
+    return [(datasets[id], encoders) for id, encoders in missing.items() if encoders]
 
 
 def is_finished(results: Results, kind: Kind, id: str) -> bool:

@@ -122,7 +122,7 @@ class _Scheduler:
         wait: bool,
     ) -> None:
         self._results, self._executor, self._pool = results, executor, pool
-        self._report, self._retry, self._wait = report, set(retry), wait
+        self._report, self._retry, self._wait = report, retry, wait
         self._tasks: set[Future[list[RunSettings]]] = set()
         self._elsewhere: set[str] = set()
         self._events: queue.SimpleQueue[Event | Future[list[RunSettings]]] = queue.SimpleQueue()
@@ -146,7 +146,7 @@ class _Scheduler:
 
     def _train_batch(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
         """Trains runs that need it, in a thread; returns those whose process died."""
-        left, held = {run.id: run for run in batch}, []
+        left, held = dict[str, RunSettings](), []
         for run in batch:
             status = run_status(run, self._results)
             if status.state == "failed" and run.id not in self._retry:
@@ -156,14 +156,13 @@ class _Scheduler:
             elif is_being_trained(run, self._results):
                 held.append(run)
             else:
-                continue
-            del left[run.id]
+                left[run.id] = run
         if held:
             if self._elsewhere.issuperset(run.id for run in held):
                 time.sleep(_LOOK_EVERY)  # another look at them
             self._events.put(Event("held", runs=held))
-        if runs := list(left.values()):
-            self._retry -= left.keys()  # a run is retried once
+        if left:
+            runs = list(left.values())
             self._events.put(Event("started", runs=runs))
             for event in self._executor.train(runs):
                 run = left.pop(event.run) if event.is_last else left[event.run]
@@ -195,8 +194,6 @@ class _Scheduler:
                 self._fail(Event("failed", run.id, reason))
         again = [run for run in runs if self._deaths[run.id] < _MAX_DEATHS]
         if again:
-            # A run that failed before may have died before it was started again.
-            self._retry |= {run.id for run in again}
             # At last each is alone, so that a run that kills its process fails no other run.
             alone = len(again) > 1 and max(self._deaths[run.id] for run in again) == _MAX_DEATHS - 1
             self._submit([[run] for run in again] if alone else [again])

@@ -63,16 +63,6 @@ def test_minari_loads_observations_and_rewards_of_task(task, dataset, root):
     assert done.path == root / done.id
 
 
-def test_minari_lists_exports_of_several_tasks(dataset, root):
-    ids = [export_minari(dataset, task, root).id for task in TASKS[:2]]
-    assert list(minari.list_local_datasets()) == sorted(ids)
-    # No temporary file is left.
-    assert {path.name for path in root.rglob("*") if path.is_file()} == {
-        "metadata.json",
-        "main_data.hdf5",
-    }
-
-
 def test_recovered_environment_has_augmented_robot(tmp_path, root):
     record = collect(DatasetSettings(steps=1000, augment=11), Results(tmp_path / "results"), 1)
     export_minari(Dataset(record), "face_direction", root)
@@ -128,13 +118,6 @@ def test_existing_export_is_not_overwritten(dataset, root):
         export_minari(dataset, "face_direction", root)
     assert files(root) == before
     assert not leftover.exists()
-
-
-def test_export_into_file_is_refused(dataset, tmp_path):
-    (tmp_path / "mine").write_text("mine")
-    with pytest.raises(RequestError, match="is a file, or lies in one"):
-        export_minari(dataset, "face_direction", tmp_path / "mine")
-    assert (tmp_path / "mine").read_text() == "mine"
 
 
 def test_export_of_damaged_dataset_leaves_no_files(copied, root):

@@ -6,7 +6,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.settings.alike import variant
-from jbench.store import encoder_schema, query, schema
+from jbench.store import query, schema
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed
 
 ENCODER = "face_direction/dae12/s00-0000abcd"
@@ -18,26 +18,12 @@ def fetch(results, sql):
     return [tuple(row) for row in query.run_sql(sql, query.load(results).tables).to_numpy()]
 
 
-def add_encoder(results, id=ENCODER, test_mse=(0.5, 0.25)):
-    """An encoder with these test errors after its epochs."""
-    settings = {"kind": "dae", "task": "face_direction", "latents": 12, "seed": 0, "dataset": "d"}
-    record = results.create("encoder", id, settings)
-    rows = [
-        {"encoder": id, "epoch": epoch, "train_loss": 2 * mse, "test_mse": mse, "wall_time": 1.0}
-        for epoch, mse in enumerate(test_mse, 1)
-    ]
-    record.append({"encoder_epochs": pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)})
-    record.finish({"test_mse": test_mse[-1], "wall_time": 9.0})
-    return record
-
-
 @pytest.fixture
 def filled(results):
-    """Two seeds with full observations, one seed with an encoder, and the encoder."""
+    """Two seeds with full observations, and one seed with an encoder."""
     add_run(results, "full/s0", [10.0, 20.0, 60.0]).finish({"wall_time": 7.5})
     add_run(results, "full/s1", [100.0], seed=1)
     add_run(results, "dae/s0", [1.0, 3.0], **DAE).fail("killed")
-    add_encoder(results)
     return results
 
 

@@ -7,6 +7,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import nn
 
 from jbench.agents import sb3
+from jbench.agents.batched.learner import LOSS_SUMS
 from jbench.agents.batched.make import LEARNERS
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
@@ -15,6 +16,9 @@ from jbench.settings.algorithms import algorithm_settings
 
 SIZE = 16  # of an observation of face_direction
 TRANSITIONS = 500
+# Bound of the difference of parameters after 1, 10 and 100 updates with a learning rate of 1e-3.
+# Parameters are of the order of 0.1, so 1e-6 is a few times the rounding of float32.
+PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
 
 
 def build_settings(algo, **overrides):
@@ -121,6 +125,12 @@ def copy_initial_parameters(algo, agent, learner):
     mine = ours(algo, learner)
     for name, value in theirs(algo, agent).items():
         mine[name].copy_(value)
+
+
+def mean_losses(learner, tensors):
+    """The mean of each recorded loss."""
+    sums, counts = tensors.saved[LOSS_SUMS][0].unbind(dim=-1)
+    return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
 
 
 def largest_difference(mine, their):

@@ -59,16 +59,14 @@ class PlainFeatures(nn.Module):
         return (predicted - self.standardized(batch.next_observations)).square().mean()
 
     def learn(self, batch):
-        """Makes one update; returns the gradients by the linear layers' parameters."""
+        """Makes one update; returns the loss before it."""
         if len(self.first) < self.settings.standardize_updates:
             self.first.append(batch.observations.clone())
         self.adam.zero_grad()
-        self.loss(batch).backward()
-        gradients = [
-            (one.weight.grad.clone(), one.bias.grad.clone()) for one in self.linear_layers()
-        ]
+        loss = self.loss(batch)
+        loss.backward()
         self.adam.step()
-        return gradients
+        return float(loss.detach())
 
     def _dense_pairs(self, pairs):
         if self.appended:
@@ -119,5 +117,6 @@ class PlainDDPGOnFeatures(PlainDDPG):
         )
 
     def update(self, batch):
-        self.features.learn(batch)
+        loss = self.features.learn(batch)
         super().update(batch)
+        return loss

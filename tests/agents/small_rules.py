@@ -8,7 +8,6 @@ from torch import nn
 
 from benchmarks.rules import TD3, mlp
 from jbench.agents.batched.autograd import AutogradLearner
-from jbench.agents.batched.learner import LOSS_SUMS
 from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
 from tests.agents.batched_oracle import SIZE
@@ -18,7 +17,6 @@ from tests.documentation import code_of
 SMALL = {"hidden_layers": (24, 20), "batch_size": 16, "learning_rate": 1e-3, "buffer_size": 50}
 SCHEDULE = {"train_freq": 10, "gradient_steps": 5, "learning_starts": 20}
 TD3_SETTINGS = TD3.Settings(**SMALL, **SCHEDULE)
-PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
 
 
 def documented_rule():
@@ -82,11 +80,6 @@ def batches(learner, count, dtype=torch.float64, seeds=()):
         width = SIZE + learner.action_size + 1
         widths = (width, width, 1, learner.noise_per_transition)
         yield [torch.randn(*seeds, 32, width, generator=random, dtype=dtype) for width in widths]
-
-
-def mean_losses(learner, tensors):
-    sums, counts = tensors.saved[LOSS_SUMS][0].unbind(dim=-1)
-    return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
 
 
 def build_engine(rule, settings, seeds, **options):

@@ -74,8 +74,7 @@ def test_diverged_seed_does_not_affect_others(algo, stacked, capfd):
 )
 def test_divergence_is_detected_at_next_step_or_update(algo, network, what):
     with build_engine(algo, SEEDS) as engine:
-        for _ in engine.learn(60):
-            pass
+        list(engine.learn(60))
         steps, updates = engine.control_steps, engine.updates
         poison(engine, network)
         if what == "actions":
@@ -120,8 +119,7 @@ def test_diverged_features_are_detected_and_do_not_affect_others(stacked):
 def test_temperature_of_zero_is_not_divergence():
     # The logarithm, which is saved, is -inf.
     with build_engine("sac", SEEDS, changes={"ent_coef": 0.0}) as engine:
-        for _ in engine.learn(60):
-            pass
+        list(engine.learn(60))
         engine.check_weights()
         assert engine.updates > 0
         assert engine.diverged == {}

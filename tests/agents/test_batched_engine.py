@@ -210,8 +210,7 @@ def test_engine_is_freed_with_last_reference(algo, stacked):
     gc.disable()
     try:
         with build_engine(algo, [0, 1], stacked=stacked) as engine:
-            for _ in engine.learn(STEPS):
-                pass
+            list(engine.learn(STEPS))
             updates = engine._group_updates
             parts = [engine, engine.tensors, *updates]
             references = [weakref.ref(part) for part in parts]
@@ -225,8 +224,7 @@ def test_restoring_seeds_with_different_step_counts_is_refused():
     states = []
     with build_engine("ppo", [0]) as engine:
         for steps in (30, 60):
-            for _ in engine.learn(steps):
-                pass
+            list(engine.learn(steps))
             states.append(engine.state(0))
     with (
         build_engine("ppo", [0, 1]) as engine,
@@ -270,8 +268,7 @@ def test_environments_equal_gymnasium_environment(augment):
 
 def test_robot_can_differ_per_episode():
     with build_engine("ddpg", [0, 1], augment=lambda episode: min(episode + 1, 2)) as engine:
-        for _ in engine.learn(LENGTH):
-            pass
+        list(engine.learn(LENGTH))
         actions = np.full((2, 1, 1), 0.7)
         state = [round_trip(engine.state(index)) for index in range(2)]
         engine.environments.step(actions)
@@ -294,8 +291,7 @@ def test_robot_can_differ_per_episode():
 def test_loaded_policy_equals_agent_bit_for_bit(algo, ofe):
     observations = np.random.default_rng(0).normal(size=(1, 10, 16)).astype(np.float32)
     with build_engine(algo, [0], ofe=ofe) as engine, build_engine(algo, [9], ofe=ofe) as other:
-        for _ in engine.learn(60):
-            pass
+        list(engine.learn(60))
         before = other.act(observations)
         other.load_policy(0, engine.policy(0), 60)
         assert not np.array_equal(other.act(observations), before)
@@ -307,7 +303,7 @@ def test_loaded_policy_equals_agent_bit_for_bit(algo, ofe):
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
-@pytest.mark.parametrize(("steps", "starts"), [(65, 0), slow(100, 60), (60, 59)])
+@pytest.mark.parametrize(("steps", "starts"), [(65, 0), (60, 60), (60, 59)])
 def test_update_counts_equal_stable_baselines3(algo, steps, starts):
     changes = {"learning_starts": starts, "hidden_layers": [4]}
     settings = build_settings(algo, **changes)
@@ -315,20 +311,8 @@ def test_update_counts_equal_stable_baselines3(algo, steps, starts):
     agent = sb3.build(algo, settings, env, 0)
     agent.learn(steps, log_interval=None)
     with build_engine(algo, [0], changes=changes) as engine:
-        for _ in engine.learn(steps):
-            pass
+        list(engine.learn(steps))
     assert (engine.updates, engine.control_steps) == (agent._n_updates, agent.num_timesteps)
-
-
-def test_script_td3_first_updates_at_learning_starts():
-    updates = {}
-    for starts in (24, 23):
-        # 6 updates after every 12 control steps.
-        with build_engine("td3", [0], changes={"learning_starts": starts}) as engine:
-            for _ in engine.learn(24):
-                pass
-            updates[starts] = engine.updates
-    assert updates == {24: 0, 23: 6}
 
 
 @pytest.mark.parametrize(
@@ -343,8 +327,7 @@ def test_script_td3_first_updates_at_learning_starts():
 )
 def test_ratio_of_updates_is_independent_of_environments(environments, changes, updates):
     with build_engine("ddpg", [0], environments=environments, changes=changes) as engine:
-        for _ in engine.learn(120):
-            pass
+        list(engine.learn(120))
         assert (engine.control_steps, engine.updates) == (120, updates)
 
 
@@ -434,8 +417,7 @@ def test_ppo_bootstraps_at_time_limit_unless_terminal():
 )
 def test_extracted_policies_equal_agents(algo, options):
     with build_engine(algo, [0, 1, 2], **options) as engine:
-        for _ in engine.learn(40):
-            pass
+        list(engine.learn(40))
         assert_policies_equal_agents(engine)
 
 
@@ -457,12 +439,9 @@ def test_actions_are_of_latest_policy():
         assert float(actions[step]) == pytest.approx(float(expected[0]), abs=1e-6)
 
 
-def test_invalid_option_is_refused_with_alternatives():
-    for option, sentence in (
-        ({"precision": "tf32"}, "Only a GPU has the precision tf32; type float32 or bfloat16."),
-    ):
-        with pytest.raises(RequestError, match=sentence):
-            build_engine("ddpg", [0], **option)
+def test_precision_of_gpu_is_refused_on_cpu():
+    with pytest.raises(RequestError, match="Only a GPU has the precision tf32; type float32 or b"):
+        build_engine("ddpg", [0], precision="tf32")
 
 
 def test_out_of_memory_error_names_option(monkeypatch):

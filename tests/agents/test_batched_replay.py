@@ -102,16 +102,6 @@ def test_every_transition_is_equally_likely():
     assert abs(counts - 1000).max() < 4 * 31
 
 
-def test_rows_are_sampled_only_after_flush():
-    buffer = buffer_of()
-    past = History(buffer)
-    past.steps(5)
-    past.step()
-    assert len(set(sampled(buffer, 0))) == 5
-    buffer.flush()
-    assert set(sampled(buffer, 0)) == expected(past, 0, 20)
-
-
 @pytest.mark.parametrize("steps", [0, 3, 7, 10, 20, 40, 41, 43])
 def test_buffer_is_restored_from_appended_rows(steps):
     buffer = buffer_of(2, capacity=40)

@@ -5,18 +5,19 @@ import pytest
 import torch
 
 from jbench.agents import sb3
-from jbench.agents.batched.learner import LOSS_SUMS
 from jbench.agents.batched.on_policy import estimate
 from jbench.agents.batched.ppo import split_minibatch
 from jbench.agents.batched.replay import Batch
 from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import (
+    PRECISION,
     SIZE,
     build_settings,
     copy_initial_parameters,
     fill,
     largest_difference,
     learners_of,
+    mean_losses,
     next_batch,
     oracle_of,
     ours,
@@ -25,17 +26,8 @@ from tests.agents.batched_oracle import (
 )
 from tests.agents.test_batched_engine import slow
 
-# Bound of the difference of parameters after 1, 10 and 100 updates with a learning rate of 1e-3.
-# Parameters are of the order of 0.1, so 1e-6 is a few times the rounding of float32.
-PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
 OFF_POLICY = ("ddpg", "td3", "sac")
 PRECISIONS = pytest.mark.parametrize("dtype", PRECISION, ids=str)
-
-
-def mean_losses(learner, tensors):
-    """The mean of each recorded loss."""
-    sums, counts = tensors.saved[LOSS_SUMS][0].unbind(dim=-1)
-    return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
 
 
 def update_both(agent, learner, tensors, settings, updates):

@@ -114,8 +114,7 @@ class AllMotors(RandomAgent):
 
 def test_agent_of_another_package_moves_all_motors():
     with plugin_engine(AllMotors, TASK) as whole:
-        for _ in whole.learn(40):
-            pass
+        list(whole.learn(40))
         state = whole.state(0)
         returns = [each.tolist() for each in whole.learn(80) if each is not None]
         assert whole._agent.transitions[-1].actions.shape == (2, ACTIONS)

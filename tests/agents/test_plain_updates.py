@@ -22,6 +22,14 @@ UPDATES = 50
 ACTIONS = pytest.mark.parametrize("actions", [1, 6, 21])
 
 
+PLAIN = {
+    "ddpg": (PlainDDPG, ["actor", "critic", "actor_target", "critic_target"]),
+    "td3": (PlainTD3, ["actor", "critics", "actor_target", "critic_targets"]),
+    "sac": (PlainSAC, ["actor", "critics", "critic_targets"]),
+}
+"""The plain version of each off-policy rule, and its networks."""
+
+
 def linear_layers(network):
     return [module for module in network.modules() if isinstance(module, nn.Linear)]
 
@@ -37,17 +45,13 @@ def ppo_layers(learner, plain):
     yield Affine(last.weight[:, -1:], last.bias[-1:]), plain.value
 
 
-def layers_of(learner, plain, names):
+def layers_of(algo, learner, plain):
     """Pairs of layers of the learner's networks and of the plain version."""
-    for name in names:
+    for name in PLAIN[algo][1]:
         network = getattr(learner, name)
         networks = network.networks if isinstance(network, Twins) else [network]
         layers = [layer for network in networks for layer in network.layers]
         yield from zip(layers, linear_layers(getattr(plain, name)), strict=True)
-
-
-def ddpg_layers(learner, plain):
-    return layers_of(learner, plain, ["actor", "critic", "actor_target", "critic_target"])
 
 
 def copy_parameters(layers):
@@ -86,22 +90,6 @@ PPO_CHANGES = {
 }
 
 
-@ACTIONS
-@pytest.mark.parametrize("changes", PPO_CHANGES.values(), ids=PPO_CHANGES)
-def test_ppo_updates_equal_autograd(changes, actions):
-    settings = build_settings("ppo", **changes)
-    _, (learner,), _ = learners_of("ppo", settings, torch.float64, action_size=actions)
-    learner.initialize(torch.Generator().manual_seed(1))
-    plain, random = PlainPPO(settings, SIZE, actions), torch.Generator().manual_seed(2)
-    copy_parameters(ppo_layers(learner, plain))
-    for _ in range(UPDATES):
-        batch = minibatch(learner, random)
-        learner.update(batch)
-        plain.update(batch)
-    assert_equal_parameters(ppo_layers(learner, plain))
-    torch.testing.assert_close(learner.log_sigma, plain.log_sigma.data, rtol=0, atol=1e-10)
-
-
 DDPG_CHANGES = {
     "published": {},
     "action_layer": {"action_layer": 1},
@@ -120,56 +108,44 @@ def transitions(random, actions=1, noise=0):
     return Batch(normal(width), normal(width), 0.99 + 0 * normal(1), normal(noise), actions)
 
 
-@ACTIONS
-@pytest.mark.parametrize("changes", DDPG_CHANGES.values(), ids=DDPG_CHANGES)
-def test_ddpg_updates_equal_autograd(changes, actions):
+CASES = {
+    **{f"ppo {name}": ("ppo", changes) for name, changes in PPO_CHANGES.items()},
     # With a large tau, the targets influence the updates early.
-    settings = build_settings("ddpg", tau=0.1, **changes)
-    _, (learner,), _ = learners_of("ddpg", settings, torch.float64, action_size=actions)
-    learner.initialize(torch.Generator().manual_seed(1))
-    plain, random = PlainDDPG(settings, SIZE, actions), torch.Generator().manual_seed(2)
-    copy_parameters(ddpg_layers(learner, plain))
-    for _ in range(UPDATES):
-        batch = transitions(random, actions)
-        # An update overwrites the actions of its batch.
-        plain.update(batch)
-        learner.update(batch)
-    assert_equal_parameters(ddpg_layers(learner, plain))
-
-
-@ACTIONS
-def test_td3_updates_equal_autograd(actions):
-    settings = build_settings("td3", tau=0.1)
-    _, (learner,), _ = learners_of("td3", settings, torch.float64, action_size=actions)
-    learner.initialize(torch.Generator().manual_seed(1))
-    plain, random = PlainTD3(settings, SIZE, actions), torch.Generator().manual_seed(2)
-    names = ["actor", "critics", "actor_target", "critic_targets"]
-    copy_parameters(layers_of(learner, plain, names))
-    for number in range(1, UPDATES + 1):
-        batch = transitions(random, actions, learner.noise_per_transition)
-        delayed = number % settings.policy_delay == 0
-        plain.update(batch, delayed)
-        learner.update(batch, delayed)
-    assert_equal_parameters(layers_of(learner, plain, names))
-
-
-@ACTIONS
-def test_sac_updates_equal_autograd(actions):
+    **{f"ddpg {name}": ("ddpg", {"tau": 0.1, **c}) for name, c in DDPG_CHANGES.items()},
+    "td3": ("td3", {"tau": 0.1}),
     # The target entropy is minus the size of an action.
-    settings = build_settings("sac", tau=0.1, target_entropy="auto")
-    _, (learner,), _ = learners_of("sac", settings, torch.float64, action_size=actions)
+    "sac": ("sac", {"tau": 0.1, "target_entropy": "auto"}),
+}
+
+
+@ACTIONS
+@pytest.mark.parametrize(("algo", "changes"), CASES.values(), ids=CASES)
+def test_updates_equal_autograd(algo, changes, actions):
+    settings = build_settings(algo, **changes)
+    _, (learner,), _ = learners_of(algo, settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
-    plain, random = PlainSAC(settings, SIZE, actions), torch.Generator().manual_seed(2)
-    names = ["actor", "critics", "critic_targets"]
-    copy_parameters(layers_of(learner, plain, names))
-    for _ in range(UPDATES):
-        batch = transitions(random, actions, learner.noise_per_transition)
-        plain.update(batch)
-        learner.update(batch)
-    assert_equal_parameters(layers_of(learner, plain, names))
-    torch.testing.assert_close(
-        learner.log_temperature, plain.log_temperature.data, rtol=0, atol=1e-10
-    )
+    random = torch.Generator().manual_seed(2)
+    if algo == "ppo":
+        plain = PlainPPO(settings, SIZE, actions)
+        layers = [*ppo_layers(learner, plain)]
+    else:
+        plain = PLAIN[algo][0](settings, SIZE, actions)
+        layers = [*layers_of(algo, learner, plain)]
+    copy_parameters(layers)
+    for number in range(1, UPDATES + 1):
+        if algo == "ppo":
+            batch = minibatch(learner, random)
+        else:
+            batch = transitions(random, actions, learner.noise_per_transition)
+        delayed = [number % settings.policy_delay == 0] if algo == "td3" else []
+        # An update of the learner overwrites the actions of its batch.
+        plain.update(batch, *delayed)
+        learner.update(batch, *delayed)
+    assert_equal_parameters(layers)
+    for name in ("log_sigma", "log_temperature"):
+        if hasattr(learner, name):
+            expected = getattr(plain, name).data
+            torch.testing.assert_close(getattr(learner, name), expected, rtol=0, atol=1e-10)
 
 
 def first_layers(algo, **changes):

@@ -9,8 +9,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import nn
 
 from jbench.tasks.gym import JitterbugEnv
-from tests.agents.batched_oracle import fill, next_batch, transitions
-from tests.agents.small_rules import TQC, TQC_SETTINGS, learners, mean_losses
+from tests.agents.batched_oracle import fill, mean_losses, next_batch, transitions
+from tests.agents.small_rules import TQC, TQC_SETTINGS, learners
 
 
 def oracle_of_tqc(settings, dtype, monkeypatch):

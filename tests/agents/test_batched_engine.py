@@ -22,6 +22,7 @@ from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.settings.bases import SCRIPT
 from jbench.settings.records import OFESettings
 from jbench.tasks.gym import JitterbugEnv
+from tests.training.small_runs import TanhEncoder
 
 LENGTH = 20  # control steps of an episode
 SMALL = {
@@ -64,16 +65,6 @@ def robots(task, seeds, environments=1, encoder=None, **options):
     """Robots of some seeds with short episodes."""
     encoders = encoder if isinstance(encoder, list) else [encoder] * len(seeds)
     return Environments(task, seeds, environments, encoders, **{"episode_steps": LENGTH, **options})
-
-
-class TanhEncoder:
-    """A nonlinear encoder."""
-
-    latent_size = 5
-
-    def encode(self, batch):
-        weights = torch.linspace(-1, 1, 80).view(16, 5)
-        return torch.tanh(2 * batch @ weights)
 
 
 def trajectory(engine, index, steps=STEPS):

@@ -10,8 +10,7 @@ from jbench.errors import RequestError
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training.request import request_runs
-from tests.training.small_runs import train
+from tests.training.small_runs import requested, train
 
 NAME = "sb3_contrib:TQC"
 SMALL = {
@@ -37,18 +36,7 @@ def build_settings(name, **overrides):
 def finished(tmp_path_factory):
     """A finished run of TQC: one episode, with learning in its last 20 steps."""
     results = Results(tmp_path_factory.mktemp("results"))
-    (settings,) = request_runs(
-        results,
-        algo=NAME,
-        task="face_direction",
-        encoder="none",
-        seeds=[0],
-        base="published",
-        overrides=SMALL,
-        steps=1000,
-        evaluate_every=50_000,
-        evaluate_episodes=1,
-    )
+    settings = requested(results, SMALL, algo=NAME)
     return settings, train(settings, results)
 
 

@@ -18,7 +18,7 @@ from jbench.settings.algorithms import ALGORITHMS, SETTINGS, algorithm_settings
 from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training.request import request_runs
+from tests.training.small_runs import requested
 
 
 class Kind(enum.Enum):
@@ -238,19 +238,7 @@ def test_duplicate_override_is_refused():
 
 def test_whole_number_may_be_typed_as_float(tmp_path):
     def run(*typed):
-        (made,) = request_runs(
-            Results(tmp_path),
-            algo="td3",
-            task="face_direction",
-            encoder="ofe12",
-            seeds=[0],
-            base="published",
-            overrides=parse_overrides(list(typed)),
-            steps=1000,
-            evaluate_every=1000,
-            evaluate_episodes=1,
-        )
-        return made
+        return requested(Results(tmp_path), parse_overrides(list(typed)), encoder="ofe12")
 
     typed_as_float = run("batch_size=1e3", "gamma=1", "ofe.layers=2.0", "ofe.pretraining=2")
     assert type(typed_as_float.hyperparameters["batch_size"]) is int

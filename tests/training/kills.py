@@ -28,30 +28,13 @@ from pathlib import Path
 
 import torch
 
-from jbench.encoders import Encoder
 from jbench.settings.run import RunSettings
 from jbench.store import Results, files
 from jbench.store.verify import verify
 from jbench.training import batched_run
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
-from tests.training.small_runs import shorten_episodes
-
-
-class TanhEncoder(Encoder):
-    """An encoder of few latents: a linear map and tanh."""
-
-    def __init__(self, latents):
-        self._latents = latents
-
-    @property
-    def latent_size(self):
-        return self._latents
-
-    def encode(self, observations):
-        size = observations.shape[-1]
-        weights = torch.linspace(-1, 1, size * self._latents).reshape(size, -1)
-        return torch.tanh(observations @ weights)
+from tests.training.small_runs import TanhEncoder, shorten_episodes
 
 
 class KillingModule:

@@ -4,8 +4,10 @@ import importlib
 import itertools
 from collections import Counter
 
+import torch
 from gymnasium.envs.registration import registry
 
+from jbench.encoders import Encoder
 from jbench.names import TASKS
 from jbench.policies import evaluate
 from jbench.recording import request
@@ -13,9 +15,11 @@ from jbench.registration import environment_id, register_environments
 from jbench.settings import run
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
+from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.training import engines, log, repeat, status
 from jbench.training.batched_run import run_batch
+from jbench.training.request import request_runs
 
 EPISODE = 50
 
@@ -50,6 +54,31 @@ def small_run(algo, overrides, **changes):
     return RunSettings(**{**about, "hyperparameters": chosen, **changes})
 
 
+def requested(results, overrides, algo="td3", encoder="none"):
+    """Returns the settings of one episode of training as a user requests it."""
+    about = {"task": "face_direction", "seeds": [0], "base": "published", "steps": 1000}
+    lengths = {"evaluate_every": 1000, "evaluate_episodes": 1}
+    chosen = {"algo": algo, "encoder": encoder, "overrides": overrides}
+    (run,) = request_runs(results, **about, **lengths, **chosen)
+    return run
+
+
+class TanhEncoder(Encoder):
+    """A nonlinear encoder without scaling."""
+
+    def __init__(self, latents=5):
+        self._latents = latents
+
+    @property
+    def latent_size(self):
+        return self._latents
+
+    def encode(self, observations):
+        size = observations.shape[-1]
+        weights = torch.linspace(-1, 1, size * self._latents).reshape(size, -1)
+        return torch.tanh(2 * observations @ weights)
+
+
 def train(run, results, **options):
     """Trains a run; returns its record, or raises the error of the run."""
     for failure in run_batch([run], results, **options).values():
@@ -71,6 +100,13 @@ def resumed(events, runs):
         for event in events
         if event.kind == "resumed"
     ]
+
+
+def train_batch(path, runs, **options):
+    """Trains runs without a failure; returns those that were resumed, see `resumed`."""
+    events = []
+    assert run_batch(runs, Results(path), **{"report": events.append, **options}) == {}
+    return resumed(events, runs)
 
 
 def rows(record):

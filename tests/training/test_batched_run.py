@@ -9,9 +9,8 @@ import torch
 
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
-from jbench.simulation import jitterbug
 from jbench.store import Results
-from jbench.training import engines, evaluation, group
+from jbench.training import evaluation, group
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import Event
@@ -38,12 +37,7 @@ def settings(algo="td3", seed=0, **changes):
 
 
 # `test_batched_engine.py` tests the engine itself with all algorithms.
-SLOW = pytest.mark.slow
-
-
-@pytest.mark.parametrize(
-    "algo", [pytest.param(algo, marks=[] if algo in ("ddpg", "ppo") else SLOW) for algo in SMALL]
-)
+@pytest.mark.parametrize("algo", ["ddpg", "ppo"])
 def test_run_in_batch_equals_run_alone(algo, tmp_path):
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
     runs = [settings(algo, seed, steps=4 * EPISODE) for seed in (0, 3)]
@@ -191,19 +185,6 @@ def test_ppo_in_bfloat16_is_refused():
         settings("ppo", precision="bfloat16")
 
 
-def test_evaluations_use_threads_of_training(tmp_path, monkeypatch):
-    given, robots, environments = [], jitterbug.Robots, engines.Environments
-
-    def on_three_threads(*arguments, **options):
-        return environments(*arguments, **{**options, "threads": 3})
-
-    monkeypatch.setattr(engines, "Environments", on_three_threads)
-    monkeypatch.setattr(jitterbug, "Robots", lambda *args: given.append(args[2]) or robots(*args))
-    run = settings("ddpg")
-    assert run_batch([run], Results(tmp_path)) == {}
-    assert given == [3, 3, 3]  # of the training and of two evaluations
-
-
 def test_speed_is_measured_with_any_number_of_environments():
     run = small_run(
         "ddpg",
@@ -217,7 +198,7 @@ def test_speed_is_measured_with_any_number_of_environments():
     assert seconds_per_step([run]) > 0
 
 
-@pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=SLOW)])
+@pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=pytest.mark.slow)])
 def test_measuring_speed_does_not_change_results(algo, tmp_path):
     run = settings(algo, evaluate_episodes=0)
     once, again = Results(tmp_path / "once"), Results(tmp_path / "again")

@@ -1,6 +1,7 @@
 """Tests of longer runs that continue finished ones, and end like runs trained at once."""
 
 import errno
+import functools
 import os
 
 import pytest
@@ -12,7 +13,7 @@ from jbench.store.verify import verify
 from jbench.training.batched_run import run_batch
 from jbench.training.continuation import check_state_can_be_kept, new_beginnings
 from jbench.training.status import run_status
-from tests.training.small_runs import paths, resumed, rows
+from tests.training.small_runs import paths, rows, train_batch
 from tests.training.test_checkpoints import file_of
 from tests.training.test_resume import settings
 
@@ -20,13 +21,7 @@ pytestmark = pytest.mark.usefixtures("short_episodes")
 
 SHORT, LONG = 300, 500
 
-
-def train(path, runs, keep_state=True, **more):
-    """Trains runs and keeps their states; returns those that were resumed, see `resumed`."""
-    events = []
-    more |= {"keep_state": keep_state, "report": events.append}
-    assert run_batch(runs, Results(path), **more) == {}
-    return resumed(events, runs)
+train = functools.partial(train_batch, keep_state=True)
 
 
 def outcome(path, run):

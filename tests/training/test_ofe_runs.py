@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from jbench.commands.parsing import parse_overrides
 from jbench.errors import RequestError
 from jbench.policies.find import find_policy
 from jbench.policies.network import SavedNetwork
@@ -19,8 +18,7 @@ from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.comparisons import comparisons
 from jbench.sweeps.matrix import read_matrix
 from jbench.training.batched_run import run_batch
-from jbench.training.request import request_runs
-from tests.training.small_runs import small_run
+from tests.training.small_runs import requested, small_run
 
 ABOUT = {"steps": 100, "evaluate_every": 50, "evaluate_episodes": 1}
 
@@ -32,27 +30,10 @@ def settings(algo="td3", units=6, engine="batched", **changes):
     return small_run(algo, {} if algo == "ppo" else small, **changes)
 
 
-def requested(results, encoder, *overrides, algo="td3"):
-    (run,) = request_runs(
-        results,
-        algo=algo,
-        task="face_direction",
-        encoder=encoder,
-        seeds=[0],
-        steps=2000,
-        base="published",
-        overrides=parse_overrides(list(overrides)),
-        time_limit="bootstrap",
-        evaluate_every=1000,
-        evaluate_episodes=1,
-    )
-    return run
-
-
 def test_ofe_is_part_of_settings_and_id(tmp_path):
     results = Results(tmp_path)
-    full, few = (requested(results, encoder) for encoder in ("none", "ofe12"))
-    other = requested(results, "ofe:12", "ofe.layers=3", "ofe.pretraining=0")
+    full, few = (requested(results, {}, encoder=encoder) for encoder in ("none", "ofe12"))
+    other = requested(results, {"ofe.layers": 3, "ofe.pretraining": 0}, encoder="ofe:12")
     assert "ofe" not in full.model_dump()
     assert few.id.startswith("face_direction/td3/ofe12/s00-")
     assert few.ofe == OFESettings(units=12)

@@ -1,6 +1,9 @@
-"""Wording that messages, tables and figures share."""
+"""Wording that messages, tables, figures and JSON documents share."""
 
+import json
+import math
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,26 @@ def not_formula(value: Any) -> Any:
     except ValueError:
         return f"'{value}"
     return value
+
+
+def json_text(value: Any) -> str:
+    """Returns a value as indented JSON; numbers that are not finite are null.
+
+    Arrays of numpy become lists, and values of other types, such as UUIDs, texts.
+    """
+    return json.dumps(_plain(value), indent=1, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:

@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from jbench.errors import WorkError
-from jbench.json_text import json_text
-from jbench.wording import are, counted
+from jbench.wording import are, counted, json_text
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,13 +15,12 @@ import pyarrow as pa
 
 from jbench.cores import cores
 from jbench.errors import RequestError, WorkError
-from jbench.json_text import json_text
 from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.record import Record
 from jbench.store.rows import KIND_TABLES, Row, make_row
-from jbench.wording import not_formula
+from jbench.wording import json_text, not_formula
 
 
 class Tables(NamedTuple):
@@ -90,7 +89,7 @@ def query_results(results: Results, sql: str) -> tuple[pd.DataFrame, list[str]]:
     pa.set_memory_pool(pa.system_memory_pool())
     # Only tables whose names occur in the SQL are read. If the SQL builds a name, DuckDB does not
     # find the table, and all tables are read.
-    tables, problems = load(results, _named(sql) or set(schema.TABLES), coded=True)
+    tables, problems = load(results, named_tables(sql) or set(schema.TABLES), coded=True)
     try:
         return _select(sql, tables), problems
     except duckdb.CatalogException:
@@ -100,7 +99,7 @@ def query_results(results: Results, sql: str) -> tuple[pd.DataFrame, list[str]]:
         raise _refusal(error, schema.TABLES, sql) from None
 
 
-def _named(sql: str) -> set[str]:
+def named_tables(sql: str) -> set[str]:
     """Returns the tables whose names occur in the SQL."""
     return set(re.findall(r"\w+", sql.lower())) & set(schema.TABLES)
 
@@ -173,7 +172,7 @@ def _refusal(error: duckdb.Error, tables: Iterable[str], sql: str) -> RequestErr
             # DuckDB misses columns that share a word with the missing one, such as steps.
             missing = re.search(r'column "(\w+)" not found', message)
             words = set(missing[1].lower().split("_")) if missing else set()
-            columns = {name for table in _named(sql) for name in schema.TABLES[table].names}
+            columns = {name for table in named_tables(sql) for name in schema.TABLES[table].names}
             near = [f'"{name}"' for name in sorted(columns) if words & set(name.split("_"))]
             message += (
                 f" The nearest columns: {', '.join([*near, line.partition(':')[2].strip(': ')])}. "

@@ -154,6 +154,14 @@ def test_missing_results_directory_is_refused(arguments, tmp_path, refused):
     assert not missing.exists()
 
 
+def test_query_of_published_curves_needs_no_results_directory(tmp_path, capsys):
+    missing = tmp_path / "missing"
+    sql = "SELECT count(DISTINCT task) AS tasks FROM published"
+    assert main(["query", sql, "--json", "--results", str(missing)]) == 0
+    assert json.loads(capsys.readouterr().out) == [{"tasks": 5}]
+    assert not missing.exists()
+
+
 @pytest.mark.parametrize("verb", ["collect", "train-dae", "train", "report", "query"])
 def test_results_directory_that_is_file_is_refused(verb, tmp_path, refused):
     path = tmp_path / "results"

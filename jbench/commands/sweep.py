@@ -1,24 +1,17 @@
 """The sweep command."""
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from typer import Argument, Option
 
 from jbench import names
 from jbench.commands import completion, options, parsing
 from jbench.commands.output import Output
-from jbench.commands.train import check_failures, check_runs, train_cells
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError
 from jbench.seeds import parse_numbers
 from jbench.wording import counted, with_results
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from jbench.store import Results
-    from jbench.sweeps.cell import Cell
-    from jbench.sweeps.executors import Executor
 
 _MAX_SEEDS = 30
 
@@ -81,8 +74,10 @@ def sweep(
 
     A matrix has tasks, algorithms, representations and seeds.
     """
-    from jbench.commands.sweep_view import show_missing, show_status
+    from jbench.commands import training
+    from jbench.commands.deciding import decide, seeds_to_compare
     from jbench.sweeps.cell import all_runs, matrix_cells
+    from jbench.sweeps.cluster import Ray
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.sweeps.matrix import read_matrix
     from jbench.training.status import failures_among, run_statuses
@@ -95,101 +90,43 @@ def sweep(
     changes: dict[str, Any] = {} if steps is None else {"steps": steps}
     limit = _MAX_SEEDS if max_seeds is None else max_seeds
     if until_decided:
-        changes["seeds"] = _seeds_to_compare(matrix, limit)
+        changes["seeds"] = seeds_to_compare(matrix, limit)
     elif seeds is not None:
         changes["seeds"] = parse_numbers(seeds)
     parts = read_matrix(matrix, **changes)
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = jobs or default_jobs(train_on)
-    worker: dict[str, Any] = {"final_episodes": final_episodes, "keep_state": keep_state}
-    worker["checkpoint_every"] = checkpoint_every
-
-    def make() -> "Executor":
-        if executor == "local":
-            return Local(database, at_a_time, train_on, **worker)
-        from jbench.sweeps.cluster import Ray
-
-        return Ray(database, address, jobs, gpus_per_task, **worker)
-
-    how: dict[str, Any] = {"device": device, "retry_failed": retry_failed}
-
-    def train(cells: "Sequence[Cell]") -> dict[str, str]:
-        return train_cells(cells, database, make, log, output, **how)
-
+    local = partial(Local, database, at_a_time, train_on)
+    cluster = partial(Ray, database, address, jobs, gpus_per_task)
+    train = partial(
+        training.train_cells,
+        results=database,
+        make_executor=local if executor == "local" else cluster,
+        output=output,
+        log=log,
+        device=device,
+        retry_failed=retry_failed,
+        checkpoint_every=checkpoint_every,
+        keep_state=keep_state,
+        final_episodes=final_episodes,
+    )
     cells = matrix_cells(parts, database)
-    check_runs([cell.runs[0] for cell in cells], keep_state, output)
+    training.check_runs([cell.runs[0] for cell in cells], keep_state, output)
     if until_decided:
-        _decide(matrix, cells, claims or [], database, limit, None if dry_run else train, output)
+        decide(matrix, cells, claims or [], database, limit, None if dry_run else train, output)
         return
     runs = list(all_runs(cells))
     failures = {} if dry_run else train(cells)
     title = f"{matrix}: {counted(len(runs), 'run')}"
-    status = show_status(title, cells, database, at_a_time, train_on, output, times=dry_run)
-    status["made_first"] = show_missing(cells, database, output)
+    status = training.show_status(
+        title, cells, database, at_a_time, train_on, output, times=dry_run
+    )
+    status["made_first"] = training.show_missing(cells, database, output)
     failures |= failures_among(run_statuses(runs, database))
     output.document({"matrix": matrix, **status, "failures": failures})
     if not dry_run:
-        check_failures(failures, len(runs))
+        training.check_failures(failures, len(runs))
         output.say(f"Next: {with_results('jbench report', results)}")
-
-
-def _seeds_to_compare(matrix: str, max_seeds: int) -> list[int]:
-    """Returns all seeds that a comparison of a matrix may need."""
-    from jbench.statistics.sequential import BLOCK
-    from jbench.sweeps.matrix import read_comparisons
-
-    if max_seeds < BLOCK or max_seeds % BLOCK:
-        raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
-    planned = (entry.max_seeds or 0 for entry in read_comparisons(matrix))
-    return list(range(max([max_seeds, *planned])))
-
-
-def _decide(
-    matrix: str,
-    cells: "Sequence[Cell]",
-    claims: "Sequence[str]",
-    results: "Results",
-    max_seeds: int,
-    train: "Callable[[Sequence[Cell]], object] | None",
-    output: Output,
-) -> None:
-    """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
-    from jbench.commands.sweep_view import described_outcomes, introduction, show_outcomes
-    from jbench.sweeps.cell import all_runs
-    from jbench.sweeps.comparisons import comparisons
-    from jbench.sweeps.deciding import next_cells, outcomes
-    from jbench.sweeps.matrix import Claim, read_comparisons
-    from jbench.training.status import failures_among, run_statuses
-
-    chosen = comparisons(cells, read_comparisons(matrix), claims, max_seeds)
-    output.say(introduction(chosen, max_seeds))
-    returns, tried = dict[tuple[str, Claim], float](), set[str]()
-    while True:  # an interim analysis of all comparisons
-        reached = outcomes(chosen, results, returns)
-        needed_next = next_cells(reached, tried)
-        show_outcomes(reached, tried, output)
-        if not needed_next or train is None:
-            break
-        tried |= {run.id for run in all_runs(needed_next)}
-        train(needed_next)
-    needed = [run.id for run in all_runs(needed_next)]
-    if needed:
-        configurations = counted(len(needed_next), "configuration")
-        output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
-    unfinished = (run for outcome in reached for run in outcome.needed)
-    failures = failures_among(run_statuses(unfinished, results))
-    output.document(
-        {
-            "matrix": matrix,
-            "comparisons": described_outcomes(reached),
-            "needed": needed,
-            "failures": failures,
-        }
-    )
-    if train is not None:
-        if failures:
-            raise WorkError(f"{counted(len(failures), 'run')} failed; --retry-failed tries again.")
-        output.say(f"Next: {with_results('jbench report', results.name)}")
 
 
 def _device(

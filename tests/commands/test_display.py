@@ -6,7 +6,7 @@ import pytest
 
 from jbench.cli import main
 from jbench.commands.output import Output
-from jbench.commands.train import show_runs
+from jbench.commands.training import show_runs
 from jbench.report.data.curves import final_returns
 from jbench.returns import final_return
 from jbench.settings.algorithms import algorithm_settings

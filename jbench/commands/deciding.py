@@ -1,0 +1,126 @@
+"""`jbench sweep --until-decided`: analyses of comparisons while seeds are added."""
+
+from collections.abc import Callable, Container, Sequence
+from typing import Any
+
+from jbench.commands.output import Output
+from jbench.errors import RequestError, WorkError
+from jbench.report.analysis.claims import MARGIN
+from jbench.statistics.sequential import BLOCK, ERROR_RATE
+from jbench.store import Results
+from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.comparisons import MatrixComparison, comparisons
+from jbench.sweeps.deciding import ComparisonOutcome, next_cells, outcomes
+from jbench.sweeps.matrix import Claim, read_comparisons
+from jbench.training.status import failures_among, run_statuses
+from jbench.wording import counted, with_results
+
+
+def seeds_to_compare(matrix: str, max_seeds: int) -> list[int]:
+    """Returns all seeds that a comparison of a matrix may need."""
+    if max_seeds < BLOCK or max_seeds % BLOCK:
+        raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
+    planned = (entry.max_seeds or 0 for entry in read_comparisons(matrix))
+    return list(range(max([max_seeds, *planned])))
+
+
+def decide(
+    matrix: str,
+    cells: Sequence[Cell],
+    claims: Sequence[str],
+    results: Results,
+    max_seeds: int,
+    train: Callable[[Sequence[Cell]], object] | None,
+    output: Output,
+) -> None:
+    """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
+    chosen = comparisons(cells, read_comparisons(matrix), claims, max_seeds)
+    output.say(_introduction(chosen, max_seeds))
+    returns, tried = dict[tuple[str, Claim], float](), set[str]()
+    while True:  # an interim analysis of all comparisons
+        reached = outcomes(chosen, results, returns)
+        needed_next = next_cells(reached, tried)
+        _show_outcomes(reached, tried, output)
+        if not needed_next or train is None:
+            break
+        tried |= {run.id for run in all_runs(needed_next)}
+        train(needed_next)
+    needed = [run.id for run in all_runs(needed_next)]
+    if needed:
+        configurations = counted(len(needed_next), "configuration")
+        output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
+    unfinished = (run for outcome in reached for run in outcome.needed)
+    failures = failures_among(run_statuses(unfinished, results))
+    output.document(
+        {
+            "matrix": matrix,
+            "comparisons": [_described(outcome) for outcome in reached],
+            "needed": needed,
+            "failures": failures,
+        }
+    )
+    if train is not None:
+        if failures:
+            raise WorkError(f"{counted(len(failures), 'run')} failed; --retry-failed tries again.")
+        output.say(f"Next: {with_results('jbench report', results.name)}")
+
+
+def _introduction(chosen: Sequence[MatrixComparison], max_seeds: int) -> str:
+    """Returns the sentence on the comparisons and their error rate, before they are decided."""
+    shares = [comparison.share for comparison in chosen]
+    rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
+    return (
+        f"Final returns are compared after each {BLOCK} seeds, up to {max_seeds}. Of all "
+        f"{len(chosen)} decisions together one or more are wrong with a probability of at most "
+        f"{ERROR_RATE:.0%}: {' to '.join(rates)} for each comparison, and more after others have "
+        "found a difference."
+    )
+
+
+_VERDICTS = {
+    "larger": "higher",
+    "smaller": "lower",
+    "equal": f"similar, within {MARGIN:g}",
+    "undecided": "undecided",
+}
+
+
+def _show_outcomes(
+    reached: Sequence[ComparisonOutcome], tried: Container[str], output: Output
+) -> None:
+    """Prints each comparison's decision, its number of seeds, and the error rate spent.
+
+    Args:
+        tried: ids of the runs that were trained, finished or not.
+    """
+    rows = []
+    for outcome in reached:
+        decision, verdict = outcome.decision, _VERDICTS[outcome.decision.verdict]
+        left = [run.id for run in outcome.needed if run.id in tried]
+        if left:
+            verdict += f": {left[0]} is not finished"
+        difference, interval = "", ""
+        if decision.seeds:
+            difference = f"{decision.difference:+.0f}"
+            interval = f"[{decision.low:+.0f}, {decision.high:+.0f}]"
+        name, spent = outcome.comparison.name, f"{decision.spent:.2%}"
+        rows.append((name, verdict, decision.seeds, difference, interval, spent))
+    decided = sum(outcome.decision.verdict != "undecided" for outcome in reached)
+    header = ("comparison", "verdict", "seeds", "difference", "interval", "error spent")
+    output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows)
+
+
+def _described(outcome: ComparisonOutcome) -> dict[str, Any]:
+    """Returns the entry of a comparison in the JSON document."""
+    comparison = outcome.comparison
+    return {
+        "comparison": comparison.name,
+        "task": comparison.ours.task,
+        "algo": comparison.ours.algo,
+        "representation": comparison.ours.representation,
+        "against": comparison.against,
+        "claim": comparison.claim,
+        "share": comparison.share,
+        **outcome.decision._asdict(),
+        "needed": [run.id for run in outcome.needed],
+    }

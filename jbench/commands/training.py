@@ -1,0 +1,204 @@
+"""What train and sweep have in common: checks, training with its progress, and tables."""
+
+import sys
+from collections.abc import Callable, Sequence, Sized
+from contextlib import ExitStack, redirect_stdout
+from functools import partial
+from typing import Any
+
+from jbench import names
+from jbench.commands.output import Output
+from jbench.commands.progress import TrainingView
+from jbench.errors import WorkError
+from jbench.loggers.logger import copying_rows, make_logger
+from jbench.returns import final_return
+from jbench.settings.algorithms import OffPolicySettings
+from jbench.settings.run import RunSettings
+from jbench.store import Results
+from jbench.store.listing import evaluation_return
+from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
+from jbench.sweeps.executors import Executor
+from jbench.sweeps.prepare import is_finished, missing_encoders
+from jbench.sweeps.scheduler import sweep
+from jbench.training.continuation import check_state_can_be_kept
+from jbench.wording import counted, duration
+
+
+def check_runs(runs: Sequence[RunSettings], keep_state: bool, output: Output) -> None:
+    """Checks runs, one of each configuration, before they are trained.
+
+    Their state must be one that can be kept, if it is to be; unexpected numbers of control steps
+    are warned of.
+    """
+    if keep_state:
+        check_state_can_be_kept(runs)
+    sentences = []
+    for run in (run for run in runs if run.is_ours):
+        end, episode = run.last_step, names.EPISODE_STEPS
+        if run.steps % episode:
+            where = f"in the middle of an episode of {episode:,}, whose return is not recorded"
+            if end % (episode * run.environments) == 0:
+                where = f"at the end of an episode of {episode:,}"
+            sentences.append(f"a run of {run.steps:,} control steps ends after {end:,}, {where}.")
+        algorithm = run.algorithm
+        if isinstance(algorithm, OffPolicySettings) and end < algorithm.first_update:
+            sentences.append(
+                f"{run.algo} first updates its networks after {algorithm.first_update:,} control "
+                f"steps, so a run of {run.steps:,} learns nothing; raise --steps, or lower that "
+                "number with --set learning_starts=N and --set train_freq=N (in a matrix file, the "
+                f"same keys of [hyperparameters.{run.algo}])."
+            )
+    for sentence in dict.fromkeys(sentences):
+        output.warn(sentence)
+
+
+def train_cells(
+    cells: Sequence[Cell],
+    results: Results,
+    make_executor: Callable[..., Executor],
+    output: Output,
+    log: str | None,
+    *,
+    device: str = "auto",
+    retry_failed: bool,
+    wait: bool = True,
+    **worker: Any,
+) -> dict[str, str]:
+    """Trains the missing runs of cells, and shows their progress; see `sweep`.
+
+    Args:
+        log: experiment tracker to which their rows are copied; None for none.
+        worker: other options of the executor.
+
+    Returns:
+        A sentence for each run that failed, by run id.
+
+    Raises:
+        RequestError: if the tracker's library is not installed; see also `sweep`.
+    """
+    with ExitStack() as stack:
+        if output.as_json:  # Ray prints to standard output, which is only for the JSON document
+            stack.enter_context(redirect_stdout(sys.stderr))
+        if log is not None:
+            logger, ids = make_logger(log, results.path), {run.id for run in all_runs(cells)}
+            output.say(logger.where)
+            stack.enter_context(copying_rows(results, ids, logger, output.warn))
+        return sweep(
+            cells,
+            results,
+            partial(make_executor, **worker),
+            stack.enter_context(TrainingView(output)).show,
+            device=device,
+            retry_failed=retry_failed,
+            wait=wait,
+        )
+
+
+def check_failures(failures: Sized, runs: int) -> None:
+    """Raises a WorkError if some of a number of runs have failed."""
+    if failures:
+        failed = f"{len(failures)} of {counted(runs, 'run')} failed"
+        raise WorkError(f"{failed}; --retry-failed tries again.")
+
+
+_FINAL_RETURNS = (
+    "Final returns. Quote the evaluation return: the mean over the last evaluation, in which the "
+    "policy is\ndeterministic. The training return, exploration included, is the mean over the "
+    "last quarter of the\nepisodes, at most 100."
+)
+
+
+def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> None:
+    """Prints the final returns of each run in the results."""
+    rows = []
+    for run in runs:
+        try:
+            record = results.find("run", run.id)
+            if record is not None:
+                status = "" if record.status == "finished" else f" ({record.status})"
+                returns = record.read("episodes")["episode_return"].to_numpy()
+                finals = final_return(returns), evaluation_return(record)
+                means = ("" if mean is None else f"{mean:.0f}" for mean in finals)
+                rows.append((record.id + status, len(returns), *means))
+        except WorkError as error:
+            output.warn(str(error))
+    output.table(_FINAL_RETURNS, ("run", "episodes", "training return", "evaluation return"), rows)
+
+
+def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> list[str]:
+    """Prints the datasets and encoders that are made first; returns their ids."""
+    missing = missing_encoders(cells, results)
+    datasets = [data for data, _ in missing if not is_finished(results, "dataset", data.id)]
+    encoders = [encoder for _, unfinished in missing for encoder in unfinished]
+    for dataset in datasets:
+        output.say(f"Collected first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
+    if encoders:
+        noun = "encoder" if len(encoders) == 1 else "encoders"
+        output.say(f"Trained first: the {noun} {', '.join(encoder.id for encoder in encoders)}.")
+    return [*(dataset.id for dataset in datasets), *(encoder.id for encoder in encoders)]
+
+
+def show_status(
+    title: str,
+    cells: Sequence[Cell],
+    results: Results,
+    jobs: int,
+    device: str,
+    output: Output,
+    *,
+    times: bool,
+) -> dict[str, Any]:
+    """Prints how many seeds of each configuration are finished, and on request the time left.
+
+    Args:
+        jobs: number of processes at a time.
+        device: of the batched engine.
+
+    Returns:
+        The same for the JSON document.
+    """
+    statuses = cell_statuses(cells, results, jobs, device, quick=times)
+    rows, left = [_described(status) for status in statuses], seconds_left(statuses, jobs)
+    if_varied = ("settings", "precision", "environments", "time_limit", "steps")
+    varied = (name for name in if_varied if len({row[name] for row in rows}) > 1)
+    header = ["task", "algo", "representation", *varied]
+    header += ["finished", "partial", "failed", "missing"]
+
+    def text(value: Any) -> str:
+        return f"{value:,}" if isinstance(value, int) else value or ""
+
+    def time(seconds: float | None) -> str:
+        return "unknown" if seconds is None else duration(seconds)
+
+    texts = [[text(row[name]) for name in header] for row in rows]
+    if times:
+        header += ["time left", "estimated from"]
+        for line, row in zip(texts, rows, strict=True):
+            line += [time(row["seconds_left"]) if row["steps_left"] else "", row["estimate"]]
+    output.table(title, header, texts)
+    if times and any(status.steps_left for status in statuses):
+        failed = ", the failed runs included" if any(status.failed for status in statuses) else ""
+        until = " until each configuration has a finished run" if left is None else failed
+        processes = counted(jobs, "process", "processes")
+        output.say(f"Time left with {processes} at a time: {time(left)}{until}.")
+    return {"configurations": rows, "seconds_left": left}
+
+
+def _described(status: CellStatus) -> dict[str, Any]:
+    """Returns the entry of a configuration in the JSON document, which is a row of the table."""
+    cell, run, numbers = status.cell, status.cell.runs[0], status._asdict()
+    del numbers["cell"]
+    return {
+        "task": cell.task,
+        "algo": cell.algo,
+        "representation": cell.representation,
+        "encoder": run.encoder,
+        "settings": cell.settings,
+        "precision": run.precision,
+        "environments": run.parallel,
+        "time_limit": run.time_limit,
+        "steps": run.steps,
+        "runs": [run.id for run in cell.runs],
+        **numbers,
+    }

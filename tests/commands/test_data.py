@@ -93,23 +93,14 @@ def test_empty_directory_reports_command_to_type(tmp_path, capsys):
     assert capsys.readouterr().out == output
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"schema_version": 0}, "manifest.json is of schema version 0, and this jbench reads 1"),
-        ({"schema_version": 99}, "manifest.json is of schema version 99, and this jbench reads 1"),
-        ({"settings": {"steps": "many"}}, "can't be 'many'"),
-        ({"kind": "poem"}, "is not a manifest that can be read"),
-    ],
-)
-def test_unreadable_dataset_is_reported_and_others_listed(results, changes, message, capsys):
-    alter_manifest(records(results)[0], **changes)
+def test_unreadable_dataset_is_reported_and_others_listed(results, capsys):
+    alter_manifest(records(results)[0], settings={"steps": "many"})
     assert main(["datasets", "--results", str(results), "--json"]) == 1
     printed = capsys.readouterr()
     listed = json.loads(printed.out)
     assert {entry["settings"]["seed"] for entry in listed["datasets"]} == {4, 7}
     (problem,) = listed["problems"]
-    assert message in problem
+    assert "can't be 'many'" in problem
     assert f"Warning: {problem}" in printed.err
     assert "Error: 1 record is damaged and left out; see above." in printed.err
 

@@ -319,19 +319,3 @@ def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(matrix, results,
     assert json.loads(typed().stdout)["comparisons"] == [decided]
     assert list(results.path.rglob("random2/*/manifest.json")) == runs
     assert not list(results.path.rglob("pca3/*/manifest.json"))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("dae12",), "COMPARISON and --max-seeds are for --until-decided."),
-        (("--max-seeds", "10"), "COMPARISON and --max-seeds are for --until-decided."),
-        (("--until-decided", "--seeds", "0-3"), "type --max-seeds, not --seeds"),
-        (("--until-decided", "--max-seeds", "7"), "--max-seeds 7: type a multiple of 5."),
-        (("--until-decided", "--max-seeds", "0"), "--max-seeds 0: type a multiple of 5."),
-        (("--until-decided", "dae3"), "Unknown comparison 'dae3'; did you mean dae12?"),
-    ],
-)
-def test_invalid_request_is_refused(arguments, message, results, refused):
-    assert message in refused("sweep", "fig7", *arguments, results=results.path)
-    assert not results.path.exists()

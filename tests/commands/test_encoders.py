@@ -13,11 +13,10 @@ from jbench.cli import main
 from jbench.commands import encoders
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.training import CHECKPOINT
-from jbench.store import Results, parquet
+from jbench.store import Results
 from jbench.store.query import load
 from tests.command_line import SHORT, jbench, kill_when, start, succeed, train
 from tests.commands.distributions import install
-from tests.store.store_rows import put_in_place
 
 
 @pytest.fixture(scope="module")
@@ -157,16 +156,6 @@ def test_mirror_of_mixed_latents_is_refused_before_training(filled, refused):
 def test_invalid_request_is_refused_and_trains_nothing(collected, arguments, message, refused):
     assert message in refused("train-encoder", *arguments, results=collected)
     assert not (collected / "encoders").exists()
-
-
-@pytest.mark.parametrize("column", ["action", "velocity_x"])
-def test_dataset_without_required_column_is_refused(results, column, refused):
-    (dataset,) = Results(results).scan("dataset")[0]
-    rows = dataset.read_part(dataset.parts("steps")[0])
-    put_in_place(dataset, parquet.to_bytes(rows.drop_columns([column])))
-    error = refused("train-encoder", "--kind", "lld-vae", results=results, code=1)
-    assert re.search(rf"random/\S+/steps-\S+ is damaged .*{column}", error)
-    assert not list((results / "encoders").rglob("manifest.json"))
 
 
 @pytest.fixture

@@ -60,24 +60,17 @@ def test_render_writes_reported_file(tmp_path):
     assert not (tmp_path / "none").exists()  # pictures are not results
 
 
+@pytest.mark.usefixtures("rendering")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ("evaluate", "--target-yaw", "45", "--task", "move_to_position"),
-            "--target-yaw is for tasks with a target direction, not for move_to_position",
-        ),
-        (("export", "--inputs", "observation"), "--inputs is not for minari"),
-        (("render", "--camera", "sky"), "Unknown camera 'sky'; choose"),
-        (("render", "--out", "film.avi"), r"\.mp4.*\.gif.*\.png"),
-        (("render", "--augment", "-1"), "'--augment': Input should be greater"),
-        (("view", "best"), "Unknown policy 'best'"),
-        (("train", "--robots", "3", "--steps", "10000"), "steps must be 12000"),
-        (("evaluate", "--augment", "-1"), "augment of the evaluation can't be -1"),
+        (("--camera", "sky"), "Unknown camera 'sky'; choose"),
+        (("--out", "film.avi"), r"\.mp4.*\.gif.*\.png"),
+        (("--augment", "-1"), "'--augment': Input should be greater"),
     ],
 )
-def test_invalid_request_is_refused(arguments, message, tmp_path, refused):
-    assert re.search(message, refused(*arguments, results=tmp_path / "results"))
+def test_invalid_picture_is_refused(arguments, message, tmp_path, refused):
+    assert re.search(message, refused("render", *arguments, results=tmp_path / "results"))
     assert not (tmp_path / "results").exists()
 
 

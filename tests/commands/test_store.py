@@ -125,17 +125,6 @@ def test_unreadable_run_is_reported_and_others_listed(results, run_command):
     assert err.endswith(f"`jbench repair --results {results.path}` sets it aside.\n")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("runs", "--seed", "x"), "--seed x: type seeds like 0-9"),
-        (("merge",), "Missing argument 'DIR'"),
-    ],
-)
-def test_invalid_request_is_refused(results, refused, arguments, message):
-    assert message in refused(*arguments, results=results.path)
-
-
 def test_repair_of_missing_results_is_refused(tmp_path, refused):
     missing = tmp_path / "missing"
     assert "missing does not exist; name another" in refused("repair", results=missing)

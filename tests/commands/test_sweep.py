@@ -230,18 +230,3 @@ def test_gpu_has_one_process_unless_jobs_are_given(command, jobs, processes, res
     monkeypatch.setattr(executors, "Local", local)
     assert main([*command, "--jobs", jobs, "--results", str(results)]) == 2
     assert given == [(processes, "cuda")]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("smoke", "--address", "here:1"), "are for --executor ray"),
-        (("smoke", "--gpus-per-task", "1"), "are for --executor ray"),
-        (("smoke", "--executor", "ray", "--device", "cpu"), "type --gpus-per-task"),
-        (("smoke", "--seeds", "b"), "type seeds like 0-9"),
-        (("smoke", "--device", "tpu"), "Unknown device 'tpu'"),
-    ],
-)
-def test_invalid_request_is_refused(arguments, message, results, refused):
-    assert message in refused("sweep", *arguments, results=results)
-    assert not results.exists()

@@ -93,16 +93,6 @@ def test_damaged_run_is_reported_and_others_are_printed(results, capsys):
     assert "1 run is damaged" in printed.err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("tail", "--algo", "dqn"), "Unknown algorithm 'dqn'"),
-    ],
-)
-def test_invalid_request_is_refused(results, refused, arguments, message):
-    assert message in refused(*arguments, results=results.path)
-
-
 def test_missing_library_is_reported_before_training(tmp_path, refused, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "torch.utils.tensorboard", None)
     arguments = ("train", "--log", "tensorboard", "--seeds", "0")

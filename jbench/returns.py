@@ -29,9 +29,7 @@ def final_return(returns: NDArray[np.float64]) -> float | None:
     Returns:
         The mean return over the last `final_episodes`; None if none of them is finite.
     """
-    last = returns[-int(final_episodes(np.array(len(returns)))) :]
-    finite = last[np.isfinite(last)]
-    return float(finite.mean()) if len(finite) else None
+    return _finite_mean(returns[-int(final_episodes(np.array(len(returns)))) :])
 
 
 def final_evaluation(evaluations: NDArray[np.int32], returns: NDArray[np.float64]) -> float | None:
@@ -45,5 +43,9 @@ def final_evaluation(evaluations: NDArray[np.int32], returns: NDArray[np.float64
         The mean return over the last evaluation; None if there is none, or no finite return in it.
     """
     last = returns[evaluations == evaluations.max()] if len(evaluations) else returns
-    finite = last[np.isfinite(last)]
+    return _finite_mean(last)
+
+
+def _finite_mean(returns: NDArray[np.float64]) -> float | None:
+    finite = returns[np.isfinite(returns)]
     return float(finite.mean()) if len(finite) else None

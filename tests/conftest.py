@@ -7,8 +7,7 @@ import pytest
 from hypothesis import settings
 
 from jbench.names import ONE_THREAD
-
-_NO_RENDERER = ("disable", "disabled", "off", "false", "0")
+from jbench.opengl import OFF
 
 # Libraries read this when they are first imported, and processes inherit it. `make test` runs a
 # process on each core; more threads would only wait for each other.
@@ -29,7 +28,7 @@ settings.load_profile("jbench")
 @pytest.fixture
 def rendering():
     """Skips the test on a machine that cannot draw pictures off the screen."""
-    if os.environ["MUJOCO_GL"].lower() in _NO_RENDERER:
+    if os.environ["MUJOCO_GL"].lower() in OFF:
         pytest.skip("no off-screen renderer: install libosmesa6")
 
 

@@ -45,7 +45,7 @@ class Block:
         if self.kind == "sh":
             return self.text
         typed = re.findall(r"^\$ (.*(?:\n +.*|\\\n.*)*)", self.text, re.M)
-        return "\n".join(_until_quotes_close(one) for one in typed)
+        return "\n".join(_until_quotes_close(command) for command in typed)
 
     @property
     def output(self):

@@ -74,7 +74,7 @@ def output(pages):
     """Returns a function: the output of the only block of a page that contains a text."""
 
     def find(page, containing):
-        (block,) = (one for one in BLOCKS[page] if containing in one.text)
+        (block,) = (block for block in BLOCKS[page] if containing in block.text)
         return pages(page)[block.line]
 
     return find
@@ -235,14 +235,14 @@ def test_readme_and_report_cite_paper(demo_results):
 def test_citation_file_cites_paper():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     for work in cited["references"]:
-        names = [f"{one['given-names']} {one['family-names']}" for one in work["authors"]]
+        names = [f"{author['given-names']} {author['family-names']}" for author in work["authors"]]
         assert tuple(names) == citation.AUTHORS
         assert (work["title"], work["year"]) == (citation.TITLE, citation.YEAR)
         assert (work["type"], work["collection-title"]) == ("conference-paper", citation.VENUE)
 
 
 def test_readme_installs_torch_for_machines_without_a_gpu_before_jbench():
-    (install,) = (one for one in BLOCKS["README.md"] if "pip install ." in one.text)
+    (install,) = (block for block in BLOCKS["README.md"] if "pip install ." in block.text)
     assert install.commands.splitlines()[:2] == [
         "pip install torch --index-url https://download.pytorch.org/whl/cpu",
         "pip install .",

@@ -5,6 +5,7 @@ be repeated.
 """
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Literal, NamedTuple
 
 import pyarrow as pa
@@ -83,12 +84,15 @@ def _merge_record(
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
     if faults or other is None:
         raise WorkError(str(faults[0]) if faults else f"{folder.path} has disappeared.")
+    target = results.record(kind, id)
+    outcome: Outcome = "copied"
     with results.locked(kind, id) as existing:
-        outcome = "copied" if existing is None else _choose(existing, other)
+        if existing is not None:
+            outcome = other.reading(partial(_choose, existing, other))
         if outcome == "replaced":
             quarantine.take_record(results.look(kind, id))
         if outcome in ("copied", "replaced"):
-            results.record(kind, id).copy_from(other)
+            other.reading(partial(target.copy_from, other))
     return outcome
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.store import Results, schema
+from jbench.store import merge as merging
 from jbench.store.merge import TIMES, merge
 from jbench.store.verify import verify
 from tests.store.store_faults import Script, run_script
@@ -221,6 +222,17 @@ def test_damaged_or_locked_record_in_target_is_kept_and_reported(results, other)
     assert (damaged.path / "manifest.json").read_bytes() == b"{"
     assert two.reason.startswith(f"Another process is writing the run {locked.id};")
     assert results.find("run", locked.id).status == "unfinished"
+
+
+def test_run_of_source_whose_files_are_joined_meanwhile_is_copied(results, other, monkeypatch):
+    run = add_whole_run(other, [1.0], finish=False)
+    run.append({"episodes": episodes(run.id, [1.0, 2.0]).slice(1)})
+    before = merging.examine(other, "run", run.id)
+    run.finish({})
+    monkeypatch.setattr(merging, "examine", lambda *_: before)
+    assert outcomes(results, other) == {run.id: "copied"}
+    assert results.find("run", run.id).status == "finished"
+    assert verify(results, 1).findings == []
 
 
 def test_leftover_files_of_source_are_not_copied(results, other):

@@ -112,21 +112,22 @@ def _choose(mine: Record, other: Record) -> Outcome:
     entries = (*mine.manifest.files, *other.manifest.files)
     # Paths follow from the evaluations; older versions did not record them.
     tables = sorted({entry.table for entry in entries if entry.table not in (None, "paths")})
-    differences = filter(None, (_difference(mine, other, table) for table in tables))
-    difference = next(differences, None)
+    difference = next(filter(None, (_difference(mine, other, table) for table in tables)), None)
     more = [other.rows(table) - mine.rows(table) for table in tables]
     if difference is None and finished == (True, True):
         difference = _other_files(mine, other) or ("another number of rows" if any(more) else None)
-    if difference is None and not any(more):
-        return "same"
-    # Two states of the same work: the one with more rows is newer.
-    if difference is None and min(more) >= 0:
-        return "replaced"
-    if difference is None and max(more) <= 0:
-        return "kept"
+    if difference is None:
+        if not any(more):
+            return "same"
+        # Two states of the same work: the one with more rows is newer.
+        if min(more) >= 0:
+            return "replaced"
+        if max(more) <= 0:
+            return "kept"
+        difference = "each has rows that the other has not"
     raise WorkError(
-        f"{other.path} has the settings of {mine.path}, but other content ("
-        f"{difference or 'each has rows that the other has not'}); neither is changed."
+        f"{other.path} has the settings of {mine.path}, but other content ({difference}); neither "
+        "is changed."
     )
 
 
@@ -152,12 +153,14 @@ def _difference(mine: Record, other: Record, table: str) -> str | None:
         if set(ours.column_names) != set(theirs.column_names):
             return f"other columns of {table}"
         for name in ours.column_names:
+            if name in TIMES:
+                continue
             # Equal values have equal bytes, also NaN, which equals nothing.
-            contents = {
+            left, right = (
                 parquet.to_bytes(pa.table({name: rows[name].combine_chunks()}))
                 for rows in (ours, theirs)
-            }
-            if name not in TIMES and len(contents) > 1:
+            )
+            if left != right:
                 return f"{name} of {table}"
     return None
 

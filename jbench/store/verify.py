@@ -26,7 +26,7 @@ _MAX_TRIES = 5  # for a record that changes during the check
 
 
 class Flaw(NamedTuple):
-    """A problem, a clause to follow the path in a sentence; `id` names a record or its folder."""
+    """What is wrong: `problem` follows the path in a sentence; `id` is a record's or a folder's."""
 
     sort: Sort
     kind: Kind
@@ -39,7 +39,7 @@ class Flaw(NamedTuple):
 
 
 class Verified(NamedTuple):
-    """Counts of readable manifests, of the files that they list, and of their bytes; flaws."""
+    """Numbers of readable manifests, of the files that they list and of their bytes; and flaws."""
 
     records: int
     files: int

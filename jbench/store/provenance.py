@@ -65,10 +65,10 @@ def device_provenance(device: "torch.device") -> dict[str, str | None]:
     }
 
 
-def _driver(file: Path = Path("/sys/module/nvidia/version")) -> str | None:
+def _driver() -> str | None:
     """Returns the version of the NVIDIA driver, if the system reports it."""
     try:
-        return file.read_text().strip()
+        return Path("/sys/module/nvidia/version").read_text().strip()
     except OSError:
         return None
 

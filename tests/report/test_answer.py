@@ -271,6 +271,15 @@ def test_heading_of_the_easier_task(returns):
     assert f"less than with `planar` is undecided: {tested}" in text_of("answer")
 
 
+def test_planar_without_the_yaw_rate(returns):
+    without, planar = (
+        returns["evaluation", "td3", TASKS[0], name].final for name in ("planar-no-yaw11", "planar")
+    )
+    *lower, last = (f"{final:.0f}" for final in sorted(without))
+    said = f"have {', '.join(lower)} and {last}, and the ten with `planar` {planar.min():.0f} or"
+    assert said in text_of("answer")
+
+
 def text_of(page):
     """Returns the words of a page of docs/."""
     return " ".join((ROOT / "docs" / f"{page}.md").read_text().split())

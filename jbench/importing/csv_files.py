@@ -3,6 +3,7 @@
 A `RequestError` says what is wrong with a file that is cut off or not of its format.
 """
 
+import csv
 import io
 import json
 from collections.abc import Mapping
@@ -141,33 +142,28 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
         text = file.content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise RequestError(f"{file.path} is not a CSV file: it is not text (UTF-8).") from None
-    last = text.count("\n") + (not text.endswith("\n"))
-    first = "".join(text.split("\n")[skip : skip + 1])
+    lines = list(io.StringIO(text, newline=""))
+    first, last = "".join(lines[skip : skip + 1]), len(lines)
+    # The separator that the header has most; spreadsheets of some languages write ;.
+    separator = max(",;\t", key=first.count)
+    reader = csv.reader(lines[skip:], delimiter=separator, strict=True)
+    rows: dict[int, list[str]] = {}
     try:
-        lines = pd.read_csv(
-            io.StringIO(text),
-            # The separator that the header has most; spreadsheets of some languages write ;.
-            sep=max(",;\t", key=first.count),
-            skiprows=skip,
-            header=None,
-            dtype=object,
-            keep_default_na=False,
-            skip_blank_lines=False,
-            engine="python",  # the other one fills short rows with empty texts
-        )
-    except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        for fields in reader:
+            if fields:
+                rows[skip + reader.line_num] = fields
+    except csv.Error as error:
         is_cut = "end of data" in str(error)
         reason = f", line {last}: the file is cut off" if is_cut else f": {error}"
         raise RequestError(f"{file.path}{reason}; it can't be read as CSV.") from None
-    lines.index = pd.RangeIndex(skip + 1, skip + 1 + len(lines), name="line")
-    table = lines.dropna(how="all").iloc[1:]
-    header = lines.iloc[0].tolist()
-    for line, row in table[table.isna().any(axis=1)].iterrows():
-        cut = "; the file is cut off" if line == last else ""
-        raise RequestError(
-            f"{file.path}, line {line}: {row.count()} fields, but the header has {len(header)}"
-            f"{cut}."
-        )
+    header = next(iter(rows.values()), [])
+    for line, fields in rows.items():
+        if len(fields) != len(header):
+            cut = "; the file is cut off" if line == last and len(fields) < len(header) else ""
+            raise RequestError(
+                f"{file.path}, line {line}: {len(fields)} fields, but the header has "
+                f"{len(header)}{cut}."
+            )
     if ends_line and not text.endswith(("\n", "\r")):
         raise RequestError(
             f"{file.path}, line {last}: the line has no end, so the file is cut off; copy it "
@@ -176,9 +172,9 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
     doubled = {name for name in header if header.count(name) > 1}
     if doubled:
         raise RequestError(f"{file.path} has two columns {min(doubled)!r}; rename one of them.")
-    if table.empty:
+    if len(rows) < 2:
         raise RequestError(f"{file.path} has a header, but no rows; leave the file out.")
-    return table.set_axis(header, axis=1)
+    return pd.DataFrame(list(rows.values()), pd.Index(rows, name="line"), header).iloc[1:]
 
 
 def numbers(table: pd.DataFrame, name: str, file: ImportedFile) -> NDArray[np.float64]:

@@ -127,7 +127,7 @@ def rows(runs, path):
 
 def workers(process):
     """Returns the ids of the worker processes below a process."""
-    found = set()
+    pids = set()
     waiting = [process if isinstance(process, int) else process.pid]
     while waiting:
         pid = waiting.pop()
@@ -136,8 +136,8 @@ def workers(process):
             command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
             if forked or b"jbench.training.worker" in command:
                 # Its own new child processes have its name for a moment.
-                found.add(pid)
+                pids.add(pid)
                 continue
             for task in Path(f"/proc/{pid}/task").iterdir():
                 waiting += map(int, (task / "children").read_text().split())
-    return found
+    return pids

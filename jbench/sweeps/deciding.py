@@ -125,7 +125,9 @@ def next_cells(outcomes: Sequence[ComparisonOutcome], tried: Container[str]) -> 
         tried: ids of runs.
     """
     going_on = [
-        outcome for outcome in outcomes if not any(run.id in tried for run in outcome.needed)
+        outcome
+        for outcome in outcomes
+        if outcome.needed and not any(run.id in tried for run in outcome.needed)
     ]
     needed = {run.id for outcome in going_on for run in outcome.needed}
     cells = {

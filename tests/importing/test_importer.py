@@ -68,9 +68,9 @@ def test_evaluation_tag_is_imported_as_evaluation_curve(event_file, imports, imp
 
 def test_wandb_chart_is_read_by_run(wandb_file, imports, rows):
     assert imports("wandb-csv", wandb_file(), seed_from=r"td3__(\d+)__")[0] == 0
-    found = rows()
-    assert {seed: points["episode_return"].tolist() for seed, points in found.items()} == EPISODES
-    assert found[2]["control_steps"].tolist() == [1001, 2001, 3001]
+    curves = rows()
+    assert {seed: points["episode_return"].tolist() for seed, points in curves.items()} == EPISODES
+    assert curves[2]["control_steps"].tolist() == [1001, 2001, 3001]
 
 
 def test_wandb_chart_requires_axis_of_control_steps(wandb_file, imports, import_error, rows):

@@ -27,18 +27,18 @@ def draw(random, agents, episodes, s, w, shape="normal"):
 
 
 def test_components_agree_with_numbers_worked_out_by_hand():
-    found = components(THREE)
+    estimated = components(THREE)
     # The variance of the means is 49 / 3; the episodes cause 2 / 2 of it.
     assert THREE.agent_variance == pytest.approx(49 / 3 - 1)
-    assert found.deviation == pytest.approx((46 / 3) ** 0.5)
-    assert found.episode_deviation == pytest.approx(2**0.5)
+    assert estimated.deviation == pytest.approx((46 / 3) ** 0.5)
+    assert estimated.episode_deviation == pytest.approx(2**0.5)
     assert THREE.episode_variance == pytest.approx(1)
     # F has 2 and 3 degrees of freedom: P(F > f) = (1 + 2 f / 3)^(-3/2), so its quantiles are
     # 3/2 (q^(-2/3) - 1) for an upper tail q.
     f = 49 / 3
     upper, lower = (1.5 * (q ** (-2 / 3) - 1) for q in (0.025, 0.975))
-    assert found.low == pytest.approx((f / upper - 1) ** 0.5)
-    assert found.high == pytest.approx((f / lower - 1) ** 0.5)
+    assert estimated.low == pytest.approx((f / upper - 1) ** 0.5)
+    assert estimated.high == pytest.approx((f / lower - 1) ** 0.5)
 
 
 def test_negative_estimate_is_kept_and_deviation_is_zero():
@@ -66,23 +66,23 @@ def test_unequal_numbers_of_episodes_have_fewer_degrees_of_freedom():
 def test_interval_covers_deviation_of_simulated_agents(s, episodes):
     random, repetitions = np.random.default_rng(s), 600
     agents = [agents_from(draw(random, 10, episodes, s, 150)) for _ in range(repetitions)]
-    found = list(map(components, agents))
-    covered = np.mean([one.low <= s <= one.high for one in found])
+    estimated = list(map(components, agents))
+    covered = np.mean([interval.low <= s <= interval.high for interval in estimated])
     # Three standard errors are 0.027.
     assert 0.95 - 0.027 < covered < 0.95 + 0.027
-    assert np.mean([one.agent_variance for one in agents]) == pytest.approx(s**2, rel=0.15)
+    assert np.mean([sample.agent_variance for sample in agents]) == pytest.approx(s**2, rel=0.15)
 
 
 def test_difference_is_found_and_equal_agents_are_not_different():
     random = np.random.default_rng(3)
     steady, varying = (agents_from(draw(random, 20, 100, s, 100)) for s in (20, 100))
-    found = difference(varying, steady)
-    assert found.value == pytest.approx(80, abs=40)
-    assert 0 < found.low < found.value < found.high
+    estimated = difference(varying, steady)
+    assert estimated.value == pytest.approx(80, abs=40)
+    assert 0 < estimated.low < estimated.value < estimated.high
     wider = difference(varying, steady, confidence=0.999)
-    assert wider.low < found.low < found.high < wider.high
+    assert wider.low < estimated.low < estimated.high < wider.high
     swapped = difference(steady, varying)
-    assert swapped[:3] == pytest.approx((-found.value, -found.high, -found.low))
+    assert swapped[:3] == pytest.approx((-estimated.value, -estimated.high, -estimated.low))
     assert difference(steady, steady).value == 0
 
 
@@ -98,5 +98,5 @@ def test_smallest_difference_is_found_with_a_power_of_80_percent():
     random, shape = np.random.default_rng(5), (4000, 8)
     effect = smallest_difference(8, 30, 100, 10)
     sides = [random.normal(mean, np.hypot(30, 100 / 10**0.5), shape) for mean in (0, effect)]
-    found = stats.ttest_ind(*sides, axis=1, equal_var=False).pvalue < 0.05
-    assert found.mean() == pytest.approx(0.8, abs=0.03)
+    significant = stats.ttest_ind(*sides, axis=1, equal_var=False).pvalue < 0.05
+    assert significant.mean() == pytest.approx(0.8, abs=0.03)

@@ -81,15 +81,15 @@ def test_single_look_equals_permutation_test_of_scipy():
     random = np.random.default_rng(0)
     for _ in range(20):
         ours, theirs = random.normal(1.5, 1, 5), random.normal(0, 1, 5)
-        found = stats.permutation_test(
+        compared = stats.permutation_test(
             (ours, theirs),
             lambda x, y, axis: x.mean(axis=axis) - y.mean(axis=axis),
             vectorized=True,
             n_resamples=np.inf,
             alternative="greater",
         )
-        assert first_above(ours, theirs, found.pvalue + 1e-6, 1) == (found.pvalue < 1)
-        assert first_above(ours, theirs, found.pvalue - 1e-6, 1) == 0
+        assert first_above(ours, theirs, compared.pvalue + 1e-6, 1) == (compared.pvalue < 1)
+        assert first_above(ours, theirs, compared.pvalue - 1e-6, 1) == 0
 
 
 @pytest.mark.parametrize(
@@ -103,10 +103,10 @@ def test_false_positives_do_not_exceed_error_rate(distribution):
         first_above(*pair, rate / 2, LOOKS, relabelings=1000) > 0
         for pair in ((ours, theirs), (theirs, ours))
     ]
-    found = np.mean(above[0] | above[1])
+    wrong = np.mean(above[0] | above[1])
     # Three standard errors of the estimate are 0.015. A rate well below would waste seeds.
     error = 3 * np.sqrt(rate * (1 - rate) / repetitions)
-    assert rate - 2 * error < found < rate + error
+    assert rate - 2 * error < wrong < rate + error
 
 
 def test_larger_shift_is_detected_with_fewer_seeds():
@@ -139,9 +139,9 @@ def test_result_is_independent_of_seed_order_in_block():
     expected = compare(ours, theirs, 50, 0.05, LOOKS)
     for _ in range(3):
         shuffled = [random.permuted(x.reshape(6, 5), axis=1).ravel() for x in (ours, theirs)]
-        found = compare(*shuffled, 50, 0.05, LOOKS)
-        assert found.verdict == expected.verdict
-        assert found[1:] == pytest.approx(expected[1:])
+        compared = compare(*shuffled, 50, 0.05, LOOKS)
+        assert compared.verdict == expected.verdict
+        assert compared[1:] == pytest.approx(expected[1:])
 
 
 def test_decision_agrees_with_interval_and_is_final():
@@ -149,27 +149,27 @@ def test_decision_agrees_with_interval_and_is_final():
     verdicts = set()
     for shift, spread in ((200, 100), (-200, 100), (0, 15), (20, 100), (30, 5)):
         ours, theirs = random.normal(shift, spread, 30), random.normal(0, spread, 30)
-        found = compare(ours, theirs, 50, 0.05, LOOKS)
-        outside = found.low > 0 or found.high < 0
-        within = found.low > -50 and found.high < 50
-        assert (found.verdict in ("larger", "smaller")) == outside
-        assert (found.verdict == "equal") == (within and not outside)
-        assert found.low < found.difference < found.high
-        assert found.spent == pytest.approx(0.05 * found.seeds / 30)
+        compared = compare(ours, theirs, 50, 0.05, LOOKS)
+        outside = compared.low > 0 or compared.high < 0
+        within = compared.low > -50 and compared.high < 50
+        assert (compared.verdict in ("larger", "smaller")) == outside
+        assert (compared.verdict == "equal") == (within and not outside)
+        assert compared.low < compared.difference < compared.high
+        assert compared.spent == pytest.approx(0.05 * compared.seeds / 30)
         # Additional seeds change nothing; fewer seeds are undecided.
-        assert compare(ours[: found.seeds], theirs, 50, 0.05, LOOKS) == found
-        fewer = compare(ours[: found.seeds - 1], theirs, 50, 0.05, LOOKS)
+        assert compare(ours[: compared.seeds], theirs, 50, 0.05, LOOKS) == compared
+        fewer = compare(ours[: compared.seeds - 1], theirs, 50, 0.05, LOOKS)
         assert fewer.verdict == "undecided"
-        verdicts.add(found.verdict)
+        verdicts.add(compared.verdict)
     assert verdicts == {"larger", "smaller", "equal", "undecided"}
 
 
 def test_five_seeds_are_undecided_with_shared_error_rate():
     # The smallest p-value of 5 + 5 seeds is 1/252.
     ours, theirs = np.arange(10.0) + 1000, np.arange(10.0)
-    found = compare(ours[:5], theirs[:5], 50, 0.05 / 16, LOOKS)
-    assert (found.verdict, found.seeds) == ("undecided", 5)
-    assert (found.low, found.high) == (-np.inf, np.inf)
+    compared = compare(ours[:5], theirs[:5], 50, 0.05 / 16, LOOKS)
+    assert (compared.verdict, compared.seeds) == ("undecided", 5)
+    assert (compared.low, compared.high) == (-np.inf, np.inf)
     assert compare(ours, theirs, 50, 0.05 / 16, LOOKS).verdict == "larger"
     assert interval(ours, theirs, 0.05 / 16, LOOKS)[0] > 900
     assert compare(ours[:4], theirs, 50, 0.05, LOOKS)[:2] == ("undecided", 0)

@@ -46,12 +46,14 @@ def test_estimates_equal_rliable(case, name):
 @pytest.mark.parametrize("case", range(len(CASES)))
 def test_intervals_agree_with_rliable(case, name):
     low, high = CASES[case]["made"][name]["interval"]
-    found = st.estimate(STATISTICS[name], *groups(CASES[case], name), resamples=20_000)
+    estimated = st.estimate(STATISTICS[name], *groups(CASES[case], name), resamples=20_000)
     # The limits of a bootstrap of 5,000 vary by about 2% of the width (one sd). The scores of half
     # of the cases are multiples of 25, so their limits may move by one step of a discrete
     # distribution: 25 divided by the number of runs.
     steps = 25 / len(CASES[case]["x"]) if name != "probability_of_improvement" else 0.01
-    assert [found.low, found.high] == pytest.approx([low, high], abs=0.08 * (high - low) + steps)
+    assert [estimated.low, estimated.high] == pytest.approx(
+        [low, high], abs=0.08 * (high - low) + steps
+    )
 
 
 @pytest.mark.parametrize("case", range(len(CASES)))
@@ -100,12 +102,12 @@ def test_fast_improvement_equals_pairwise_one_bit_for_bit():
     ours = [random.integers(5, size=9) * 1.0, np.array([np.inf, 2.0, 3.0])]  # many ties
     theirs = [random.integers(5, size=4) * 1.0, np.array([np.inf, -np.inf, 2.0])]
 
-    def of_pairs(*drawn):
+    def compare_pairs(*drawn):
         return st.probability_of_improvement(*drawn)
 
     fast, slow = (
         sample.drawn
-        for sample in st.samples([st.probability_of_improvement, of_pairs], ours, theirs)
+        for sample in st.samples([st.probability_of_improvement, compare_pairs], ours, theirs)
     )
     assert np.array_equal(fast, slow)
     assert len(np.unique(fast)) > 50
@@ -115,7 +117,7 @@ def test_shared_resamples_give_same_estimates_bit_for_bit():
     scores = np.random.default_rng(1).uniform(0, 1000, 9)
     several = [st.median, st.interquartile_mean, st.standard_deviation]
     together = [sample.estimate() for sample in st.samples(several, [scores])]
-    assert together == [st.estimate(one, [scores]) for one in several]
+    assert together == [st.estimate(statistic, [scores]) for statistic in several]
 
 
 def test_interval_of_profile_is_that_of_resampled_seeds():
@@ -148,9 +150,9 @@ def test_interval_has_stated_coverage():
     random = np.random.default_rng(3)
     drawn = random.normal(size=(400, 30))
     covered = [
-        found.low <= 0 <= found.high
+        estimated.low <= 0 <= estimated.high
         for seeds in drawn
-        if (found := st.estimate(mean, [seeds], resamples=1000))
+        if (estimated := st.estimate(mean, [seeds], resamples=1000))
     ]
     assert 0.90 <= np.mean(covered) <= 0.97
 
@@ -158,8 +160,8 @@ def test_interval_has_stated_coverage():
 def test_seeds_that_never_reach_a_return_count_as_infinite():
     steps = np.array([20.0, 10.0, np.inf])
     assert st.median([steps]) == 20.0
-    found = st.estimate(st.median, [steps])
-    assert (found.low, found.high) == (10.0, np.inf)
+    estimated = st.estimate(st.median, [steps])
+    assert (estimated.low, estimated.high) == (10.0, np.inf)
     # Two of three seeds never reach it: the median is infinite.
     assert st.median([np.array([10.0, np.inf, np.inf])]) == np.inf
 

@@ -21,7 +21,7 @@ def test_direction_passes_half_of_a_share_to_the_others():
     # decided, five are left: 0.024; then four: 0.03.
     shares = [0.02, 0.02, 0.02]
     steps = step_down(stepping([0.03, 0.02, 0.024]), shares, 1)
-    assert [round(one.rate, 9) for one in steps] == [0.03, 0.02, 0.024]
+    assert [round(stop.rate, 9) for stop in steps] == [0.03, 0.02, 0.024]
     assert step_down(stepping([0.031, 0.02, 0.024]), shares, 1)[0] is None
     assert step_down(stepping([0.02, 0.0201, 0.0201]), shares, 1)[1:] != [None, None]
     # Bonferroni's rates are not exceeded before there is a decision.
@@ -42,7 +42,7 @@ def test_share_is_passed_on_in_proportion_to_shares():
     assert steps[1] is None
     # After the second: 0.02 + 0.04 over 0.01: 6 parts, so 0.1 / 6 instead of 0.01.
     steps = step_down(stepping([0.0166, 0.03]), [0.01, 0.04], 1)
-    assert [one.rate for one in steps] == pytest.approx([0.1 / 6, 0.1 / 3])
+    assert [stop.rate for stop in steps] == pytest.approx([0.1 / 6, 0.1 / 3])
 
 
 def test_verdict_must_hold_at_all_larger_rates():
@@ -68,10 +68,10 @@ def test_decisions_of_bonferroni_remain_and_others_are_added():
     shares = [0.05 / 3] * 3
     together = decide(pairs, shares, [2] * 3, 0)
     alone = [decide([pair], shares[:1], [2], 0)[0] for pair in pairs]
-    assert [one.verdict for one in alone] == ["larger", "undecided", "undecided"]
-    assert [one.verdict for one in together] == ["larger", "larger", "undecided"]
+    assert [decision.verdict for decision in alone] == ["larger", "undecided", "undecided"]
+    assert [decision.verdict for decision in together] == ["larger", "larger", "undecided"]
     # One, then two of six one-sided hypotheses are rejected.
-    assert [one.rate for one in together] == pytest.approx([0.1 / 6, 0.1 / 5, 0.1 / 4])
+    assert [decision.rate for decision in together] == pytest.approx([0.1 / 6, 0.1 / 5, 0.1 / 4])
     assert together[1].low > 0 > alone[1].low
 
 
@@ -91,14 +91,14 @@ def test_error_rate_of_correlated_comparisons():
                 looks,
                 relabelings=500,
             )
-    wrong = found = 0
+    wrong = right = 0
     for r in range(repetitions):
 
         def reached(i, name, rate, r=r):
             return 0 if name == "equal" else int(at[name, round(0.1 / rate)][i, r])
 
         steps = step_down(reached, [0.05 / m] * m, looks)
-        wrong += any(one is not None for one in steps[3:])
-        found += all(one is not None for one in steps[:3])
+        wrong += any(stop is not None for stop in steps[3:])
+        right += all(stop is not None for stop in steps[:3])
     assert wrong / repetitions <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / repetitions)
-    assert found / repetitions > 0.9
+    assert right / repetitions > 0.9

@@ -71,9 +71,9 @@ def test_each_status_is_reported_with_steps_left(results, cell):
 def test_run_with_damaged_manifest_counts_as_failed(results, cell):
     record = begin(results, cell.runs[0])
     (record.path / "manifest.json").write_text("{")
-    found = run_status(cell.runs[0], results)
-    assert found.state == "failed"
-    assert "is not a manifest that can be read" in found.error
+    status = run_status(cell.runs[0], results)
+    assert status.state == "failed"
+    assert "is not a manifest that can be read" in status.error
 
 
 def test_time_left_is_estimated_from_finished_runs(results, cell):

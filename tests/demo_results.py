@@ -12,7 +12,7 @@ import safetensors.numpy
 
 from jbench.datasets import collect
 from jbench.encoders import saved
-from jbench.encoders.settings import encoder_settings
+from jbench.encoders.registry import encoder_settings
 from jbench.policies.network import SavedNetwork, linear_layer, relu_layers
 from jbench.policies.saved import policy_files
 from jbench.settings.algorithms import algorithm_settings

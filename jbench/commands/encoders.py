@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import torch
 
     from jbench.datasets import Dataset
-    from jbench.encoders.settings import EncoderSettings
+    from jbench.encoders.registry import EncoderSettings
     from jbench.encoders.states import States
     from jbench.store import Record, Results
 
@@ -173,8 +173,7 @@ def _planned(
     Args:
         source: dataset to train on; None if it is not known yet.
     """
-    from jbench.encoders.registry import latent_sizes
-    from jbench.encoders.settings import encoder_settings, options_with_epochs
+    from jbench.encoders.registry import encoder_settings, latent_sizes, options_with_epochs
 
     numbers = parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
     known = dict.fromkeys(

@@ -1,7 +1,8 @@
 """Encoders: reduced-order representations of an observation, and their training."""
 
 from jbench.encoders.find import find_draws, find_encoder, load_encoder
-from jbench.encoders.saved import Encoder, action_signs, on_observations
+from jbench.encoders.saved import Encoder
+from jbench.encoders.wrapper import action_signs, on_observations
 
 __all__ = [
     "Encoder",

@@ -9,20 +9,16 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import ClosedForm, Kind
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
-from jbench.encoders.moments import FloatArray, Moments, affine_errors
-from jbench.encoders.pairs import Shard
-from jbench.encoders.states import States
+from jbench.encoders.moments import FloatArray, Moments
+from jbench.encoders.states import Shard, States
 from jbench.names import TASKS
 from jbench.simulation import find_task, rollout
-from jbench.store import encoder_schema
 from jbench.tasks import resets
 from jbench.tasks.heuristics import heuristic
 
@@ -33,13 +29,13 @@ _SEED = 20200419  # not used by `jbench evaluate` or for tuning the heuristics
 _BASELINES: dict[str, ClosedForm] = {"pca": PrincipalComponents(), "random": RandomProjection()}
 
 
-def error_tables(
-    encoder: str, kind: Kind, weights: Mapping[str, Any], latents: int, states: States
-) -> dict[str, pa.Table]:
-    """Returns the rows of an encoder's errors, per feature and over all features.
+def errors(
+    kind: Kind, weights: Mapping[str, Any], latents: int, states: States
+) -> dict[str, list[dict[str, Any]]]:
+    """Returns the rows of `encoder_features` and `encoder_errors`, without the encoder.
 
-    They are errors on held-out episodes, `test`, and on hand-written ones, `heuristic`, of which
-    other robots have none. The weights are numpy arrays in float32.
+    They are errors on held-out episodes, `test`, and on those of the hand-written policy,
+    `heuristic`, which other robots do not have. The weights are numpy arrays in float32.
     """
     data: dict[str, tuple[Iterable[Shard], Moments]] = {"test": (states.test(), states.held_out)}
     if states.task in TASKS:
@@ -48,11 +44,11 @@ def error_tables(
         scaled = states.scaled(observations)
         shard = Shard(*map(torch.from_numpy, (scaled, *actions_and_rewards))).to(states.device)
         data["heuristic"] = [shard], Moments.of(scaled)
-    on_device = {n: torch.from_numpy(v).to(states.device) for n, v in weights.items()}
+    on_device = {name: torch.from_numpy(value).to(states.device) for name, value in weights.items()}
     # There may be more latents than features.
     size = min(latents, states.size)
     baselines = {
-        name: _reconstruction(other, other.fit(states.learned, size, states.seed), states.size)
+        name: (other, other.fit(states.learned, size, states.seed))
         for name, other in _BASELINES.items()
     }
     columns: dict[str, FloatArray] = {}
@@ -60,24 +56,21 @@ def error_tables(
     for episodes, (shards, moments) in data.items():
         mse, variance = reconstruction_errors(kind, on_device, shards)
         end = "" if episodes == "test" else f"_{episodes}"
-        errors = {episodes: mse} | {
-            f"{name}{end}": affine_errors(*affine, moments) for name, affine in baselines.items()
+        mses = {episodes: mse} | {
+            f"{name}{end}": affine_errors(*fitted, moments) for name, fitted in baselines.items()
         }
-        columns |= {f"{name}_mse": error for name, error in errors.items()}
+        columns |= {f"{name}_mse": error for name, error in mses.items()}
         columns[f"{episodes}_variance"] = variance
         totals[f"{episodes}_states"] = moments.rows
         total = variance.sum()
-        for name, error in errors.items():
+        for name, error in mses.items():
             totals[f"{name}_explained"] = float(1 - error.sum() / total) if total else 0.0
-    features = {"index": range(states.size), "feature": find_task(states.task).labels, **columns}
     totals |= {name: float(values.mean()) for name, values in columns.items()}
-    rows = [{**row, "encoder": encoder} for row in pd.DataFrame(features).to_dict("records")]
-    return {
-        "encoder_features": pa.Table.from_pylist(rows, encoder_schema.ENCODER_FEATURES),
-        "encoder_errors": pa.Table.from_pylist(
-            [{**totals, "encoder": encoder}], encoder_schema.ENCODER_ERRORS
-        ),
-    }
+    features = [
+        {"index": i, "feature": label, **{name: values[i] for name, values in columns.items()}}
+        for i, label in enumerate(find_task(states.task).labels)
+    ]
+    return {"encoder_features": features, "encoder_errors": [totals]}
 
 
 @torch.no_grad()
@@ -123,14 +116,15 @@ def heuristic_episodes(
     return np.stack(observations, axis=1), np.stack(actions, axis=1), np.stack(rewards, axis=1)
 
 
-def _reconstruction(
-    kind: ClosedForm, weights: Mapping[str, FloatArray], size: int
-) -> tuple[FloatArray, FloatArray]:
-    """Returns matrix (size, size) and shift (size,) of an affine reconstruction."""
-
-    def rebuilt(rows: FloatArray) -> FloatArray:
-        values: FloatArray = kind.decode(weights, kind.encode(weights, rows))
-        return values
-
-    shift = rebuilt(np.zeros(size))
-    return (rebuilt(np.eye(size)) - shift).T, shift
+def affine_errors(
+    kind: ClosedForm, weights: Mapping[str, FloatArray], moments: Moments
+) -> FloatArray:
+    """Returns the (size,) mean squared errors of an affine kind, which follow from the moments."""
+    identity = np.eye(len(moments.mean))
+    shift = kind.decode(weights, kind.encode(weights, np.zeros_like(moments.mean)))
+    matrix = (kind.decode(weights, kind.encode(weights, identity)) - shift).T
+    difference = matrix - identity
+    bias = difference @ moments.mean + shift
+    variance = np.einsum("ij,jk,ik->i", difference, moments.covariance, difference)
+    mses: FloatArray = np.maximum(variance + bias**2, 0)
+    return mses

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from jbench.encoders.registry import EncoderSettings, named_encoder
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, Encoder, SavedEncoder
-from jbench.encoders.settings import EncoderSettings, named_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose
 from jbench.simulation import find_task

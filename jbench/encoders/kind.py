@@ -15,9 +15,8 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.moments import Moments
-from jbench.encoders.pairs import StatePairs
 from jbench.encoders.scaling import not_rescaled, rescaled
-from jbench.encoders.states import Scale, States
+from jbench.encoders.states import Scale, StatePairs, States
 from jbench.settings.base import Settings, omissible
 from jbench.simulation import find_task
 from jbench.tasks.geometry import Array

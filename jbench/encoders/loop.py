@@ -8,7 +8,7 @@ saved with the weights and Adam's state, so a resumed training ends with the sam
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import Learned
-from jbench.encoders.pairs import StatePairs
 from jbench.encoders.saved import SavedEncoder
-from jbench.encoders.states import States
+from jbench.encoders.states import StatePairs, States
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.store import Record, encoder_schema
+from jbench.store import Record
+from jbench.store.encoder_schema import ENCODER_TABLES
 
 CHECKPOINT = "checkpoint.safetensors"
 
@@ -42,10 +42,7 @@ _Item = TypeVar("_Item")
 class EncoderLearner:
     """The complete state of a training: weights, optimizer and random generator.
 
-    Attributes:
-        weights: by name, as views of one flat tensor that Adam updates.
-        gradients: of the trained weights, by name.
-        random: generator of all random numbers, on the CPU.
+    The weights and their gradients are views of flat tensors, which Adam updates.
     """
 
     def __init__(self, kind: Learned, states: States, latents: int) -> None:
@@ -116,12 +113,9 @@ class EncoderLearner:
         kind, ahead = self.kind, self.kind.steps_ahead
         for shard in self.states.learn(self.random):
             pairs = shard.pairs(ahead)
-            order = torch.randperm(
-                pairs,
-                generator=self.random,
-                dtype=torch.int32 if pairs < 2**31 // 2 else torch.int64,
-            ).to(self.device)
-            for indices in order.split(_PREPARED * kind.batch):
+            dtype = torch.int32 if pairs < 2**30 else torch.int64
+            order = torch.randperm(pairs, generator=self.random, dtype=dtype)
+            for indices in order.to(self.device).split(_PREPARED * kind.batch):
                 batch = shard.take(indices, ahead, kind.uses_actions)
                 yield kind.prepare(batch, self.latents, self.random)
 
@@ -159,20 +153,31 @@ def learn(
                 f"The training of {record.id} diverged: the loss of epoch {epoch} is {loss}; "
                 "type a smaller --learning-rate."
             )
-        same = corrupted is clean.now
-        errors = {
-            "test_mse": learner.error(clean.now, targets),
-            "test_denoising_mse": None if same else learner.error(corrupted, targets),
-        }
+        row = {"epoch": epoch, "train_loss": loss, "test_mse": learner.error(clean.now, targets)}
+        if corrupted is not clean.now:
+            row["test_denoising_mse"] = learner.error(corrupted, targets)
         now = time.perf_counter()
-        row = {"encoder": record.id, "epoch": epoch, "train_loss": loss, **errors}
         rows.append({**row, "wall_time": before + now - start})
         if now - committed >= commit_every or epoch == kind.epochs:
-            table = pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)
-            record.append({"encoder_epochs": table}, {CHECKPOINT: learner.to_bytes()})
+            append_rows(record, {"encoder_epochs": rows}, {CHECKPOINT: learner.to_bytes()})
             rows, committed = [], now
         progress(epoch)
     return learner.arrays()
+
+
+def append_rows(
+    record: Record,
+    rows: Mapping[str, Iterable[Mapping[str, Any]]],
+    checkpoints: Mapping[str, bytes] | None = None,
+) -> None:
+    """Commits an encoder's rows by table; their column `encoder` is set."""
+    tables = {
+        name: pa.Table.from_pylist(
+            [{**row, "encoder": record.id} for row in some], ENCODER_TABLES[name]
+        )
+        for name, some in rows.items()
+    }
+    record.append(tables, checkpoints)
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:

@@ -54,11 +54,8 @@ class Moments(NamedTuple):
 
     def scaled(self, gain: NDArray[np.floating], offset: NDArray[np.floating]) -> "Moments":
         """Returns the moments of gain * row + offset, both (size,)."""
-        return Moments(
-            self.rows,
-            gain.astype(np.float64) * self.mean + offset,
-            np.outer(gain, gain).astype(np.float64) * self.covariance,
-        )
+        mean = gain.astype(np.float64) * self.mean + offset
+        return Moments(self.rows, mean, np.outer(gain, gain).astype(np.float64) * self.covariance)
 
     def regression(self, inputs: int) -> tuple[FloatArray, FloatArray]:
         """Returns the least squares slopes (inputs, others) and offset (others,).
@@ -73,29 +70,6 @@ class Moments(NamedTuple):
     def variance(self) -> FloatArray:
         """(size,) variance of each column."""
         return np.diag(self.covariance).copy()
-
-
-def linear_decoder(
-    directions: FloatArray, covariance: FloatArray, min_variance: float
-) -> FloatArray:
-    """Returns the (latents, size) matrix that best reconstructs rows from directions @ row.
-
-    Variances smaller than `min_variance`, relative to the largest, count as 0.
-    """
-    cross_covariance = directions @ covariance
-    inverse = np.linalg.pinv(cross_covariance @ directions.T, rcond=min_variance, hermitian=True)
-    decoder: FloatArray = inverse @ cross_covariance
-    return decoder
-
-
-def affine_errors(matrix: FloatArray, shift: FloatArray, moments: Moments) -> FloatArray:
-    """Returns the (size,) mean squared errors of reconstructing rows as matrix @ row + shift."""
-    difference = matrix - np.eye(len(matrix))
-    bias = difference @ moments.mean + shift
-    errors: FloatArray = (
-        np.einsum("ij,jk,ik->i", difference, moments.covariance, difference) + bias**2
-    )
-    return np.maximum(errors, 0)
 
 
 def with_positive_largest(directions: FloatArray) -> FloatArray:

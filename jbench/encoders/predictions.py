@@ -6,8 +6,7 @@ of the next state and the reward from latents and action.
 """
 
 import itertools
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,9 +16,8 @@ from torch import Tensor
 from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
 from jbench.encoders.moments import Moments
-from jbench.encoders.pairs import Shard
 from jbench.encoders.scaling import physical_scaling
-from jbench.encoders.states import States
+from jbench.encoders.states import Shard, States
 from jbench.names import TASKS
 from jbench.simulation import find_task
 
@@ -37,37 +35,28 @@ _SEED = 20200419
 _LINEAR = 0.5  # R² from which a direction of the latents stands for a target
 
 
-class _Rows(NamedTuple):
-    """Inputs (rows, latents + action_size) and targets (rows, columns) of a probe."""
-
-    inputs: Tensor
-    targets: Tensor
-
-
 def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, Any]]:
     """Returns a row of `encoder_predictions` for each target, without the encoder.
 
     A probe is trained and evaluated; the result is deterministic. The weights are numpy arrays in
     float32.
     """
-    learned = _rows(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
-    test = _rows(kind, weights, states, next(states.test()), _TEST_ROWS)
-    latents = learned.inputs.shape[1] - states.action_size
+    inputs, targets = _rows(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
+    test_inputs, test_targets = _rows(kind, weights, states, next(states.test()), _TEST_ROWS)
+    latents = inputs.shape[1] - states.action_size
     shared = {
-        "effective_rank": effective_rank(test.inputs[:, :latents].numpy()),
-        "learned_rows": len(learned.inputs),
-        "test_rows": len(test.inputs),
+        "effective_rank": effective_rank(test_inputs[:, :latents].numpy()),
+        "learned_rows": len(inputs),
+        "test_rows": len(test_inputs),
     }
-    linear, amplitudes = _regression(learned, latents)
-    linear_errors = (linear(test.inputs) - test.targets).square().mean(0)
-    linear_variance = test.targets.var(0, correction=0)
-    scaling = [_standard(part) for part in learned]
-    learned, test = (
-        _Rows(*((part - mean) / sd for part, (mean, sd) in zip(rows, scaling, strict=True)))
-        for rows in (learned, test)
-    )
-    errors = (_trained(learned)(test.inputs) - test.targets).square().mean(0)
-    variance = test.targets.var(0, correction=0)
+    predicted, amplitudes = _regression(inputs, targets, test_inputs, latents)
+    linear_errors = (predicted - test_targets).square().mean(0)
+    linear_variance = test_targets.var(0, correction=0)
+    (mean, sd), (target_mean, target_sd) = _mean_and_sd(inputs), _mean_and_sd(targets)
+    probe = _trained((inputs - mean) / sd, (targets - target_mean) / target_sd)
+    test_targets = (test_targets - target_mean) / target_sd
+    errors = (probe((test_inputs - mean) / sd) - test_targets).square().mean(0)
+    variance = test_targets.var(0, correction=0)
     rows = []
     for target, columns in _columns(states.task).items():
         linear_r2 = _r2(linear_errors[columns], linear_variance[columns])
@@ -106,8 +95,13 @@ def _columns(task: str) -> dict[str, list[int]]:
     return columns
 
 
-def _rows(kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int) -> _Rows:
-    """Returns up to `max_rows` random rows of a shard."""
+def _rows(
+    kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int
+) -> tuple[Tensor, Tensor]:
+    """Returns inputs (rows, latents + action_size) and targets (rows, columns) of a probe.
+
+    They are random rows of a shard, `max_rows` at most.
+    """
     shard = shard.to(torch.device("cpu"))
     pairs = shard.pairs(1)
     random = torch.Generator().manual_seed(_SEED)
@@ -117,7 +111,7 @@ def _rows(kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: 
     latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
     if states.task not in TASKS:
         changes = torch.cat([batch.later - batch.now, batch.rewards], 1)
-        return _Rows(torch.cat([torch.from_numpy(latents), batch.actions], 1), changes)
+        return torch.cat([torch.from_numpy(latents), batch.actions], 1), changes
     gain, offset = physical_scaling(states.task, states.scaling)
     physical = batch.later.double().numpy() * gain + offset
     later = PlanarReduction().numbers(states.task, physical)
@@ -130,23 +124,24 @@ def _rows(kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: 
         actions, rates = actions * signs, np.where(signs < 0, rates * mirror, rates)
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
     inputs = np.concatenate([latents, actions], axis=1)
-    return _Rows(torch.from_numpy(inputs), torch.from_numpy(targets))
+    return torch.from_numpy(inputs), torch.from_numpy(targets)
 
 
-def _regression(rows: _Rows, latents: int) -> tuple[Callable[[Tensor], Tensor], Tensor]:
-    """Returns a linear regression of the targets on the inputs, and its amplitudes (columns,)."""
-    inputs, targets = (part.double() for part in rows)
-    moments = Moments.of(torch.cat([inputs, targets], 1).numpy())
+def _regression(
+    inputs: Tensor, targets: Tensor, test_inputs: Tensor, latents: int
+) -> tuple[Tensor, Tensor]:
+    """Returns predictions (rows, columns) of a linear regression, and its amplitudes (columns,)."""
+    moments = Moments.of(torch.cat([inputs.double(), targets.double()], 1).numpy())
     slopes, offset = moments.regression(inputs.shape[1])
-    along, spread = slopes[:latents], moments.covariance[:latents, :latents]
-    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, spread, along), 0))
+    along, covariance = slopes[:latents], moments.covariance[:latents, :latents]
+    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, covariance, along), 0))
     norms = np.linalg.norm(along, axis=0)
     amplitudes = np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0)
-    slope, shift = (torch.from_numpy(value) for value in (slopes, offset))
-    return lambda values: values.double() @ slope + shift, torch.from_numpy(amplitudes)
+    predicted = test_inputs.double() @ torch.from_numpy(slopes) + torch.from_numpy(offset)
+    return predicted, torch.from_numpy(amplitudes)
 
 
-def _standard(rows: Tensor) -> tuple[Tensor, Tensor]:
+def _mean_and_sd(rows: Tensor) -> tuple[Tensor, Tensor]:
     """Returns mean and standard deviation of columns; 1 for a constant column."""
     sd = rows.std(0)
     return rows.mean(0), torch.where(sd > 1e-6, sd, 1)
@@ -158,25 +153,23 @@ def _r2(errors: Tensor, variance: Tensor) -> float | None:
     return 1 - float(errors.sum()) / total if total > 0 else None
 
 
-def _trained(rows: _Rows) -> torch.nn.Module:
+def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
     """Returns a network trained to predict the targets."""
     random = torch.Generator().manual_seed(_SEED)
-    sizes = (rows.inputs.shape[1], _HIDDEN, _HIDDEN, rows.targets.shape[1])
+    sizes = (inputs.shape[1], _HIDDEN, _HIDDEN, targets.shape[1])
     linear = [torch.nn.Linear(*pair) for pair in itertools.pairwise(sizes)]
     for layer in linear:
         torch.nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu", generator=random)
         torch.nn.init.zeros_(layer.bias)
     relu = torch.nn.ReLU()
     network = torch.nn.Sequential(linear[0], relu, linear[1], relu, linear[2])
-    steps = _EPOCHS * -(-len(rows.inputs) // _BATCH)
+    steps = _EPOCHS * -(-len(inputs) // _BATCH)
     adam = torch.optim.Adam(network.parameters(), lr=_RATE, fused=True)
     scheduler = torch.optim.lr_scheduler.LinearLR(adam, 1, 0.01, total_iters=steps)
     for _ in range(_EPOCHS):
-        order = torch.randperm(len(rows.inputs), generator=random)
+        order = torch.randperm(len(inputs), generator=random)
         for indices in order.split(_BATCH):
-            loss = torch.nn.functional.mse_loss(
-                network(rows.inputs[indices]), rows.targets[indices]
-            )
+            loss = torch.nn.functional.mse_loss(network(inputs[indices]), targets[indices])
             adam.zero_grad()
             loss.backward()
             adam.step()

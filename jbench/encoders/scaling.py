@@ -1,9 +1,8 @@
 """The scaling of an encoder's inputs, and the option `rescale` of its latents."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +17,11 @@ _SD = 1 / 3  # of whitened latents: most values are in [-1, 1], as those of scal
 _MIN_VARIANCE = 1e-10  # relative to the largest; directions of smaller variance become 0
 
 
-@dataclass(frozen=True)
-class Scaling:
-    """Maps a range of each feature to [-1, 1].
+class Scaling(NamedTuple):
+    """Maps a range of each feature, such as its extremes over a dataset, to [-1, 1].
 
     Attributes:
-        minimum: (dim(O),) of the ranges, such as the extremes over a dataset.
+        minimum: (dim(O),) of the ranges.
         maximum: (dim(O),) of the ranges.
     """
 
@@ -37,21 +35,15 @@ class Scaling:
         return cls(rows.min(axis=0), rows.max(axis=0))
 
     @classmethod
-    def none(cls, size: int) -> "Scaling":
-        """Returns the scaling that changes nothing."""
-        return cls(np.full(size, -1, np.float32), np.full(size, 1, np.float32))
-
-    @classmethod
-    def to_unit_variance(cls, moments: Moments) -> "Scaling":
-        """Returns the scaling to mean 0 and variance 1."""
-        sd = np.sqrt(moments.variance)
-        return cls((moments.mean - sd).astype(np.float32), (moments.mean + sd).astype(np.float32))
+    def around(cls, center: FloatArray, half_width: FloatArray) -> "Scaling":
+        """Returns the scaling of ranges with a center and half a width, both (dim(O),)."""
+        low, high = center - half_width, center + half_width
+        return cls(low.astype(np.float32), high.astype(np.float32))
 
     def merged(self, other: "Scaling") -> "Scaling":
         """Returns the scaling of both datasets together."""
-        return Scaling(
-            np.minimum(self.minimum, other.minimum), np.maximum(self.maximum, other.maximum)
-        )
+        low, high = np.minimum(self.minimum, other.minimum), np.maximum(self.maximum, other.maximum)
+        return Scaling(low, high)
 
     def gain_and_offset(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Returns (dim(O),) numbers such that scaled = gain * observation + offset.
@@ -63,7 +55,7 @@ class Scaling:
         offset = np.where(varies, -1 - gain * low, 0)
         return gain.astype(np.float32), offset.astype(np.float32)
 
-    def half_width_and_center(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def half_width_and_center(self) -> tuple[FloatArray, FloatArray]:
         """Returns (dim(O),) numbers such that observation = half_width * scaled + center.
 
         The half width of a constant feature is 0.
@@ -71,7 +63,7 @@ class Scaling:
         low, width, varies = self._widths()
         return np.where(varies, width / 2, 0), low + width / 2
 
-    def _widths(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def _widths(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Returns minimum and width of each feature, and whether it varies."""
         low, high = self.minimum.astype(np.float64), self.maximum.astype(np.float64)
         width = high - low
@@ -85,6 +77,11 @@ def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArra
     return denormalize(task, offset + gain) - center, center
 
 
+def inverse(values: FloatArray) -> FloatArray:
+    """Returns 1 / value of each, or 0 where it is not positive, as the width of a constant."""
+    return np.divide(1, values, out=np.zeros_like(values), where=values > 0)
+
+
 def rescaled(weights: Mapping[str, Any], latents: Array) -> Array:
     """Returns rescaled latents (..., latents)."""
     return (latents - weights[_CENTER]) @ weights[_MATRIX].T
@@ -95,24 +92,22 @@ def not_rescaled(weights: Mapping[str, Any], latents: Array) -> Array:
     return latents @ weights[_INVERSE].T + weights[_CENTER]
 
 
-def rescaling(option: str, blocks: Iterable[NDArray[np.float32]]) -> dict[str, NDArray[np.float32]]:
+def rescaling(option: str, blocks: Iterable[NDArray[np.float32]]) -> dict[str, FloatArray]:
     """Returns the weights of `rescaled` for latents, given in blocks (rows, latents).
 
     Args:
         option: "whitened" scales every principal direction to a standard deviation of 1/3;
             "extremes" maps the extremes of every latent to -1 and 1.
     """
-    if option == "whitened":
+    if option == "extremes":
+        half_width, center = reduce(Scaling.merged, map(Scaling.of, blocks)).half_width_and_center()
+        matrix, back = np.diag(inverse(half_width)), np.diag(half_width)
+    else:
         moments = reduce(Moments.merged, map(Moments.of, blocks))
         variance, vectors = np.linalg.eigh(moments.covariance)
         variance, vectors = variance[::-1], with_positive_largest(vectors[:, ::-1].T).T
         varies = variance > _MIN_VARIANCE * variance[0]
         sd = np.sqrt(np.where(varies, variance, 1))
         center, matrix = moments.mean, (vectors * (varies * _SD / sd)).T
-        inverse = vectors * (varies * sd / _SD)
-    else:
-        half_width, center = reduce(Scaling.merged, map(Scaling.of, blocks)).half_width_and_center()
-        gain = np.divide(1, half_width, out=np.zeros_like(half_width), where=half_width > 0)
-        matrix, inverse = np.diag(gain), np.diag(half_width)
-    weights = {_CENTER: center, _MATRIX: matrix, _INVERSE: inverse}
-    return {name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}
+        back = vectors * (varies * sd / _SD)
+    return {_CENTER: center, _MATRIX: matrix, _INVERSE: back}

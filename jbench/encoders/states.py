@@ -1,4 +1,4 @@
-"""The scaled states of a dataset, split into training and held-out episodes.
+"""The scaled states of a dataset, and the pairs of them that encoders are trained on.
 
 Whole episodes are held out, so that no held-out state is adjacent to a training state. A dataset
 that does not fit in memory is read in each epoch, file by file in random order.
@@ -6,30 +6,94 @@ that does not fit in memory is read in each epoch, file by file in random order.
 
 from collections.abc import Iterable, Iterator
 from functools import reduce
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from jbench.datasets import Dataset
 from jbench.datasets.reader import Block
 from jbench.encoders.moments import Moments
-from jbench.encoders.pairs import STATES, Shard
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
+from jbench.names import EPISODE_STEPS
 from jbench.simulation import find_task
 
-MEMORY = 1 << 30
-"""Maximum number of bytes of states in memory; larger datasets are streamed."""
-
-SAMPLE_EPISODES = 128
-"""Maximum number of held-out episodes whose error is measured after each epoch."""
-
+_SAMPLED = 128  # held-out episodes at most whose error is measured after each epoch
+_STATES = EPISODE_STEPS + 1  # of an episode: one before each action, and the last
+_MAX_PAIRS = 65536  # in a block
 _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
 
 Scale = Literal["dataset", "observation", "sd"]
 """Scale of the features: extremes over the dataset to [-1, 1], as observed, or unit variance."""
+
+
+class StatePairs(NamedTuple):
+    """Training rows of scaled features.
+
+    Attributes:
+        now: (rows, size) states to encode, corrupted by some kinds.
+        later: (rows, size) clean states `steps_ahead` control steps later.
+        actions: (rows, steps_ahead) between the two; None unless the kind uses actions.
+        noise: (rows, latents) standard normal numbers of kinds with random latents; else None.
+        rewards: (rows, steps_ahead) of the actions; None unless the kind uses actions.
+    """
+
+    now: Tensor
+    later: Tensor
+    actions: Tensor | None = None
+    noise: Tensor | None = None
+    rewards: Tensor | None = None
+
+    def split(self, rows: int) -> list["StatePairs"]:
+        """Returns parts of this many rows; the last one may be smaller."""
+        none = [None] * -(-len(self.now) // rows)
+        parts = [none if part is None else part.split(rows) for part in self]
+        return [StatePairs(*part) for part in zip(*parts, strict=True)]
+
+
+class Shard(NamedTuple):
+    """Whole episodes.
+
+    Attributes:
+        states: (episodes, 1001, size) scaled.
+        actions: (episodes, 1000), or (episodes, 1000, action_size) of another robot.
+        rewards: (episodes, 1000) of the actions.
+    """
+
+    states: Tensor
+    actions: Tensor
+    rewards: Tensor
+
+    def pairs(self, ahead: int) -> int:
+        """Returns the number of pairs of states `ahead` steps apart."""
+        return len(self.states) * (_STATES - ahead)
+
+    def take(self, indices: Tensor, ahead: int, with_actions: bool = False) -> StatePairs:
+        """Returns pairs of states by index (rows,), counted through all episodes."""
+        states = self.states.view(-1, self.states.shape[-1])
+        if not ahead:
+            now = states.index_select(0, indices)
+            return StatePairs(now, now)
+        episode = indices // (_STATES - ahead)
+        rows = indices + episode * ahead
+        batch = StatePairs(states.index_select(0, rows), states.index_select(0, rows + ahead))
+        if not with_actions:
+            return batch
+        steps = (rows - episode)[:, None] + torch.arange(ahead, device=rows.device)
+        actions = self.actions.flatten(0, 1)[steps].flatten(1)
+        return batch._replace(actions=actions, rewards=self.rewards.view(-1)[steps])
+
+    def blocks(self, ahead: int, with_actions: bool = False) -> Iterator[StatePairs]:
+        """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
+        for indices in torch.arange(self.pairs(ahead), device=self.states.device).split(_MAX_PAIRS):
+            yield self.take(indices, ahead, with_actions)
+
+    def to(self, device: torch.device) -> "Shard":
+        """Returns a copy on a device."""
+        return Shard(*(part.to(device) for part in self))
 
 
 def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -52,8 +116,6 @@ class States:
     """A dataset as one task sees it, scaled, with episodes held out.
 
     Attributes:
-        task: the states are observations of this task.
-        seed: of the choice of held-out episodes.
         size: number of features.
         action_size: number of actuators.
         scaling: of the observations; available after `read`, like the following ones.
@@ -72,22 +134,17 @@ class States:
         dataset: Dataset,
         task: str,
         seed: int,
-        memory: int = MEMORY,
+        memory: int = 1 << 30,
         scale: Scale = "dataset",
     ) -> None:
-        """Prepares to read a dataset, in which at most `memory` bytes of states are kept.
+        """Prepares to read a dataset, of which at most `memory` bytes of states are kept.
 
         Raises:
             RequestError: if the dataset has fewer than two episodes.
         """
-        if dataset.episodes < 2:
-            raise RequestError(
-                f"The dataset {dataset.id} has one episode, and one is held out; type "
-                "jbench collect with more --steps."
-            )
         self.dataset, self.task, self.seed, self.scale = dataset, task, seed, scale
-        robot = find_task(task)
-        self.size, self.action_size = robot.observation_size, robot.action_size
+        self.size = find_task(task).observation_size
+        self.action_size = find_task(task).action_size
         learned, held_out = split_episodes(dataset.episodes, seed)
         self._episodes = {"learned": learned, "held_out": held_out}
         self._memory = memory
@@ -97,7 +154,7 @@ class States:
     @property
     def in_memory(self) -> bool:
         """Whether all states fit in memory."""
-        return self.dataset.episodes * STATES * self.size * 4 <= self._memory
+        return self.dataset.episodes * _STATES * self.size * 4 <= self._memory
 
     def read(self, device: torch.device) -> None:
         """Reads the dataset if necessary, and moves it to a device.
@@ -133,24 +190,24 @@ class States:
         for part, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):
             extremes.append(Scaling.of(block.observations))
             for name, episodes in self._episodes.items():
-                mask = np.isin(part, episodes)
-                chosen = Block(*(values[mask] for values in block))
+                chosen = _chosen(block, part, episodes)
                 moments[name] = moments[name].merged(Moments.of(chosen.observations))
-                is_sampled = name == "held_out" and _count(kept[name]) < SAMPLE_EPISODES
+                is_sampled = name == "held_out" and _count(kept[name]) < _SAMPLED
                 if self.in_memory or is_sampled:
                     kept[name].append(chosen)
         if self.scale == "dataset":
             self.scaling = reduce(Scaling.merged, extremes)
         elif self.scale == "observation":
-            self.scaling = Scaling.none(self.size)
+            self.scaling = Scaling.around(np.zeros(self.size), np.ones(self.size))
         else:
-            self.scaling = Scaling.to_unit_variance(moments["learned"].merged(moments["held_out"]))
+            observed = moments["learned"].merged(moments["held_out"])
+            self.scaling = Scaling.around(observed.mean, np.sqrt(observed.variance))
         gain, offset = self.scaling.gain_and_offset()
         self.learned, self.held_out = (part.scaled(gain, offset) for part in moments.values())
         held_out = self._shard(kept.pop("held_out"))
         if self.in_memory:
             self._whole = {"learned": self._shard(kept.pop("learned")), "held_out": held_out}
-        self.sample = Shard(*(part[:SAMPLE_EPISODES] for part in held_out))
+        self.sample = Shard(*(part[:_SAMPLED] for part in held_out))
 
     def _shards(self, name: str, random: torch.Generator | None = None) -> Iterator[Shard]:
         """Yields the training or the held-out episodes, in shards that fit in memory."""
@@ -161,24 +218,31 @@ class States:
         if random is not None:
             parts = torch.randperm(len(parts), generator=random).tolist()
         # A third of the memory: a shard is joined while the previous one is still in use.
-        max_episodes = max(1, self._memory // (3 * STATES * self.size * 4))
+        max_episodes = max(1, self._memory // (3 * _STATES * self.size * 4))
         gathered: list[Block] = []
         for part, block in zip(parts, self.dataset.blocks(self.task, parts), strict=True):
-            mask = np.isin(self.dataset.parts[part], self._episodes[name])
-            if (held := _count(gathered)) and held + mask.sum() > max_episodes:
+            chosen = _chosen(block, self.dataset.parts[part], self._episodes[name])
+            held = _count(gathered)
+            if held and held + len(chosen.rewards) > max_episodes:
                 yield self._shard(gathered)
                 gathered = []
-            gathered.append(Block(*(values[mask] for values in block)))
+            gathered.append(chosen)
         if _count(gathered):
             yield self._shard(gathered)
 
     def _shard(self, gathered: list[Block]) -> Shard:
         """Returns observations, actions and rewards as scaled tensors on the device."""
-        states, actions, rewards = (np.concatenate(part) for part in zip(*gathered, strict=True))
+        states, *others = (np.concatenate(part) for part in zip(*gathered, strict=True))
         gain, offset = self.scaling.gain_and_offset()
         states *= gain
         states += offset
-        return Shard(*map(torch.from_numpy, (states, actions, rewards))).to(self.device)
+        return Shard(*map(torch.from_numpy, (states, *others))).to(self.device)
+
+
+def _chosen(block: Block, part: range, episodes: NDArray[np.intp]) -> Block:
+    """Returns those of the episodes that are in a block, which has the numbers of `part`."""
+    mask = np.isin(part, episodes)
+    return Block(*(values[mask] for values in block))
 
 
 def _count(blocks: Iterable[Block]) -> int:

@@ -1,31 +1,28 @@
 """Training, evaluating and saving an encoder."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import safetensors.numpy
 import torch
 from numpy.typing import NDArray
 
 from jbench.cores import one_thread
-from jbench.encoders.evaluation import error_tables
+from jbench.encoders.evaluation import errors
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
-from jbench.encoders.loop import CHECKPOINT, WeightArrays, check_kind, learn
+from jbench.encoders.loop import CHECKPOINT, WeightArrays, append_rows, check_kind, learn
 from jbench.encoders.predictions import predictions
-from jbench.encoders.registry import code_provenance, make_kind
+from jbench.encoders.registry import EncoderSettings, code_provenance, make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
-from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS
 from jbench.simulation import find_task
-from jbench.store import Record, Results, encoder_schema
+from jbench.store import Record, Results
 from jbench.store.provenance import device_provenance
-
-_COMMIT_EVERY = 15.0  # s between checkpoints
 
 
 def train_encoder(
@@ -35,7 +32,7 @@ def train_encoder(
     progress: Callable[[int], None] = lambda epoch: None,
     *,
     device: torch.device = torch.device("cpu"),  # noqa: B008 - a constant
-    commit_every: float = _COMMIT_EVERY,
+    commit_every: float = 15.0,
 ) -> Record:
     """Trains and saves an encoder, resumes its training, or returns the finished one.
 
@@ -74,19 +71,16 @@ def train_encoder(
                 weights = fitted(kind, states, settings.latents)
                 progress(1)
             if kind.rescale is not None:
-                weights |= rescaling(kind.rescale, _latents(kind, weights, states))
+                weights |= _float32(rescaling(kind.rescale, _latents(kind, weights, states)))
             try:
                 SavedEncoder(kind, weights, states.scaling, settings.latents)
             except ValueError as error:
                 raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
             # An interrupted process may have committed the errors already.
             if not record.rows("encoder_errors"):
-                table_rows = [
-                    {"encoder": record.id, **row} for row in predictions(kind, weights, states)
-                ]
-                table = pa.Table.from_pylist(table_rows, encoder_schema.ENCODER_PREDICTIONS)
-                errors = error_tables(record.id, kind, weights, settings.latents, states)
-                record.append({**errors, "encoder_predictions": table})
+                rows = errors(kind, weights, settings.latents, states)
+                rows["encoder_predictions"] = predictions(kind, weights, states)
+                append_rows(record, rows)
         _finish(settings, kind, record, states, weights)
     return record
 
@@ -102,19 +96,19 @@ def _trained_without_rescale(
     trained = results.find("encoder", plain.id)
     if trained is None or trained.status != "finished":
         return None
-    epochs = trained.read("encoder_epochs").to_pylist()
-    rows = [{**row, "encoder": record.id} for row in epochs]
-    record.append({"encoder_epochs": pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)})
+    append_rows(record, {"encoder_epochs": trained.read("encoder_epochs").to_pylist()})
     return safetensors.numpy.load(trained.read_file(WEIGHTS))
 
 
 def fitted(kind: Kind, states: States, latents: int) -> WeightArrays:
     """Returns the weights of a kind without a training loop."""
     if isinstance(kind, Fitted):
-        weights = kind.fit(states, latents)
-    else:
-        assert isinstance(kind, ClosedForm)
-        weights = kind.fit(states.learned, latents, states.seed)
+        return _float32(kind.fit(states, latents))
+    assert isinstance(kind, ClosedForm)
+    return _float32(kind.fit(states.learned, latents, states.seed))
+
+
+def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:
     return {name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}
 
 

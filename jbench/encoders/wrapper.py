@@ -1,13 +1,49 @@
-"""A Gymnasium wrapper that encodes observations, and maps actions back to the robot."""
+"""Agents on the latents of an encoder: their actions, environment and mirrored inputs."""
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from jbench.encoders.saved import Encoder, action_signs
+from jbench.encoders.saved import Encoder
 from jbench.errors import RequestError
+from jbench.tasks.features import by_dimension, mirrored, observation_size
+from jbench.tasks.geometry import Array
+
+_MIRRORED = 64  # random observations from which the mirror of latents is found
+_TOLERANCE = 1e-4  # relative to the range of an input; encoders are stored in float32
+
+
+def action_signs(encoder: Encoder | None, observations: Array) -> Array | None:
+    """Returns what the actions of a policy on an encoder's latents are multiplied by for the robot.
+
+    Args:
+        encoder: None for the full observation. Only one with a method `action_signs`, such as a
+            `SavedEncoder`, can mirror observations.
+        observations: (..., dim(O)), not encoded.
+
+    Returns:
+        (..., 1), -1 where the encoder encodes the mirror image of the observation and 1 elsewhere;
+        None for an encoder that never does.
+    """
+    method = getattr(encoder, "action_signs", None)
+    return None if method is None else method(observations)
+
+
+def on_observations(encoder: Encoder | None, act: Callable[[Array], Array]) -> Callable[..., Array]:
+    """Returns a policy on observations (..., dim(O)), given one on the latents of an encoder."""
+    if encoder is None:
+        return act
+
+    def act_on_observations(observations: Array) -> Array:
+        actions = act(encoder.encode(observations))
+        signs = action_signs(encoder, observations)
+        return actions if signs is None else actions * signs
+
+    return act_on_observations
 
 
 class EncodedObservation(
@@ -51,3 +87,41 @@ class EncodedObservation(
         signs = action_signs(self._encoder, observation)
         self._sign = 1.0 if signs is None else float(signs[0])
         return np.asarray(self._encoder.encode(observation), np.float32)
+
+
+def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Returns (size,) gain and offset: inputs of mirrored observations = gain * inputs + offset.
+
+    An encoder needs no method for it: the mirror is found by encoding random observations and
+    their mirror images. A mirror that acts on each input alone either keeps it or reflects it.
+
+    Args:
+        encoder: None for the full observation.
+
+    Raises:
+        RequestError: if a mirror mixes its latents, or it encodes mirror images itself.
+    """
+    if encoder is None:
+        signs = np.array(by_dimension(task, "mirror"), np.float64)
+        return signs, np.zeros_like(signs)
+    shape = _MIRRORED, observation_size(task)
+    random = torch.Generator().manual_seed(0)
+    observations = 2 * torch.rand(shape, dtype=torch.float64, generator=random) - 1
+    if action_signs(encoder, observations) is not None:
+        raise RequestError(
+            "mirror=true is not for agents on an encoder that mirrors observations itself, such as "
+            "planar-mirror: leave it out, or choose planar."
+        )
+    inputs = encoder.encode(observations)
+    images = encoder.encode(mirrored(task, observations))
+    keeps = (images - inputs).abs().amax(0) < (images + inputs).var(0).sqrt()
+    gain = torch.where(keeps, 1.0, -1.0)
+    rest = images - gain * inputs
+    offset = torch.where(keeps, 0.0, rest.mean(0))
+    width = inputs.amax(0) - inputs.amin(0)
+    if bool(((rest - offset).abs().amax(0) > _TOLERANCE * width).any()):
+        raise RequestError(
+            "mirror=true needs inputs of which a mirror changes only signs, such as those of full, "
+            "scaled or planar, and this encoder mixes them: leave it out, or choose one of these."
+        )
+    return gain.numpy(), offset.numpy()

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
@@ -17,7 +16,6 @@ from jbench.tasks import resets
 
 # Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50
-_TARGET = ("target_x", "target_y", "target_yaw")
 
 
 def evaluate(
@@ -55,8 +53,8 @@ def evaluate(
         task = find_task(settings.task)
         for first in range(0, settings.episodes, _TOGETHER):
             episodes = range(first, min(first + _TOGETHER, settings.episodes))
+            policy.reset(len(episodes))
             with task.worlds(len(episodes), threads, settings.augment) as worlds:
-                policy.reset(len(episodes))
                 tables = _episodes(settings, episodes, worlds, policy.act, progress)
             record.append(tables)
         returns = record.read("policy_episodes")["episode_return"]
@@ -74,20 +72,19 @@ def _episodes(
 ) -> dict[str, pa.Table]:
     """Runs episodes in parallel; returns their rows."""
     generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
-    target: dict[str, NDArray[np.float64]] = {}
-    jitterbugs = worlds if isinstance(worlds, JitterbugWorlds) else None
-    if jitterbugs is None:
-        observations = worlds.reset(generators)
-    else:
-        observations = jitterbugs.reset(generators, settings.target_yaw)
-        position, yaw = jitterbugs.target
+    if isinstance(worlds, JitterbugWorlds):
+        observations = worlds.reset(generators, settings.target_yaw)
+        position, yaw = worlds.target
         target = {"target_x": position[:, 0], "target_y": position[:, 1], "target_yaw": yaw}
+    else:
+        observations = worlds.reset(generators)
+        target = dict.fromkeys(("target_x", "target_y", "target_yaw"), [None] * len(episodes))
     total = np.zeros(len(episodes))
     states: list[pa.Table] = []
     for step, transition in enumerate(rollout(worlds, observations, act), 1):
         total += transition.rewards
-        if settings.states and jitterbugs is not None:
-            states.append(_states(episodes, step, jitterbugs, transition))
+        if settings.states and isinstance(worlds, JitterbugWorlds):
+            states.append(_states(episodes, step, worlds, transition))
         if step % 100 == 0:
             progress(episodes.start * EPISODE_STEPS + step * len(episodes))
     rows = {
@@ -95,7 +92,7 @@ def _episodes(
         "episode": list(episodes),
         "episode_return": total,
         "length": [EPISODE_STEPS] * len(episodes),
-        **{name: target.get(name, [None] * len(episodes)) for name in _TARGET},
+        **target,
     }
     tables = {"policy_episodes": pa.table(rows, schema=schema.POLICY_EPISODES)}
     if states:

@@ -9,5 +9,5 @@
     alike.py         equivalences of settings, and the meaning of omitted settings
     variants.py      names of runs by the settings in which they differ
 
-Settings of encoders are in `encoders/settings.py`, since the kinds of encoders are plug-ins.
+Settings of encoders are in `encoders/registry.py`, since the kinds of encoders are plug-ins.
 """

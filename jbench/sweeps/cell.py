@@ -9,8 +9,7 @@ from itertools import product
 from typing import NamedTuple
 
 from jbench.agents.algorithms import algorithm_fields
-from jbench.encoders.registry import kind_names
-from jbench.encoders.settings import EncoderSettings, encoder_settings, named_encoder
+from jbench.encoders.registry import EncoderSettings, encoder_settings, kind_names, named_encoder
 from jbench.errors import RequestError
 from jbench.names import FULL, OFE, Base, known
 from jbench.settings.algorithms import default_base

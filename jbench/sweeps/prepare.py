@@ -7,8 +7,7 @@ from itertools import groupby
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
 from jbench.devices import find_device
-from jbench.encoders.registry import make_kind
-from jbench.encoders.settings import EncoderSettings
+from jbench.encoders.registry import EncoderSettings, make_kind
 from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError

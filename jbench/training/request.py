@@ -7,7 +7,7 @@ from typing import Any
 from jbench.agents.algorithms import algorithm_fields, hyperparameters
 from jbench.devices import find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
-from jbench.encoders.saved import input_mirror
+from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
 from jbench.names import (
     EPISODE_STEPS,

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from jbench.encoders.settings import encoder_settings
+from jbench.encoders.registry import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.store import Results

@@ -5,14 +5,18 @@ import pyarrow as pa
 import torch
 
 from jbench.datasets import Dataset, layout
+from jbench.encoders.kind import Learned
 from jbench.encoders.kinds.planar import planar_weights
+from jbench.encoders.registry import encoder_settings, find_kind
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.encoders.states import States
-from jbench.encoders.training import fitted
+from jbench.encoders.training import fitted, train_encoder
 from jbench.store import schema
 from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import State
+
+CHEAP = {"epochs": 5, "batch": 500}
 
 
 def random_states(episodes):
@@ -67,6 +71,24 @@ def read_states(dataset, task="face_direction", seed=2, **more):
     return states
 
 
+def train(states, results, kind="dae", latents=3, options=None, **more):
+    """Trains an encoder on states, and returns its record.
+
+    Args:
+        options: of the kind; there are five epochs of small batches, if it has any.
+        more: other arguments of `train_encoder`.
+    """
+    cheap = CHEAP if issubclass(find_kind(kind), Learned) else {}
+    about = {"dataset": states.dataset.id, "task": states.task, "seed": states.seed}
+    settings = encoder_settings(kind, {**cheap, **(options or {})}, latents=latents, **about)
+    return train_encoder(settings, states, results, **more)
+
+
+def rows(record, table="encoder_epochs"):
+    """The rows of a table of an encoder."""
+    return record.read(table).to_pandas()
+
+
 def fitted_encoder(kind, states, latents=None):
     """An encoder of a kind without a training loop."""
     latents = latents or kind.latent_sizes(states.task)[0]
@@ -78,20 +100,18 @@ def observations_of(dataset, task="face_direction"):
     return np.concatenate([block.observations for block in dataset.blocks(task)])
 
 
+def range_without_symmetry(size):
+    """A scaling whose ranges are not symmetric."""
+    low, high = -np.random.default_rng(size).uniform(0.2, 1, (2, size)).astype(np.float32)
+    return Scaling(low, high + 2)
+
+
 def planar_encoder(task, kind, inputs=None):
-    """An encoder of the kind of `planar`.
-
-    Args:
-        inputs: their scaling; by default, like that of the latents, not symmetric.
-    """
-    random = np.random.default_rng(len(task))
-
-    def scaling(size):
-        low, high = -random.uniform(0.2, 1, (2, size)).astype(np.float32)
-        return Scaling(low, high + 2)
-
+    """An encoder of the kind of `planar`; the scaling of its inputs is by default not symmetric."""
     size = len(kind.columns(task))
-    inputs = inputs or scaling(observation_size(task))
-    weights = planar_weights(task, inputs, scaling(size), np.array([0.001, -0.002, 0.004]))
+    inputs = inputs or range_without_symmetry(observation_size(task))
+    weights = planar_weights(
+        task, inputs, range_without_symmetry(size), np.array([0.001, -0.002, 0.004])
+    )
     weights = {name: value.astype(np.float32) for name, value in weights.items()}
     return SavedEncoder(kind(), weights, inputs, size)

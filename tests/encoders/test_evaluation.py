@@ -10,8 +10,7 @@ from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.states import split_episodes
 from jbench.tasks import features
-from tests.encoders.encoder_data import observations_of
-from tests.encoders.test_training import rows, train
+from tests.encoders.encoder_data import observations_of, rows, train
 
 
 def weights_of(record):

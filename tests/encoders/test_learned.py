@@ -17,7 +17,7 @@ from jbench.encoders.kinds.variational import (
     VariationalAutoencoder,
     divergence,
 )
-from jbench.encoders.pairs import StatePairs
+from jbench.encoders.states import StatePairs
 
 SIZE, LATENTS, ROWS = 7, 3, 50
 LEARNED = [

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from jbench.encoders.evaluation import affine_errors
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
-from jbench.encoders.moments import Moments, affine_errors
+from jbench.encoders.moments import Moments
 from jbench.encoders.scaling import Scaling
 
 OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)
@@ -58,10 +59,11 @@ def test_moments_of_scaled_rows_equal_numpy():
 
 
 def test_affine_errors_follow_from_moments():
-    random, rows = np.random.default_rng(1), correlated()
-    matrix, shift = random.normal(size=(6, 6)), random.normal(size=6)
-    expected = np.mean((rows @ matrix.T + shift - rows) ** 2, axis=0)
-    np.testing.assert_allclose(affine_errors(matrix, shift, Moments.of(rows)), expected, rtol=1e-9)
+    rows = correlated()
+    for kind in (PrincipalComponents(), RandomProjection()):
+        weights = kind.fit(Moments.of(rows), 2, seed=1)
+        found = affine_errors(kind, weights, Moments.of(rows + 1))
+        np.testing.assert_allclose(found, errors(kind, weights, rows + 1), rtol=1e-9)
 
 
 @pytest.mark.parametrize("latents", [1, 3, 6])

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from jbench.encoders.kinds.planar import PlanarReduction, planar_weights
 from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarWithoutYawRate
-from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, geometry, model
 from jbench.tasks.features import feature_labels
 from jbench.tasks.geometry import State, Target
 from jbench.tasks.robots import load_model
+from tests.encoders.encoder_data import range_without_symmetry
 
 KIND = PlanarReduction()
 OFFSET = np.array([0.001, -0.002, 0.004])  # center of mass of the torso (m)
@@ -103,12 +103,8 @@ def features_in(task, state, target):
 
 def weights_of(task):
     """Weights with another scaling than that of the observation."""
-    size = features.observation_size(task)
-    random = np.random.default_rng(size)
-    low, high = -random.uniform(0.2, 1, (2, size)).astype(np.float32)
-    scaling = Scaling(low, high + 2)
-    low, high = -random.uniform(0.2, 1, (2, SIZES[task])).astype(np.float32)
-    return scaling, planar_weights(task, scaling, Scaling(low, high + 2), OFFSET)
+    scaling = range_without_symmetry(features.observation_size(task))
+    return scaling, planar_weights(task, scaling, range_without_symmetry(SIZES[task]), OFFSET)
 
 
 def encoded(task, state, target):

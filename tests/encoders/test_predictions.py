@@ -14,14 +14,13 @@ from jbench.encoders import load_encoder
 from jbench.encoders.kinds.linear import DynamicModes, RandomFeatures, Scaled
 from jbench.encoders.kinds.predictive import Contrastive, ForwardModel, angle_periods, state_changes
 from jbench.encoders.loop import EncoderLearner
-from jbench.encoders.pairs import Shard, StatePairs
 from jbench.encoders.predictions import TARGETS, effective_rank, predictions
 from jbench.encoders.registry import make_kind
+from jbench.encoders.states import Shard, StatePairs
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from jbench.store.query import load
-from tests.encoders.encoder_data import observations_of, read_states
-from tests.encoders.test_training import rows, train
+from tests.encoders.encoder_data import observations_of, read_states, rows, train
 
 CPU = torch.device("cpu")
 

@@ -6,28 +6,20 @@ import torch
 
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.kinds.autoencoders import DenoisingAutoencoder
-from jbench.encoders.pairs import StatePairs
 from jbench.encoders.saved import WEIGHTS
-from jbench.encoders.settings import encoder_settings
-from jbench.encoders.states import States, split_episodes
-from jbench.encoders.training import train_encoder
+from jbench.encoders.states import StatePairs, States, split_episodes
 from jbench.errors import RequestError
 from jbench.store import Results
-from tests.encoders.encoder_data import observations_of, read_states
+from tests.encoders.encoder_data import observations_of, read_states, train
 
 TASK = "face_direction"
-CHEAP = {"epochs": 2, "batch": 500}
 WHITENED = {"rescale": "whitened"}
 
 
 def trained_with(data, results, kind="dae", latents=3, seed=2, **options):
-    """Trains an encoder, and returns its record."""
-    scale = options.get("scale", "dataset")
-    states = States(data.dataset, TASK, seed, scale=scale)
-    settings = encoder_settings(
-        kind, options, task=TASK, dataset=data.dataset.id, latents=latents, seed=seed
-    )
-    return train_encoder(settings, states, results)
+    """Trains an encoder on states of its scale, and returns its record."""
+    states = States(data.dataset, TASK, seed, scale=options.get("scale", "dataset"))
+    return train(states, results, kind, latents, options)
 
 
 def latents_of(results, record, data):
@@ -55,15 +47,14 @@ def test_features_have_requested_scale(trained, scale, expected):
 
 @pytest.mark.parametrize("kind", ["dae", "pca", "forward", "vae"])
 def test_whitened_latents_have_no_mean_and_deviations_of_one_third(trained, results, kind):
-    options = {} if kind == "pca" else CHEAP
-    record = trained_with(trained, results, kind, rescale="whitened", **options)
+    record = trained_with(trained, results, kind, **WHITENED)
     latents = latents_of(results, record, trained)
     np.testing.assert_allclose(latents.mean(0), 0, atol=1e-4)
     np.testing.assert_allclose(np.cov(latents.T, bias=True), np.eye(3) / 9, atol=1e-4)
 
 
 def test_rescaled_latents_have_extremes_of_one(trained, results):
-    record = trained_with(trained, results, rescale="extremes", **CHEAP)
+    record = trained_with(trained, results, rescale="extremes")
     latents = latents_of(results, record, trained)
     np.testing.assert_allclose(latents.min(0), -1, atol=1e-5)
     np.testing.assert_allclose(latents.max(0), 1, atol=1e-5)
@@ -71,8 +62,8 @@ def test_rescaled_latents_have_extremes_of_one(trained, results):
 
 def test_rescaling_changes_neither_training_nor_reconstruction(trained, results, tmp_path):
     """The network is trained, or taken from the encoder that is not rescaled."""
-    alone = trained_with(trained, Results(tmp_path / "alone"), rescale="whitened", **CHEAP)
-    plain, again = (trained_with(trained, results, **CHEAP, **more) for more in ({}, WHITENED))
+    alone = trained_with(trained, Results(tmp_path / "alone"), rescale="whitened")
+    plain, again = (trained_with(trained, results, **more) for more in ({}, WHITENED))
     assert again.read_file(WEIGHTS) == alone.read_file(WEIGHTS)
     losses, errors = (
         [record.read(table)[column].to_pylist() for record in (plain, alone, again)]
@@ -91,8 +82,8 @@ def test_direction_without_variance_becomes_zero(trained, results):
 
 
 def test_scales_are_part_of_name_and_defaults_are_not(trained, results):
-    plain = trained_with(trained, results, **CHEAP)
-    other = trained_with(trained, results, scale="observation", rescale="whitened", **CHEAP)
+    plain = trained_with(trained, results)
+    other = trained_with(trained, results, scale="observation", rescale="whitened")
     assert plain.id.split("/")[1] == "dae3"
     assert other.id.split("/")[1] == "dae3-observation-whitened"
     assert find_encoder(results, "dae3", TASK) == plain.id
@@ -110,7 +101,7 @@ def test_noise_of_a_batch_is_one_vector(trained):
 
 
 def test_each_agent_can_have_encoder_of_its_seed(trained, results):
-    records = {seed: trained_with(trained, results, seed=seed, **CHEAP) for seed in (2, 5)}
+    records = {seed: trained_with(trained, results, seed=seed) for seed in (2, 5)}
     draws, ids = find_draws(results, "dae3", TASK, [5, 2])
     assert ids == {5: records[5].id, 2: records[2].id}
     assert len(draws) == 8

@@ -63,11 +63,6 @@ def test_split_depends_only_on_seed():
     assert splits[0] != list(range(20))
 
 
-def test_a_single_episode_cannot_be_split():
-    with pytest.raises(RequestError, match=r"single episode.*jbench collect"):
-        split_episodes(1, 0)
-
-
 def test_states_are_scaled_by_extremes_of_dataset(dataset, scaled):
     states = read_states(dataset, seed=0)
     observations = observations_of(dataset)
@@ -148,5 +143,5 @@ def test_dataset_with_non_finite_values_is_refused(results, number):
 
 
 def test_dataset_of_single_episode_is_refused(results):
-    with pytest.raises(RequestError, match=r"has one episode.*more --steps"):
+    with pytest.raises(RequestError, match=r"single episode.*jbench collect --steps 10k"):
         States(make_dataset(results, episodes=1), "face_direction", 0)

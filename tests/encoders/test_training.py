@@ -12,36 +12,30 @@ from jbench.encoders.kind import Learned
 from jbench.encoders.kinds.autoencoders import Autoencoder, DenoisingAutoencoder
 from jbench.encoders.kinds.linear import PrincipalComponents
 from jbench.encoders.loop import EncoderLearner
-from jbench.encoders.pairs import Shard
-from jbench.encoders.registry import make_kind
+from jbench.encoders.registry import encoder_settings, make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
-from jbench.encoders.settings import encoder_settings
-from jbench.encoders.states import States, split_episodes
+from jbench.encoders.states import Shard, States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import WorkError
 from jbench.store import Results, encoder_schema
 from jbench.tasks.features import feature_labels
-from tests.encoders.encoder_data import make_dataset, observations_of, random_states
+from tests.encoders.encoder_data import (
+    CHEAP,
+    make_dataset,
+    observations_of,
+    random_states,
+    rows,
+    train,
+)
 
 CPU = torch.device("cpu")
 STREAMED = 3 * 2 * 1001 * 16 * 4  # bytes of memory, enough for two episodes
-CHEAP = {"epochs": 5, "batch": 500}
 LEARNED = {"dae": {}, "ddae": {"horizon": 3}, "vae": {"hidden": 8}, "lld-vae": {"hidden": 8}}
 LEARNED |= {"forward": {"hidden": 8, "horizon": 2}, "contrastive": {"hidden": 8}}
-WITHOUT_EPOCHS = ("pca", "random", "scaled", "planar", "dmd", "random-features")
 
 
 class StoppedError(Exception):
     """Stops a training."""
-
-
-def train(states, results, kind="dae", latents=3, seed=2, **more):
-    options = more.pop("options", {} if kind in WITHOUT_EPOCHS else CHEAP)
-    task = more.pop("task", "face_direction")
-    settings = encoder_settings(
-        kind, options, dataset=states.dataset.id, task=task, latents=latents, seed=seed
-    )
-    return train_encoder(settings, states, results, **more)
 
 
 def train_until(epoch, *arguments, **more):
@@ -57,10 +51,6 @@ def train_until(epoch, *arguments, **more):
 
 def files(record):
     return [record.read_file(name) for name in (WEIGHTS, DESCRIPTION)]
-
-
-def rows(record, table="encoder_epochs"):
-    return record.read(table).to_pandas()
 
 
 def of_rank_two(size=6):
@@ -110,7 +100,7 @@ def test_training_is_independent_of_global_seed_and_threads(trained, results, tm
     ],
 )
 def test_interrupted_training_resumes_to_same_weights(trained, tmp_path, kind, commit_every):
-    options = {**CHEAP, **LEARNED[kind]}
+    options = LEARNED[kind]
     uninterrupted = train(
         trained.states, Results(tmp_path / "uninterrupted"), kind, options=options
     )
@@ -192,7 +182,7 @@ def test_random_numbers_do_not_depend_on_device(trained, kind, monkeypatch):
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 @pytest.mark.parametrize("kind", LEARNED)
 def test_training_on_cuda_resumes_to_same_weights(trained, tmp_path, kind):
-    options, cuda = {**CHEAP, **LEARNED[kind]}, torch.device("cuda")
+    options, cuda = LEARNED[kind], torch.device("cuda")
 
     def states():
         return States(trained.dataset, "face_direction", 2)
@@ -250,7 +240,7 @@ def test_files_depend_only_on_settings_and_seed(trained, results):
     again = train_encoder(trained.settings, trained.states, results)
     assert files(again) == files(trained.record)
     assert again.id == trained.record.id
-    other = train(States(trained.dataset, "face_direction", 3), results, seed=3)
+    other = train(States(trained.dataset, "face_direction", 3), results)
     assert other.read_file(WEIGHTS) != again.read_file(WEIGHTS)
 
 
@@ -285,7 +275,7 @@ def test_invalid_dataset_creates_no_encoder(results):
 
 
 def test_diverged_training_is_reported_and_not_saved(trained, results):
-    options = {**CHEAP, "hidden": 8, "learning_rate": 1e6}
+    options = {"hidden": 8, "learning_rate": 1e6}
     with pytest.raises(WorkError, match=r"diverged: the loss of epoch \d is .*--learning-rate"):
         train(trained.states, results, "vae", options=options)
     (record,) = results.scan("encoder")[0]
@@ -330,8 +320,9 @@ def test_weights_are_trained_in_float32_and_unused_ones_stay(trained):
 
 
 def test_states_of_other_seed_are_refused(trained, results):
+    settings = trained.settings.model_copy(update={"seed": 1})
     with pytest.raises(ValueError, match="not the states of"):
-        train(trained.states, results, seed=1)
+        train_encoder(settings, trained.states, results)
 
 
 def test_encoder_in_use_by_other_process_is_refused(trained, results):

@@ -14,7 +14,7 @@ import jbench
 from jbench.agents.environments import Environments
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.planar_variants import PlanarMirror
-from jbench.encoders.settings import encoder_settings
+from jbench.encoders.registry import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.encoders.wrapper import EncodedObservation

@@ -13,7 +13,7 @@ from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Environments, Generators, StepResult
-from jbench.encoders.saved import input_mirror
+from jbench.encoders.wrapper import input_mirror
 from jbench.settings.algorithms import OffPolicySettings
 
 
@@ -133,7 +133,7 @@ def _row_mirror(environments: Environments) -> Tensor:
     """Returns gain and offset (2, seeds, width) of mirrored rows of the replay buffers."""
     gain, offset, actions = [], [], environments.action_size
     for encoder in environments.encoders:
-        inputs = input_mirror(environments.task, encoder)
-        gain.append([*inputs.gain, *[-1] * actions, 1])
-        offset.append([*inputs.offset, *[0] * actions, 0])
+        factor, shift = input_mirror(environments.task, encoder)
+        gain.append([*factor, *[-1] * actions, 1])
+        offset.append([*shift, *[0] * actions, 0])
     return torch.tensor([gain, offset], dtype=torch.float64)

@@ -9,7 +9,7 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh, tanh_
-from jbench.encoders.pairs import StatePairs
+from jbench.encoders.states import StatePairs
 from jbench.names import EPISODE_STEPS
 from jbench.settings.base import omissible
 from jbench.tasks.features import observation_size

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Weights, tanh
-from jbench.encoders.moments import FloatArray, Moments, linear_decoder, with_positive_largest
-from jbench.encoders.scaling import physical_scaling
+from jbench.encoders.moments import FloatArray, Moments, with_positive_largest
+from jbench.encoders.scaling import inverse, physical_scaling
 from jbench.encoders.states import States
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import find_task
@@ -137,8 +137,7 @@ class Raw(Fitted):
 
     def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
         gain, offset = physical_scaling(states.task, states.scaling)
-        inverse = np.divide(1, gain, out=np.zeros_like(gain), where=gain != 0)
-        return {"gain": gain, "offset": offset, "inverse": inverse}
+        return {"gain": gain, "offset": offset, "inverse": inverse(gain)}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         return scaled * weights["gain"] + weights["offset"]
@@ -187,6 +186,21 @@ class DynamicModes(Linear, Fitted):
         return {"singular_values": [round(float(s), 4) for s in weights["singular_values"]]}
 
 
+def linear_decoder(
+    directions: FloatArray, covariance: FloatArray, min_variance: float
+) -> FloatArray:
+    """Returns the (latents, size) matrix that best reconstructs rows from directions @ row.
+
+    Variances smaller than `min_variance`, relative to the largest, count as 0.
+    """
+    cross_covariance = directions @ covariance
+    decorrelation = np.linalg.pinv(
+        cross_covariance @ directions.T, rcond=min_variance, hermitian=True
+    )
+    decoder: FloatArray = decorrelation @ cross_covariance
+    return decoder
+
+
 def canonical_directions(covariance: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
     """Returns the canonical directions of the present (size, size) and their correlations (size,).
 
@@ -209,11 +223,9 @@ def _whitening(covariance: FloatArray) -> FloatArray:
     """Returns a matrix that whitens rows of this covariance; 0 in directions without variance."""
     # Scaled to unit variance first, so that the threshold does not depend on the features' units.
     sd = np.sqrt(np.diag(covariance))
-    inverse_sd = np.divide(1, sd, out=np.zeros_like(sd), where=sd > 0)
+    inverse_sd = inverse(sd)
     values, vectors = np.linalg.eigh(covariance * np.outer(inverse_sd, inverse_sd))
     is_positive = values > _MIN_DYNAMIC_VARIANCE * values[-1]
-    roots = np.divide(
-        1, np.sqrt(np.where(is_positive, values, 1)), out=np.zeros_like(values), where=is_positive
-    )
+    roots = inverse(np.sqrt(np.where(is_positive, values, 0)))
     whitening: FloatArray = (vectors * roots) @ vectors.T * inverse_sd
     return whitening

@@ -164,8 +164,8 @@ class PlanarReduction(Fitted):
         return planar_weights(states.task, states.scaling, extremes, model.torso_offset(robot))
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        numbers = self.reduce(*task_and_features(weights, scaled)) - weights["latent.offset"]
-        return _divided(numbers, weights["latent.gain"])
+        numbers = self.reduce(*task_and_features(weights, scaled))
+        return _divided(numbers - weights["latent.offset"], weights["latent.gain"])
 
     def decode(self, weights: Weights, latents: Array) -> Array:
         """Returns the observation of a robot with heading 0 at the origin.
@@ -173,7 +173,7 @@ class PlanarReduction(Fitted):
         It equals the encoded observation up to a motion in the plane (`move_from_origin`: a
         rotation about the origin).
         """
-        (task,) = (name for name in TASK_SPECS if f"{name}.gain" in weights)
+        task = _task(weights)
         numbers = latents * weights["latent.gain"] + weights["latent.offset"]
         physical = self.restore(task, numbers, weights["center_of_mass"])
         return _divided(physical - weights[f"{task}.offset"], weights[f"{task}.gain"])
@@ -182,27 +182,29 @@ class PlanarReduction(Fitted):
 def planar_weights(
     task: str, scaling: Scaling, extremes: Scaling, center_of_mass: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Returns the weights of the kind; their names contain the task.
+    """Returns the weights of the kind, given scaling of the features and extremes of the latents.
 
     Args:
-        scaling: of the observation's features.
-        extremes: of the unscaled latents.
         center_of_mass: (3,) of the torso in its own frame (m).
     """
     gain, offset = physical_scaling(task, scaling)
     half_width, center = extremes.half_width_and_center()
     return {
-        f"{task}.gain": gain,
-        f"{task}.offset": offset,
-        "latent.gain": half_width,
-        "latent.offset": center,
+        **{f"{task}.gain": gain, f"{task}.offset": offset},
+        **{"latent.gain": half_width, "latent.offset": center},
         "center_of_mass": center_of_mass,
     }
 
 
+def _task(weights: Weights) -> str:
+    """Returns the task, which the names of the weights contain."""
+    (task,) = (name for name in TASK_SPECS if f"{name}.gain" in weights)
+    return task
+
+
 def task_and_features(weights: Weights, scaled: Array) -> tuple[str, Array]:
     """Returns the task of the weights, and features in SI units for scaled ones."""
-    (task,) = (name for name in TASK_SPECS if f"{name}.gain" in weights)
+    task = _task(weights)
     return task, scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]
 
 

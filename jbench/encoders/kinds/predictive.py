@@ -10,8 +10,7 @@ from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.encoders.moments import Moments
-from jbench.encoders.pairs import StatePairs
-from jbench.encoders.states import States
+from jbench.encoders.states import StatePairs, States
 from jbench.names import EPISODE_STEPS
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.features import by_dimension

@@ -1,26 +1,28 @@
-"""Tests of the mirror of an agent's inputs."""
+"""Tests of encoded environments, and of the mirror of an agent's inputs."""
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
 
+from jbench.encoders import load_encoder
 from jbench.encoders.kinds.linear import PrincipalComponents, Scaled
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.planar_variants import PlanarMirror
-from jbench.encoders.saved import SavedEncoder, input_mirror
-from jbench.encoders.scaling import Scaling
+from jbench.encoders.saved import SavedEncoder
+from jbench.encoders.wrapper import EncodedObservation, input_mirror
 from jbench.errors import RequestError
 from jbench.names import TASKS
+from jbench.registration import environment_id
 from jbench.tasks.features import mirrored, observation_size
-from tests.encoders.encoder_data import planar_encoder
+from tests.encoders.encoder_data import planar_encoder, range_without_symmetry
 
 
 def scaled_encoder(task, kind=Scaled, latents=None, **weights):
     """An encoder of a scaling that is not symmetric, with a constant first feature."""
-    size = observation_size(task)
-    low, high = -np.random.default_rng(size).uniform(0.2, 1, (2, size)).astype(np.float32)
-    low[0] = high[0] = 0.5
-    return SavedEncoder(kind(), weights, Scaling(low, high + 2 * (low != high)), latents or size)
+    scaling = range_without_symmetry(observation_size(task))
+    scaling.minimum[0] = scaling.maximum[0] = 0.5
+    return SavedEncoder(kind(), weights, scaling, latents or len(scaling.minimum))
 
 
 def planar(task):
@@ -70,3 +72,24 @@ def test_planar_numbers_are_mirrored_as_computed_by_hand():
 def test_other_encoders_are_refused(encoder, message):
     with pytest.raises(RequestError, match=message):
         input_mirror("face_direction", encoder)
+
+
+def test_encoded_environment_observes_latents(trained):
+    encoder, _ = load_encoder(trained.results, trained.record.id)
+    plain = gymnasium.make(environment_id("face_direction"))
+    encoded = EncodedObservation(gymnasium.make(environment_id("face_direction")), encoder)
+    assert encoded.observation_space.shape == (3,)
+    pairs = [(plain.reset(seed=0)[0], encoded.reset(seed=0)[0])]
+    for action in np.random.default_rng(0).uniform(-1, 1, (5, 1)).astype(np.float32):
+        (seen, *others), (latents, *encoded_others) = plain.step(action), encoded.step(action)
+        assert others == encoded_others  # reward, end and information are unchanged
+        pairs.append((seen, latents))
+    for seen, latents in pairs:
+        np.testing.assert_array_equal(latents, encoder.encode(seen))
+        assert encoded.observation_space.contains(latents)
+
+
+def test_environment_of_other_task_is_not_encoded(trained):
+    encoder, _ = load_encoder(trained.results, trained.record.id)
+    with pytest.raises(RequestError, match=r"can't encode observations of shape \(19,\)"):
+        EncodedObservation(gymnasium.make(environment_id("move_to_pose")), encoder)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from jbench.encoders.settings import encoder_settings, options_with_epochs
+from jbench.encoders.registry import encoder_settings, options_with_epochs
 from jbench.errors import RequestError
 from jbench.store import Results
 from jbench.store.shipped import shipped

@@ -202,10 +202,6 @@ def _prefetch(items: Iterator[_Item]) -> Iterator[_Item]:
 def check_kind(kind: Learned, name: str, states: States, latents: int) -> None:
     """Calls every method of a kind of another package once, before a training that may take hours.
 
-    Args:
-        name: of the kind.
-        states: that have been read; a few held-out rows are used.
-
     Raises:
         WorkError: if a method fails, or returns another shape than it must.
     """

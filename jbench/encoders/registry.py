@@ -77,11 +77,7 @@ def code_provenance(kind: str) -> dict[str, str | None]:
 
 
 def latent_sizes(kind: str, task: str) -> range:
-    """Returns the allowed numbers of latents of a kind; none if it is the Jitterbug's only.
-
-    Raises:
-        RequestError, WorkError: see `find_kind`.
-    """
+    """Returns the allowed numbers of latents of a kind; none if it is the Jitterbug's only."""
     try:
         return find_kind(kind).latent_sizes(task)
     except KeyError:  # it looks up the features of one of the five tasks
@@ -158,9 +154,6 @@ def options_with_epochs(
 
     The default of a kind is meant for the paper's 5,000 episodes. A small dataset has few batches,
     so it is given more epochs: as many as `MIN_UPDATES` need. Epochs that are given stay.
-
-    Raises:
-        RequestError: see `make_kind`.
     """
     made = make_kind(kind, options)
     if "epochs" in options or not isinstance(made, Learned):

@@ -83,9 +83,9 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
     bounds = {"minimum": -1.0, "maximum": 1.0}
     if task.specs is None:
         units, low, high = (by_dimension(agent.task, name) for name in ("units", "low", "high"))
-        inputs |= (
-            {"unit": units} if in_si_units else {"unit": units, "minimum": low, "maximum": high}
-        )
+        inputs["unit"] = units
+        if not in_si_units:
+            inputs |= {"minimum": low, "maximum": high}
         outputs = {"name": ["motor_command"], "unit": "1", **bounds}
         scaling = "SI units" if in_si_units else "minimum to -1, maximum to 1"
     else:

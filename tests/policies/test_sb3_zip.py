@@ -1,5 +1,6 @@
 """Tests of policies from the files of stable-baselines3."""
 
+import io
 import json
 import zipfile
 
@@ -32,6 +33,17 @@ def save(tmp_path):
         return model, str(path)
 
     return made
+
+
+def replace_weights(path, weights):
+    """Replaces the weights in the file of a model."""
+    content = io.BytesIO()
+    torch.save(weights, content)
+    with zipfile.ZipFile(path) as old:
+        data = old.read("data")
+    with zipfile.ZipFile(path, "w") as new:
+        new.writestr("data", data)
+        new.writestr("policy.pth", content.getvalue())
 
 
 @pytest.mark.parametrize(
@@ -101,18 +113,15 @@ def test_other_files_are_refused(tmp_path):
             read_sb3_zip(str(path), FACE)
 
 
-def test_weights_that_are_no_dictionary_of_tensors_are_refused(save, tmp_path):
+def test_weights_that_are_no_dictionary_of_tensors_are_refused(save):
     _, path = save(TD3)
     for weights in ([1], {"actor.mu.0.weight": 1, "actor.mu.0.bias": 1}, {1: torch.zeros(2)}):
-        torch.save(weights, tmp_path / "weights.pth")
-        with zipfile.ZipFile(path) as old, zipfile.ZipFile(tmp_path / "other.zip", "w") as new:
-            new.writestr("data", old.read("data"))
-            new.write(tmp_path / "weights.pth", "policy.pth")
+        replace_weights(path, weights)
         with pytest.raises(RequestError, match="is no saved model of stable-baselines3"):
-            read_sb3_zip(str(tmp_path / "other.zip"), FACE)
+            read_sb3_zip(path, FACE)
 
 
-def test_weights_of_another_precision_are_read(save, tmp_path):
+def test_weights_of_another_precision_are_read(save):
     model, path = save(TD3)
     model.policy.to(torch.bfloat16)
     model.save(path)
@@ -127,12 +136,7 @@ def test_no_object_in_the_file_is_unpickled(save, tmp_path):
         def __reduce__(self):
             return (tmp_path.joinpath("ran").touch, ())
 
-    weights = tmp_path / "weights.pth"
-    torch.save({"actor.mu.0.weight": Evil()}, weights)
-    evil = tmp_path / "evil.zip"
-    with zipfile.ZipFile(path) as old, zipfile.ZipFile(evil, "w") as new:
-        new.writestr("data", old.read("data"))
-        new.write(weights, "policy.pth")
+    replace_weights(path, {"actor.mu.0.weight": Evil()})
     with pytest.raises(RequestError, match="is no saved model"):
-        read_sb3_zip(str(evil), FACE)
+        read_sb3_zip(path, FACE)
     assert not (tmp_path / "ran").exists()

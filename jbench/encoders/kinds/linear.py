@@ -4,7 +4,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from pydantic import Field
 
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Weights, tanh
@@ -20,13 +19,18 @@ _MIN_DYNAMIC_VARIANCE = 1e-9  # relative to the largest variance; smaller ones c
 
 
 class Linear(Kind):
-    """A kind with a linear decoder.
+    """Projects the centered state on directions; the decoder is linear.
 
     Attributes:
+        forth: name of the weights (latents, size) of the encoder, from which "mean" is subtracted.
         back: name of the weights (latents, size) of the decoder, to which "mean" is added.
     """
 
+    forth: ClassVar[str] = "directions"
     back: ClassVar[str] = "back"
+
+    def encode(self, weights: Weights, scaled: Array) -> Array:
+        return (scaled - weights["mean"]) @ weights[self.forth].T
 
     def decode(self, weights: Weights, latents: Array) -> Array:
         return latents @ weights[self.back] + weights["mean"]
@@ -38,15 +42,13 @@ class PrincipalComponents(Linear, ClosedForm):
     It is the best linear encoder and decoder.
     """
 
+    forth: ClassVar[str] = "components"
     back: ClassVar[str] = "components"
 
-    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, FloatArray]:
         _, vectors = np.linalg.eigh(moments.covariance)
         components = with_positive_largest(vectors[:, ::-1][:, :latents].T)
         return {"components": components, "mean": moments.mean}
-
-    def encode(self, weights: Weights, scaled: Array) -> Array:
-        return (scaled - weights["mean"]) @ weights["components"].T
 
 
 class RandomProjection(Linear, ClosedForm):
@@ -57,7 +59,7 @@ class RandomProjection(Linear, ClosedForm):
     be reported.
     """
 
-    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, FloatArray]:
         size = len(moments.mean)
         normal = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=(size, size))
         rotation, triangle = np.linalg.qr(normal)
@@ -84,7 +86,7 @@ class RandomFeatures(Linear, Fitted):
     def latent_sizes(cls, task: str) -> range:
         return range(1, 4097)
 
-    def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         random = np.random.default_rng(np.random.SeedSequence(states.seed))
         sd = np.sqrt(np.trace(states.learned.covariance))
         directions = random.normal(size=(latents, states.size)) / sd
@@ -112,7 +114,7 @@ class Scaled(ClosedForm):
         size = find_task(task).observation_size
         return range(size, size + 1)
 
-    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, FloatArray]:
         return {}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
@@ -135,7 +137,7 @@ class Raw(Fitted):
         size = observation_size(task)
         return range(size, size + 1)
 
-    def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         gain, offset = physical_scaling(states.task, states.scaling)
         return {"gain": gain, "offset": offset, "inverse": inverse(gain)}
 
@@ -161,7 +163,7 @@ class DynamicModes(Linear, Fitted):
 
     horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
 
-    def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         moments = Moments.none(2 * states.size + self.horizon * states.action_size)
         for shard in states.learn():
             for batch in shard.blocks(self.horizon, with_actions=True):
@@ -178,9 +180,6 @@ class DynamicModes(Linear, Fitted):
             "singular_values": correlations,
         }
 
-    def encode(self, weights: Weights, scaled: Array) -> Array:
-        return (scaled - weights["mean"]) @ weights["directions"].T
-
     def summary(self, weights: Weights) -> dict[str, Any]:
         """Returns the singular values of the dynamics in descending order."""
         return {"singular_values": [round(float(s), 4) for s in weights["singular_values"]]}
@@ -193,11 +192,9 @@ def linear_decoder(
 
     Variances smaller than `min_variance`, relative to the largest, count as 0.
     """
-    cross_covariance = directions @ covariance
-    decorrelation = np.linalg.pinv(
-        cross_covariance @ directions.T, rcond=min_variance, hermitian=True
-    )
-    decoder: FloatArray = decorrelation @ cross_covariance
+    across = directions @ covariance
+    within = np.linalg.pinv(across @ directions.T, rcond=min_variance, hermitian=True)
+    decoder: FloatArray = within @ across
     return decoder
 
 

@@ -22,9 +22,9 @@ from functools import reduce
 
 import numpy as np
 from array_api_compat import array_namespace
-from numpy.typing import NDArray
 
 from jbench.encoders.kind import Fitted, Weights
+from jbench.encoders.moments import FloatArray
 from jbench.encoders.scaling import Scaling, physical_scaling
 from jbench.encoders.states import States
 from jbench.task_specs import TASK_SPECS
@@ -154,7 +154,7 @@ class PlanarReduction(Fitted):
         values = features(task, *self.robot(task, numbers, center_of_mass))
         return array_namespace(latents).concat(list(values.values()), axis=-1)
 
-    def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         gain, offset = physical_scaling(states.task, states.scaling)
         shards = itertools.chain(states.learn(), states.test())
         seen = (shard.states.cpu().double().numpy() * gain + offset for shard in shards)
@@ -180,8 +180,8 @@ class PlanarReduction(Fitted):
 
 
 def planar_weights(
-    task: str, scaling: Scaling, extremes: Scaling, center_of_mass: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
+    task: str, scaling: Scaling, extremes: Scaling, center_of_mass: FloatArray
+) -> dict[str, FloatArray]:
     """Returns the weights of the kind, given scaling of the features and extremes of the latents.
 
     Args:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.encoders.moments import Moments
+from jbench.encoders.scaling import inverse
 from jbench.encoders.states import StatePairs, States
 from jbench.names import EPISODE_STEPS
 from jbench.task_specs import TASK_SPECS
@@ -55,16 +56,22 @@ class Predictive(Learned):
     def decode(self, weights: Weights, latents: Array) -> Array:
         return affine(weights, "decoder", latents)
 
+    @abstractmethod
+    def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
+        """Returns what the latents (rows, latents) of `batch.now` are trained to minimize."""
+
+    def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
+        """Returns the prediction's loss plus the mean squared error of the reconstruction."""
+        latents = self.encode(weights, batch.now)
+        loss = self.prediction_loss(weights, latents, batch)
+        rebuilt = self.decode(weights, latents.detach())  # so no gradient reaches the latents
+        return loss + torch.nn.functional.mse_loss(rebuilt, batch.now)
+
     def hidden_units(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         """Returns the (rows, hidden) activations for the latents and actions of a batch."""
         assert batch.actions is not None
         units: Tensor = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
         return units
-
-    def reconstruction_error(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
-        """Returns the mean squared error, whose gradient does not reach the latents."""
-        rebuilt = self.decode(weights, latents.detach())
-        return torch.nn.functional.mse_loss(rebuilt, batch.now)
 
 
 class ForwardModel(Predictive):
@@ -101,18 +108,14 @@ class ForwardModel(Predictive):
         }
         return {name: value.to(states.device) for name, value in constants.items()}
 
-    def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
+    def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         assert batch.rewards is not None
-        latents = self.encode(weights, batch.now)
         hidden = self.hidden_units(weights, latents, batch)
         changes = state_changes(batch, weights["change.turn"]) * weights["change.scale"]
         rewards = batch.rewards.mean(1, keepdim=True) * weights["reward.scale"]
         mse = torch.nn.functional.mse_loss
-        return (
-            mse(affine(weights, "change", hidden), changes)
-            + mse(affine(weights, "reward", hidden), rewards)
-            + self.reconstruction_error(weights, latents, batch)
-        )
+        change_error = mse(affine(weights, "change", hidden), changes)
+        return change_error + mse(affine(weights, "reward", hidden), rewards)
 
 
 class InverseModel(Predictive):
@@ -125,14 +128,11 @@ class InverseModel(Predictive):
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         return {"hidden": (self.hidden, 2 * latents), "action": (actions, self.hidden)}
 
-    def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
+    def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         assert batch.actions is not None
-        latents = self.encode(weights, batch.now)
         pair = torch.cat([latents, self.encode(weights, batch.later)], 1)
         actions = affine(weights, "action", tanh(affine(weights, "hidden", pair)))
-        return torch.nn.functional.mse_loss(actions, batch.actions) + self.reconstruction_error(
-            weights, latents, batch
-        )
+        return torch.nn.functional.mse_loss(actions, batch.actions)
 
 
 class Contrastive(Predictive):
@@ -151,14 +151,12 @@ class Contrastive(Predictive):
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         return {"hidden": (self.hidden, latents + actions), "query": (latents, self.hidden)}
 
-    def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
-        """Returns the InfoNCE loss (nats) plus the squared error of the reconstruction."""
-        latents = self.encode(weights, batch.now)
+    def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
+        """Returns the InfoNCE loss (nats)."""
         queries = affine(weights, "query", self.hidden_units(weights, latents, batch))
         products = queries @ self.encode(weights, batch.later).T
         labels = torch.arange(len(products), device=products.device)
-        infonce = torch.nn.functional.cross_entropy(products, labels)
-        return infonce + self.reconstruction_error(weights, latents, batch)
+        return torch.nn.functional.cross_entropy(products, labels)
 
 
 def state_changes(batch: StatePairs, periods: Tensor) -> Tensor:
@@ -186,5 +184,4 @@ def angle_periods(states: States) -> Tensor:
 def _inverse_sd(moments: Moments) -> Tensor:
     """Returns 1 / standard deviation of each column; 0 for a constant column."""
     sd = np.sqrt(moments.variance)
-    inverse = np.divide(1, sd, out=np.zeros_like(sd), where=sd > 1e-9)
-    return torch.from_numpy(inverse.astype(np.float32))
+    return torch.from_numpy(inverse(np.where(sd > 1e-9, sd, 0)).astype(np.float32))

@@ -17,6 +17,13 @@ from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import State
 
 CHEAP = {"epochs": 5, "batch": 500}
+PLANAR_SIZES = {
+    "move_from_origin": 13,
+    "face_direction": 12,
+    "move_in_direction": 12,
+    "move_to_position": 13,
+    "move_to_pose": 14,
+}
 
 
 def random_states(episodes):

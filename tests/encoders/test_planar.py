@@ -17,17 +17,10 @@ from jbench.tasks import features, geometry, model
 from jbench.tasks.features import feature_labels
 from jbench.tasks.geometry import State, Target
 from jbench.tasks.robots import load_model
-from tests.encoders.encoder_data import range_without_symmetry
+from tests.encoders.encoder_data import PLANAR_SIZES, range_without_symmetry
 
 KIND = PlanarReduction()
 OFFSET = np.array([0.001, -0.002, 0.004])  # center of mass of the torso (m)
-SIZES = {
-    "move_from_origin": 13,
-    "face_direction": 12,
-    "move_in_direction": 12,
-    "move_to_position": 13,
-    "move_to_pose": 14,
-}
 
 
 def turned_by(angle, quaternion):
@@ -104,7 +97,9 @@ def features_in(task, state, target):
 def weights_of(task):
     """Weights with another scaling than that of the observation."""
     scaling = range_without_symmetry(features.observation_size(task))
-    return scaling, planar_weights(task, scaling, range_without_symmetry(SIZES[task]), OFFSET)
+    return scaling, planar_weights(
+        task, scaling, range_without_symmetry(PLANAR_SIZES[task]), OFFSET
+    )
 
 
 def encoded(task, state, target):
@@ -130,7 +125,7 @@ def test_latents_are_invariant_to_planar_motions(task, found, angle, shift):
         shift = (0, 0)
     weights, _, before = encoded(task, state, target)
     _, _, after = encoded(task, *moved(state, target, angle, np.array([*shift, 0.0])))
-    assert before.shape == (SIZES[task],)
+    assert before.shape == (PLANAR_SIZES[task],)
     in_units_of_pi = weights["latent.gain"][-1] / math.pi
     difference = after - before
     if "angle_to_target" in TASK_SPECS[task].features:
@@ -193,7 +188,7 @@ def test_numpy_and_torch_agree_for_any_leading_axes(task):
     rows = np.random.default_rng(0).uniform(-1, 1, (2, 5, size))
     in_torch = {name: torch.from_numpy(value) for name, value in weights.items()}
     latents = KIND.encode(weights, rows)
-    assert latents.shape == (2, 5, SIZES[task])
+    assert latents.shape == (2, 5, PLANAR_SIZES[task])
     seen = torch.from_numpy(rows)
     np.testing.assert_allclose(KIND.encode(in_torch, seen).numpy(), latents, atol=1e-12)
     rebuilt = KIND.decode(weights, latents)
@@ -236,7 +231,7 @@ def test_heading_keeps_all_features_but_sign_of_quaternion(pair, task):
     physical = features_in(task, state, target)
     numbers = HeadingFrame().reduce(task, physical)
     assert len(numbers) in HeadingFrame.latent_sizes(task)
-    np.testing.assert_array_equal(numbers[: SIZES[task]], KIND.reduce(task, physical))
+    np.testing.assert_array_equal(numbers[: PLANAR_SIZES[task]], KIND.reduce(task, physical))
     restored = HeadingFrame().restore(task, numbers, OFFSET)
     sign = np.sign(restored[3:7] @ physical[3:7])
     restored[3:7] *= sign

@@ -7,8 +7,10 @@ from jbench.encoders import find_encoder, load_encoder
 from jbench.encoders.kinds.linear import Raw, Scaled
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.errors import RequestError
-from jbench.tasks.features import denormalize
+from jbench.names import TASKS
+from jbench.tasks.features import denormalize, observation_size
 from tests.encoders.encoder_data import (
+    PLANAR_SIZES,
     fitted_encoder,
     observations_of,
     read_states,
@@ -16,20 +18,11 @@ from tests.encoders.encoder_data import (
     train,
 )
 
-# Number of features and of planar numbers, by task.
-SIZES = {
-    "move_from_origin": (15, 13),
-    "face_direction": (16, 12),
-    "move_in_direction": (19, 12),
-    "move_to_position": (18, 13),
-    "move_to_pose": (19, 14),
-}
 
-
-@pytest.mark.parametrize("task", SIZES)
+@pytest.mark.parametrize("task", TASKS)
 def test_scaled_maps_extremes_of_each_feature_to_one(trained, task):
     encoder = fitted_encoder(Scaled(), read_states(trained.dataset, task))
-    assert encoder.latent_size == SIZES[task][0]
+    assert encoder.latent_size == observation_size(task)
     seen = observations_of(trained.dataset, task).astype(np.float64)
     low, high = seen.min((0, 1)), seen.max((0, 1))
     expected = 2 * (seen - low) / np.where(high > low, high - low, np.inf) - (high > low)
@@ -39,19 +32,19 @@ def test_scaled_maps_extremes_of_each_feature_to_one(trained, task):
 
 
 @pytest.mark.parametrize("memory", [1 << 30, 300_000])
-@pytest.mark.parametrize("task", SIZES)
+@pytest.mark.parametrize("task", TASKS)
 def test_planar_latents_range_from_minus_one_to_one(trained, task, memory):
     states = read_states(trained.dataset, task, memory=memory)
     assert states.in_memory == (memory > 300_000)
     latents = fitted_encoder(PlanarReduction(), states).encode(
         observations_of(trained.dataset, task)
     )
-    assert latents.shape[-1] == SIZES[task][1]
+    assert latents.shape[-1] == PLANAR_SIZES[task]
     np.testing.assert_allclose(latents.min((0, 1)), -1, atol=1e-4)
     np.testing.assert_allclose(latents.max((0, 1)), 1, atol=1e-4)
 
 
-@pytest.mark.parametrize("task", SIZES)
+@pytest.mark.parametrize("task", TASKS)
 def test_raw_is_observation_in_si_units(trained, task):
     encoder = fitted_encoder(Raw(), read_states(trained.dataset, task))
     seen = observations_of(trained.dataset, task)
@@ -59,8 +52,7 @@ def test_raw_is_observation_in_si_units(trained, task):
 
 
 def test_kind_of_fixed_size_is_found_by_name(trained, results):
-    for kind in ("scaled", "planar"):
-        latents = SIZES["face_direction"][("scaled", "planar").index(kind)]
+    for kind, latents in (("scaled", 16), ("planar", 12)):
         record = train(trained.states, results, kind, latents)
         assert find_encoder(results, kind, "face_direction") == record.id
         assert find_encoder(results, f"{kind}:{latents}", "face_direction") == record.id

@@ -12,7 +12,7 @@ from jbench.encoders.kind import Learned
 from jbench.encoders.kinds.autoencoders import Autoencoder, DenoisingAutoencoder
 from jbench.encoders.kinds.linear import PrincipalComponents
 from jbench.encoders.loop import EncoderLearner
-from jbench.encoders.registry import encoder_settings, make_kind
+from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.states import Shard, States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
@@ -264,14 +264,13 @@ def test_unfinished_encoder_without_checkpoint_restarts(trained, results):
     assert files(again) == files(trained.record)
 
 
-def test_invalid_dataset_creates_no_encoder(results):
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_invalid_dataset_creates_no_encoder(results, number):
     state = random_states(2)
-    state.velocity[1, 400, 3] = np.nan
-    dataset = make_dataset(results, state=state)
-    settings = encoder_settings("dae", {"epochs": 1}, dataset=dataset.id)
-    with pytest.raises(WorkError, match="NaN"):
-        train_encoder(settings, States(dataset, "face_direction", 0), results)
-    assert results.find("encoder", settings.id) is None
+    state.velocity[1, 400, 3] = number
+    with pytest.raises(WorkError, match=r"random/a holds .*NaN or infinite"):
+        train(States(make_dataset(results, state=state), "face_direction", 0), results)
+    assert results.scan("encoder") == ([], [])
 
 
 def test_diverged_training_is_reported_and_not_saved(trained, results):

@@ -250,8 +250,7 @@ def test_whitened_latents_are_between_plain_ones_and_the_observation(returns):
 
 def test_planar_coordinates_help_by_what_they_leave_out(returns):
     planar, heading, full = (
-        returns["evaluation", "td3", TASKS[1], name].final
-        for name in ("planar", "heading", "full")
+        returns["evaluation", "td3", TASKS[1], name].final for name in ("planar", "heading", "full")
     )
     assert (len(heading), (planar > heading.max()).sum()) == (10, 7)
     assert abs(iqm(heading) - iqm(full)) < 50

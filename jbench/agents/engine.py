@@ -1,7 +1,7 @@
 """The training loop of several seeds, and the state of their robots."""
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,9 @@ from jbench.agents.divergence import Divergence
 from jbench.agents.environments import Environments, StepResult
 from jbench.closing import Closing
 from jbench.policies.network import SavedNetwork
+
+AfterStep = Callable[[NDArray[np.float64] | None], bool]
+"""Called after a control step with what `Engine.learn` yields; returns whether to go on."""
 
 CPU = torch.device("cpu")
 
@@ -85,6 +88,12 @@ class Engine(Closing):
             self._collected += 1
             self._store(observations, actions, step)
             yield step.episode_returns
+
+    def train(self, steps: int, after_step: AfterStep) -> None:
+        """Trains as `learn` does, until `after_step` returns False."""
+        for returns in self.learn(steps):
+            if not after_step(returns):
+                break
 
     def has_made(self, steps: int) -> bool:
         """Returns whether `learn` makes no more control steps, but for the last updates."""

@@ -1,7 +1,7 @@
 """Trains the runs of a batch, each from its last checkpoint."""
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from jbench.agents.algorithms import algorithm_provenance
 from jbench.devices import find_device
@@ -84,7 +84,7 @@ def run_batch(
             # Seeds may have stopped at different steps: those furthest behind catch up first.
             behind = min(member.control_steps for member in left)
             ahead = [member.control_steps for member in left if member.control_steps > behind]
-            with _failed_on_error(left):
+            try:
                 TrainingGroup(
                     [member for member in left if member.control_steps == behind],
                     device,
@@ -94,6 +94,12 @@ def run_batch(
                     report,
                     keep_state=keep_state,
                 ).train(min(ahead, default=until))
+            except Exception as error:
+                for member in left:
+                    if member.record.status == "unfinished":
+                        with contextlib.suppress(WorkError):
+                            member.record.fail(sentence_of_failure(error))
+                raise
     return failures | {m.settings.id: m.failure for m in members if m.failure is not None}
 
 
@@ -150,16 +156,3 @@ def _begin(
         report(Event("resumed", run.id, " ".join(refused), continues=continues))
     record = results.create("run", run.id, run.values, made_on)
     return Member(run, encoder, record, RunLog(record))
-
-
-@contextlib.contextmanager
-def _failed_on_error(members: Sequence[Member]) -> Iterator[None]:
-    """Marks unfinished runs as failed if the block raises an error."""
-    try:
-        yield
-    except Exception as error:
-        for member in members:
-            if member.record.status == "unfinished":
-                with contextlib.suppress(WorkError):
-                    member.record.fail(sentence_of_failure(error))
-        raise

@@ -91,15 +91,20 @@ def save(
     files: dict[str, bytes] = {}
     row = 0
     if isinstance(engine, OffPolicyEngine):
-        row = engine.replay.row
+        row, oldest = engine.replay.row, engine.replay.oldest
         pieces = [] if only else _pieces(roles)
-        piece, joined = _next_piece(pieces, engine.replay.oldest, row)
+        # A piece that begins before the oldest row in the buffer stays as it is.
+        joined = [piece for piece in pieces if piece.first >= oldest]
+        if len(pieces) < _MAX_PIECES:
+            joined = []
+        first = joined[0].first if joined else max([oldest, *(other.end for other in pieces)])
+        piece = _Piece(first, row)
         rows = engine.replay.rows_since(index, piece.first)
         files[piece.role] = safetensors.torch.save({_ROWS: rows.contiguous()})
         # The previous checkpoint needs rows that are older by the same number.
         behind = row - min((int(match[2]) for match in states[-1:]), default=row)
         ended |= {other.role for other in joined}
-        ended |= {other.role for other in pieces if other.end <= engine.replay.oldest - behind}
+        ended |= {other.role for other in pieces if other.end <= oldest - behind}
     position = log.position(engine.control_steps)
     checkpoint = Checkpoint(position, engine.state(index), row, newest=True)
     log.commit(files | _state_file(checkpoint, record.id), ended)
@@ -224,16 +229,3 @@ def _pieces(roles: Sequence[str]) -> list[_Piece]:
     """Returns the pieces of the replay buffer in order."""
     matches = [match for role in roles if (match := _PIECE.fullmatch(role))]
     return sorted(_Piece(int(match[1]), int(match[2])) for match in matches)
-
-
-def _next_piece(pieces: Sequence[_Piece], oldest: int, row: int) -> tuple[_Piece, list[_Piece]]:
-    """Returns the piece to write, and the existing pieces that are merged into it.
-
-    Args:
-        oldest: number of the oldest row in the buffer; a piece that begins before it stays.
-        row: number of the row after the last one.
-    """
-    merged = [piece for piece in pieces if piece.first >= oldest]
-    if merged and len(pieces) >= _MAX_PIECES:
-        return _Piece(merged[0].first, row), merged
-    return _Piece(max(pieces[-1].end if pieces else 0, oldest), row), []

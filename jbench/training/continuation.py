@@ -34,16 +34,15 @@ def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]
     """
     same = {name: getattr(run, name) for name in ("steps", *free)}
     records, _ = results.scan("run", f"{run.id.rpartition('-')[0]}-")
-    settings = [(read_run(record.settings), record) for record in records]
     shorter = [
-        (other.steps, record)
-        for other, record in settings
-        if isinstance(other, RunSettings)
-        and record.status == "finished"
+        record
+        for record in records
+        if record.status == "finished"
+        and isinstance(other := read_run(record.settings), RunSettings)
         and other.steps < run.steps
         and other.model_copy(update=same) == run
     ]
-    return [record for _, record in sorted(shorter, key=lambda pair: -pair[0])]
+    return sorted(shorter, key=lambda record: -record.settings["steps"])
 
 
 def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """What trains the agents of a batch of runs: jbench's engine, or the loop of another package."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from jbench.training.sb3_engine import SB3Engine
 
 Trainer: TypeAlias = "Engine | SB3Engine"
-AfterStep = Callable[[NDArray[np.float64] | None], bool]
-"""Called after a control step with what `Engine.learn` yields; returns whether to go on."""
 
 
 def make_trainer(
@@ -72,16 +70,6 @@ def make_trainer(
         return PluginEngine(settings.algo, algorithm, values, environments, **options)
     options |= {"ofe": settings.ofe, "precision": settings.precision}
     return make_engine(algorithm, values, environments, **options)
-
-
-def train(engine: Trainer, steps: int, after_step: AfterStep) -> None:
-    """Trains until `steps` control steps are made, see `Engine.learn`."""
-    if not isinstance(engine, Engine):
-        engine.learn(steps, after_step)
-        return
-    for returns in engine.learn(steps):
-        if not after_step(returns):
-            break
 
 
 def policy_function(engine: Trainer, seeds: int) -> Act:

@@ -17,7 +17,7 @@ from jbench.policies.saved import policy_files
 from jbench.settings.run import RunSettings
 from jbench.store import Record
 from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
-from jbench.training.engines import make_trainer, policy_function, train
+from jbench.training.engines import make_trainer, policy_function
 from jbench.training.evaluation import (
     derive_seeds,
     evaluate_policies,
@@ -86,7 +86,7 @@ class TrainingGroup:
         """Trains to a control step (None: to the end), or until all runs have failed."""
         self._until = until
         with self._engine as engine:
-            train(engine, self._settings.steps, self._after_step)
+            engine.train(self._settings.steps, self._after_step)
             if until is None:
                 self._end()
             else:

@@ -62,17 +62,15 @@ def request_runs(
         RequestError: if the encoder is not found or can't be mirrored, a setting is invalid, or the
             steps are not enough for an episode or can't be divided among the robots.
     """
-    of_features = {
-        name.removeprefix(_PREFIX): value
-        for name, value in overrides.items()
-        if name.startswith(_PREFIX)
-    }
-    of_algorithm = {n: value for n, value in overrides.items() if not n.startswith(_PREFIX)}
+    algorithm_changes, feature_changes = dict[str, Any](), dict[str, Any]()
+    for name, value in overrides.items():
+        changes = feature_changes if name.startswith(_PREFIX) else algorithm_changes
+        changes[name.removeprefix(_PREFIX)] = value
     encoders: Mapping[int, str] | None = None
-    fields["ofe"] = ofe = requested_ofe(encoder, of_features)
+    fields["ofe"] = ofe = requested_ofe(encoder, feature_changes)
     if ofe is not None:
         fields["representation"] = ofe.representation
-    elif of_features:
+    elif feature_changes:
         raise RequestError(
             "--set ofe.NAME=VALUE is for --encoder ofeN, such as ofe12; leave it out."
         )
@@ -81,7 +79,7 @@ def request_runs(
         fields["representation"] = read_representation(results, encoder_id)
         if encoder_seeds == "each":
             fields["encoder_draws"], encoders = find_draws(results, encoder, task, seeds)
-    algorithm = algorithm_fields(algo, engine, base, of_algorithm, task)
+    algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
         input_mirror(task, load_encoder(results, fields["encoder"])[0])
     fields["specs"] = find_task(task).specs

@@ -1,6 +1,5 @@
 """An agent of stable-baselines3, or of a class with its interface, trained by its own loop."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
 from jbench.agents.divergence import Divergence, divergent_loss
+from jbench.agents.engine import AfterStep
 from jbench.closing import Closing
 from jbench.encoders import Encoder, on_observations
 from jbench.policies.network import SavedNetwork
@@ -54,13 +54,8 @@ class SB3Engine(Closing):
         if (env := self._agent.get_env()) is not None:
             env.close()
 
-    def learn(self, steps: int, after_step: Callable[[NDArray[np.float64] | None], bool]) -> None:
-        """Trains until `steps` control steps are made, or the agent has diverged.
-
-        Args:
-            after_step: called with the returns (1, environments) of the episodes that ended, or
-                None, after each step of all environments; returns whether to go on.
-        """
+    def train(self, steps: int, after_step: AfterStep) -> None:
+        """Trains until `steps` control steps are made, or `after_step` returns False."""
 
         def on_step(values: dict[str, Any], _: object) -> bool:
             self._policy = None

@@ -11,7 +11,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import find_task
-from jbench.training.engines import make_trainer, train
+from jbench.training.engines import make_trainer
 from jbench.training.evaluation import final_evaluation_episodes
 
 _STEPS, _UPDATES = 300, 40
@@ -71,7 +71,7 @@ def _learning(runs: Sequence[RunSettings], device: str) -> float:
             return True
 
         unmeasured = runs[0].environments if first else 0  # the step after the first updates
-        train(engine, first + unmeasured + rollout, after_step)
+        engine.train(first + unmeasured + rollout, after_step)
         return (time.perf_counter() - began) / (engine.control_steps - before)
 
 

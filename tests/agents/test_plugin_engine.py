@@ -62,20 +62,25 @@ def build_engine(kind=RandomAgent, task="face_direction", encoder=None, **option
     return PluginEngine("drawing", kind, kind.Settings(), environments, **options)
 
 
+def returns(engine, steps):
+    """Trains for some control steps; returns those of the episodes that ended."""
+    return [ended.tolist() for ended in engine.learn(steps) if ended is not None]
+
+
 def test_engine_restored_within_episode_continues_bit_for_bit():
     with build_engine() as whole:
-        returns = [each.tolist() for each in whole.learn(70) if each is not None]
+        expected = returns(whole, 70)
         weights = whole.policy(0).files()
         losses = whole.losses(0)
     with build_engine() as first:
-        before = [each.tolist() for each in first.learn(34) if each is not None]
+        before = returns(first, 34)
         state = first.state(0)
         list(first.learn(70))  # changes the global generators before the state is restored
     with build_engine() as second:
         second.restore([state])
         assert second.control_steps == 34
-        after = [each.tolist() for each in second.learn(70) if each is not None]
-        assert before + after == returns
+        after = returns(second, 70)
+        assert before + after == expected
         assert second.losses(0) == losses
         assert second.policy(0).files() == weights
 
@@ -105,13 +110,13 @@ def gpu(monkeypatch):
 def test_agent_that_draws_on_gpu_continues_bit_for_bit(gpu):
     with build_engine(DrawingOnGPU, device=gpu) as engine:
         state = engine.state(0)
-        whole = [each.tolist() for each in engine.learn(40) if each is not None]
+        whole = returns(engine, 40)
     with build_engine(DrawingOnGPU, device=gpu) as other:
         other.restore([state])
         resumed = []
-        for returns in other.learn(40):
+        for ended in other.learn(40):
             other.act(np.ones((1, 5, 16), np.float32))  # as in an evaluation
-            resumed += [] if returns is None else [returns.tolist()]
+            resumed += [] if ended is None else [ended.tolist()]
     assert resumed == whole
 
 

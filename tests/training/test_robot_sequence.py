@@ -4,7 +4,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench import cli
 from jbench.agents import sb3
 from jbench.report.frames import Frames
 from jbench.settings.run import RunSettings
@@ -206,24 +205,6 @@ def test_all_environments_of_ppo_switch_robots_together(tmp_path):
 )
 def test_invalid_robot_options_are_refused(arguments, says, tmp_path, refused):
     assert refused("train", *arguments, results=tmp_path).startswith(f"Error: {says}")
-
-
-def test_train_command_requests_given_robots(tmp_path, monkeypatch):
-    asked = []
-    monkeypatch.setattr("jbench.sweeps.scheduler.forecasts", lambda *_: [])
-    monkeypatch.setattr(
-        "jbench.sweeps.scheduler._Scheduler.train", lambda _, runs: asked.extend(runs) or {}
-    )
-    command = ["train", "--algo", "sac", "--task", "move_in_direction", "--results", str(tmp_path)]
-    assert cli.main([*command, "--robots", "10", "--steps", "10e6", "--seeds", "0"]) == 0
-    assert cli.main([*command, "--augment", "7", "--seeds", "0-1"]) == 0
-    assert cli.main([*command, "--seeds", "0"]) == 0
-    assert [(run.augment, run.robots, run.seed) for run in asked] == [
-        (0, 10, 0),
-        (7, 1, 0),
-        (7, 1, 1),
-        (None, 1, 0),
-    ]
 
 
 def summary_row(path, **changes):

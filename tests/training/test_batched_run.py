@@ -10,7 +10,7 @@ import torch
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.store import Results
-from jbench.training import evaluation, group
+from jbench.training import batched_run, evaluation, group
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import Event
@@ -18,7 +18,7 @@ from jbench.training.repeat import reevaluate
 from jbench.training.request import training_device
 from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
-from tests.training.small_runs import EPISODE, paths, rows, small_run
+from tests.training.small_runs import EPISODE, TanhEncoder, paths, rows, small_run
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 
@@ -36,11 +36,24 @@ def settings(algo="td3", seed=0, **changes):
     return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
 
 
+ENCODED = {"representation": "dae5", "encoder": "face_direction/dae5-00000000"}
+
+
+class OtherEncoder(TanhEncoder):
+    """A nonlinear encoder with as many latents."""
+
+    def encode(self, observations):
+        return -0.5 * super().encode(observations)
+
+
 # `test_batched_engine.py` tests the engine itself with all algorithms.
-@pytest.mark.parametrize("algo", ["ddpg", "ppo"])
-def test_run_in_batch_equals_run_alone(algo, tmp_path):
+@pytest.mark.parametrize(("algo", "changes"), [("ddpg", {}), ("ppo", {}), ("td3", ENCODED)])
+def test_run_in_batch_equals_run_alone(algo, changes, tmp_path, monkeypatch):
+    if changes:
+        encoders = {0: TanhEncoder(), 3: OtherEncoder()}
+        monkeypatch.setattr(batched_run, "load_run_encoder", lambda run, _: encoders[run.seed])
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
-    runs = [settings(algo, seed, steps=4 * EPISODE) for seed in (0, 3)]
+    runs = [settings(algo, seed, steps=4 * EPISODE, **changes) for seed in (0, 3)]
     assert run_batch(runs, together) == {}
     assert run_batch(runs[1:], alone) == {}
     found = [results.find("run", runs[1].id) for results in (together, alone)]
@@ -133,6 +146,12 @@ def test_run_locked_by_another_process_is_skipped(tmp_path):
     assert list(failures) == [runs[0].id]
     assert "Another process is writing" in str(failures[runs[0].id])
     assert results.find("run", runs[1].id).status == "finished"
+
+
+def test_missing_encoder_fails_only_its_runs(tmp_path):
+    runs = [settings("ddpg", 0, steps=EPISODE), settings("ddpg", 3, steps=EPISODE, **ENCODED)]
+    assert list(run_batch(runs, Results(tmp_path))) == [runs[1].id]
+    assert Results(tmp_path).find("run", runs[0].id).status == "finished"
 
 
 def test_parallel_environments_share_steps_and_updates(tmp_path):

@@ -19,12 +19,12 @@ from typing import Any
 from jbench.errors import RequestError, WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
+from jbench.store.follow import LOOK_EVERY
 from jbench.sweeps.executors import Local, worker_request
+from jbench.sweeps.prepare import is_finished
 from jbench.training.events import Event
-from jbench.training.status import run_status
 
 _ANSWERS_WITHIN = 10.0  # s; timeout of the connection to a cluster
-_LOOK_EVERY = 2.0  # s between two looks at the results of a running task
 _SEEN_WITHIN = 90.0  # s; a network file system may show the writes of another node late
 
 
@@ -81,7 +81,7 @@ class Ray:
         self._tasks.add(task)
         try:
             seen: dict[str, str] = {}
-            while not self._ray.wait([task], timeout=_LOOK_EVERY)[0]:
+            while not self._ray.wait([task], timeout=LOOK_EVERY)[0]:
                 if self._stopped.is_set():
                     return
                 yield from self._progress(runs, seen)
@@ -154,9 +154,8 @@ class Ray:
             ended = [Event("failed", run.id, f"its task failed: {reason}") for run in runs]
         except self._ray.exceptions.RayError:
             return
-        by_id = {run.id: run for run in runs}
         for event in ended:
-            if event.kind == "finished" and not self._arrives(by_id[event.run]):
+            if event.kind == "finished" and not self._arrives(event.run):
                 reason = (
                     f"it is finished where it ran, but not in {self._results.path} here; all nodes "
                     "must share that directory"
@@ -165,11 +164,11 @@ class Ray:
             else:
                 yield event
 
-    def _arrives(self, run: RunSettings) -> bool:
+    def _arrives(self, run: str) -> bool:
         """Waits until the results show a run as finished; returns whether they do."""
         deadline = time.monotonic() + _SEEN_WITHIN
-        while run_status(run, self._results).state != "finished":
-            if time.monotonic() > deadline or self._stopped.wait(_LOOK_EVERY):
+        while not is_finished(self._results, "run", run):
+            if time.monotonic() > deadline or self._stopped.wait(LOOK_EVERY):
                 return False
         return True
 

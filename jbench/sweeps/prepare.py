@@ -14,12 +14,11 @@ from jbench.errors import RequestError, WorkError
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
+from jbench.store.follow import LOOK_EVERY
 from jbench.store.locks import HeldError
 from jbench.store.manifest import Kind
 from jbench.sweeps.cell import Cell
 from jbench.training.events import Event, Report
-
-_LOOK_EVERY = 2.0  # s between two looks at what another process is making
 
 
 def missing_encoders(
@@ -132,4 +131,4 @@ def _when_free(make: Callable[[], object], report: Report) -> None:
             if not noted:
                 report(Event("note", text=f"{str(error).partition(';')[0]}; waiting for it."))
             noted = True
-            time.sleep(_LOOK_EVERY)
+            time.sleep(LOOK_EVERY)

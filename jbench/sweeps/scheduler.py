@@ -26,6 +26,7 @@ from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Results
 from jbench.store.files import make_directory
+from jbench.store.follow import LOOK_EVERY
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import forecasts
 from jbench.sweeps.executors import Executor, Local, batches
@@ -34,7 +35,6 @@ from jbench.training.continuation import new_beginnings
 from jbench.training.events import Event, Report, ignore
 from jbench.training.status import is_being_trained, plan, record_failure, run_status
 
-_LOOK_EVERY = 2.0  # s between two looks at the runs that another process is training
 _MAX_DEATHS = 3  # a run fails when this many of its processes have died
 
 
@@ -135,7 +135,7 @@ class _Scheduler:
         self._submit(batches(runs, self._executor.jobs, self._executor.device))
         while self._tasks:
             with suppress(queue.Empty):  # on Windows, Ctrl-C is seen only between two calls
-                self._handle(self._events.get(timeout=_LOOK_EVERY))
+                self._handle(self._events.get(timeout=LOOK_EVERY))
         return self._failures
 
     def _submit(self, batches_of_runs: Iterable[Sequence[RunSettings]]) -> None:
@@ -159,7 +159,7 @@ class _Scheduler:
                 left[run.id] = run
         if held:
             if self._elsewhere.issuperset(run.id for run in held):
-                time.sleep(_LOOK_EVERY)  # another look at them
+                time.sleep(LOOK_EVERY)  # another look at them
             self._events.put(Event("held", runs=held))
         if left:
             runs = list(left.values())

@@ -87,11 +87,6 @@ def test_runs_of_a_task_that_is_not_installed_are_listed_reported_and_verified(t
     assert {(row["task"], row["seeds"]) for row in rows} == {("two-poles", 2)}
 
 
-def test_training_on_a_task_that_is_not_installed_is_refused(refused, tmp_path):
-    error = refused("train", "--task", "two-pole", results=tmp_path / "results")
-    assert "Unknown task 'two-pole'; choose move_from_origin" in error
-
-
 def test_tasks_of_packages_are_listed(installed, monkeypatch, capsys):
     monkeypatch.setattr(task_specs, "SUITE_TASKS", ("dmc:cheetah-run",))  # each of 49 is compiled
     # Four of the package's are no tasks, as their specifications or their modules show.

@@ -28,7 +28,7 @@ def build_settings(algo, **overrides):
     return algorithm_settings(algo, overrides=small | overrides)
 
 
-def oracle_of(algo, settings, dtype, monkeypatch, actions=1):
+def build_oracle(algo, settings, dtype, monkeypatch, actions=1):
     """An agent of stable-baselines3 that computes in the given precision."""
     # By default it converts observations to float32.
     monkeypatch.setattr(policies, "preprocess_obs", lambda observations, *_, **__: observations)
@@ -44,7 +44,7 @@ def oracle_of(algo, settings, dtype, monkeypatch, actions=1):
     return agent
 
 
-def learners_of(algo, settings, dtype=torch.float32, seeds=1, action_size=1):
+def build_learners(algo, settings, dtype=torch.float32, seeds=1, action_size=1):
     """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
     views = [tensors, *(tensors.select(seed) for seed in range(seeds))]

@@ -12,8 +12,8 @@ from jbench.agents.batched.replay import Batch
 from tests.agents.batched_oracle import (
     PRECISION,
     SIZE,
+    build_learners,
     build_settings,
-    learners_of,
     mean_losses,
 )
 from tests.agents.small_rules import (
@@ -49,17 +49,17 @@ def td3_parameters(learner):
 @pytest.mark.parametrize("dtype", PRECISION, ids=str)
 def test_td3_rule_equals_builtin_td3(dtype, actions):
     settings = build_settings("td3")
-    own_tensors, (own,), _ = learners_of("td3", settings, dtype, action_size=actions)
+    own_tensors, (own,), _ = build_learners("td3", settings, dtype, action_size=actions)
     tensors, (learner,), _ = learners(TD3, settings, dtype, actions=actions)
     own.initialize(torch.Generator().manual_seed(3))
     for name, values in td3_parameters(own).items():
         learner._parameters[name].copy_(values)
     first = td3_parameters(own)["actor.0.weight"].clone()
     for update, numbers in enumerate(batches(learner, 100, dtype), 1):
-        for each in (own, learner):
-            delayed = each.is_delayed_update(update, 0)
-            each.reset_losses([delayed])
-            each.update(Batch(*(part.clone() for part in numbers), actions), delayed)
+        for updated in (own, learner):
+            delayed = updated.is_delayed_update(update, 0)
+            updated.reset_losses([delayed])
+            updated.update(Batch(*(part.clone() for part in numbers), actions), delayed)
         if update in (1, 10, 100):
             expected = td3_parameters(own)
             assert learner._parameters.keys() == expected.keys()
@@ -91,7 +91,9 @@ def test_stacked_updates_equal_those_of_single_seeds(rule, settings, actions):
     for name, saved in alone.saved.items():
         torch.testing.assert_close(together.saved[name], saved, rtol=0, atol=1e-10)
     observations = torch.randn(3, 5, SIZE, dtype=torch.float64)
-    expected = torch.stack([one.act(seen) for one, seen in zip(each, observations, strict=True)])
+    expected = torch.stack(
+        [learner.act(seen) for learner, seen in zip(each, observations, strict=True)]
+    )
     torch.testing.assert_close(stack.act(observations), expected)
 
 

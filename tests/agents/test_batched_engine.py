@@ -160,7 +160,7 @@ def slow(*values):
     ("algo", "options"),
     [
         *((algo, {}) for algo in ALGORITHMS),
-        *(slow(*each) for each in SCRIPTS.items()),
+        *(slow(*case) for case in SCRIPTS.items()),
         slow("ddpg", {**SCRIPTS["ddpg"], "precision": "bfloat16"}),
         ("td3", {"precision": "bfloat16"}),
         ("sac", {"environments": 3, "time_limit": "terminal"}),
@@ -352,7 +352,7 @@ def test_action_noise_equals_stable_baselines3(algo):
             theirs.reset()
 
 
-def actions_of(engine, steps):
+def recorded_actions(engine, steps):
     """The actions of an engine's first environment."""
     taken = []
     for _ in engine.learn(steps):
@@ -364,10 +364,10 @@ def test_actions_before_learning_starts_are_uniform_or_of_policy():
     changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 10_000}
     with build_engine("td3", [0], changes=changes) as engine:
         # The standard deviation of U(-1, 1) is 0.577; an untrained policy's actions hardly vary.
-        assert 0.5 < np.std(actions_of(engine, 240)) < 0.65
+        assert 0.5 < np.std(recorded_actions(engine, 240)) < 0.65
     with build_engine("ddpg", [0], changes=changes) as engine:
         observation = engine.environments.observations[0].numpy()
-        (taken, *_) = actions_of(engine, 1)
+        (taken, *_) = recorded_actions(engine, 1)
         assert taken == pytest.approx(float(engine.policy(0).act(observation)[0, 0]), abs=1e-6)
 
 

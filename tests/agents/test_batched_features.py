@@ -17,7 +17,7 @@ from tests.agents.test_plain_updates import (
     ACTIONS,
     assert_equal_parameters,
     copy_parameters,
-    layers_of,
+    paired_layers,
     transitions,
 )
 
@@ -29,7 +29,7 @@ sizes = pytest.mark.parametrize("ofe", SIZES.values(), ids=SIZES)
 UPDATES = 10
 
 
-def learner_of(algo, ofe, *, stacked=False, actions=1, **changes):
+def build_learner(algo, ofe, *, stacked=False, actions=1, **changes):
     """A learner of one seed, or of a stack of two seeds with the same parameters."""
     tensors = Tensors(2 if stacked else 1, torch.float64)
     make = partial(on_features(algo, ofe), build_settings(algo, **changes), SIZE, actions)
@@ -56,11 +56,11 @@ def feature_layers(features, plain):
 @ACTIONS
 @pytest.mark.parametrize("stacked", [False, True])
 def test_updates_of_ddpg_and_features_equal_autograd(ofe, stacked, actions):
-    learner, seed = learner_of("ddpg", ofe, stacked=stacked, actions=actions)
+    learner, seed = build_learner("ddpg", ofe, stacked=stacked, actions=actions)
     plain = PlainDDPGOnFeatures(build_settings("ddpg"), ofe, SIZE, actions)
     random = torch.Generator().manual_seed(2)
     features = learner.features
-    layers = [*layers_of("ddpg", seed, plain), *feature_layers(seed.features, plain.features)]
+    layers = [*paired_layers("ddpg", seed, plain), *feature_layers(seed.features, plain.features)]
     copy_parameters(layers)
     for _ in range(UPDATES):
         batch = transitions(random, actions)
@@ -82,7 +82,7 @@ def test_updates_of_ddpg_and_features_equal_autograd(ofe, stacked, actions):
 @ACTIONS
 @pytest.mark.parametrize("algo", ["td3", "sac"])
 def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe, actions):
-    learner, _ = learner_of(algo, ofe, actions=actions)
+    learner, _ = build_learner(algo, ofe, actions=actions)
     plain = PlainFeatures(ofe, SIZE, actions)
     copy_parameters(feature_layers(learner.features, plain))
     size = learner.features.size
@@ -113,7 +113,7 @@ def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe, a
 def test_many_units_extend_observation_and_few_replace_it():
     observations = torch.randn(5, SIZE, dtype=torch.float64)
     for units, size in ((2, 2), (SIZE, SIZE), (SIZE + 1, 2 * SIZE + 1)):
-        learner, _ = learner_of("ddpg", OFESettings(units=units))
+        learner, _ = build_learner("ddpg", OFESettings(units=units))
         seen = learner._encode(observations)
         assert seen.shape == (5, size)
         assert torch.equal(seen[:, :SIZE], observations) == (units > SIZE)

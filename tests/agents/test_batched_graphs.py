@@ -84,7 +84,7 @@ def with_replay(engine):
     ("algo", "options"),
     [
         *((algo, {}) for algo in ALGORITHMS),
-        *(slow(*each) for each in SCRIPTS.items()),
+        *(slow(*case) for case in SCRIPTS.items()),
         ("td3", {"time_limit": "terminal", "precision": "bfloat16"}),
         ("ddpg", {"changes": {"mirror": True}}),
         ("ppo", {"changes": {"batch_size": 12}}),

@@ -10,7 +10,7 @@ from jbench.agents.batched.tensors import Tensors
 ACTIONS = 3
 
 
-def network_of(sizes, joins=0, low_precision=False):
+def build_network(sizes, joins=0, low_precision=False):
     """A network with random parameters."""
     view = Tensors(1, low_precision=low_precision).select(0)
     layout = Layout(sizes, ACTIONS, joins)
@@ -27,7 +27,7 @@ def network_of(sizes, joins=0, low_precision=False):
 
 @pytest.mark.parametrize("joins", [0, 1, 3])
 def test_padding_stays_zero(joins):
-    network = network_of((16, 9, 33, 16, 2), joins=joins)
+    network = build_network((16, 9, 33, 16, 2), joins=joins)
     network.forward(torch.randn(8, 16))
     network.backward(torch.randn(8, 2))
     for flat in (network.values, network.gradient):
@@ -41,8 +41,8 @@ def test_padding_stays_zero(joins):
 
 
 def test_low_precision_rounds_to_bfloat16():
-    exact = network_of((17, 64, 48, 1))
-    rough = network_of((17, 64, 48, 1), low_precision=True)
+    exact = build_network((17, 64, 48, 1))
+    rough = build_network((17, 64, 48, 1), low_precision=True)
     random = torch.Generator().manual_seed(1)
     inputs, delta = (torch.randn(100, size, generator=random) for size in (17, 1))
     assert not torch.equal(exact.forward(inputs), rough.forward(inputs))
@@ -57,7 +57,7 @@ def test_low_precision_rounds_to_bfloat16():
 
 @pytest.mark.parametrize("rows", [1, 5, 31, 33, 100])
 def test_low_precision_gradients_of_selected_rows_are_equal(rows):
-    network = network_of((17, 64, 48, 1), low_precision=True)
+    network = build_network((17, 64, 48, 1), low_precision=True)
     random = torch.Generator().manual_seed(1)
     inputs, delta = (torch.randn(100, size, generator=random) for size in (17, 1))
     network.forward(inputs)

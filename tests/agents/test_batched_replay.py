@@ -10,7 +10,7 @@ SIZE, ACTIONS, SEEDS = 3, 2, 2
 LENGTH = 7  # transitions in an episode
 
 
-def buffer_of(environments=1, capacity=20, flush_every=5):
+def build_buffer(environments=1, capacity=20, flush_every=5):
     return ReplayBuffer(
         SEEDS,
         environments,
@@ -64,7 +64,7 @@ def sampled(buffer, seed, count=4000):
     samples = np.concatenate(
         [rows[indices], rows[next_indices][..., :SIZE], last[..., None]], axis=-1
     )
-    return [tuple(each) for each in samples.reshape(-1, 2 * SIZE + ACTIONS + 2).tolist()]
+    return [tuple(row) for row in samples.reshape(-1, 2 * SIZE + ACTIONS + 2).tolist()]
 
 
 def expected(past, seed, capacity):
@@ -85,7 +85,7 @@ def expected(past, seed, capacity):
 @pytest.mark.parametrize("environments", [1, 3])
 @pytest.mark.parametrize("steps", [1, 6, 7, 8, 19, 20, 21, 22, 47, 150])
 def test_only_last_transitions_are_sampled(steps, environments):
-    buffer = buffer_of(environments, capacity=20 * environments)
+    buffer = build_buffer(environments, capacity=20 * environments)
     past = History(buffer, environments)
     past.steps(steps)
     for seed in range(SEEDS):
@@ -93,10 +93,10 @@ def test_only_last_transitions_are_sampled(steps, environments):
 
 
 def test_every_transition_is_equally_likely():
-    buffer = buffer_of()
+    buffer = build_buffer()
     History(buffer).steps(33)
     samples = sampled(buffer, 0, 20_000)
-    counts = np.array([samples.count(one) for one in set(samples)])
+    counts = np.array([samples.count(row) for row in set(samples)])
     # 1000 of each are expected; the standard deviation is 31.
     assert len(counts) == 20
     assert abs(counts - 1000).max() < 4 * 31
@@ -104,7 +104,7 @@ def test_every_transition_is_equally_likely():
 
 @pytest.mark.parametrize("steps", [0, 3, 7, 10, 20, 40, 41, 43])
 def test_buffer_is_restored_from_appended_rows(steps):
-    buffer = buffer_of(2, capacity=40)
+    buffer = build_buffer(2, capacity=40)
     past = History(buffer, 2)
     saved, first = [[], []], 0
     for steps_more in (4, 9, 7, steps):
@@ -114,7 +114,7 @@ def test_buffer_is_restored_from_appended_rows(steps):
         first = buffer.row
     # The ring buffer has overwritten older rows, which were saved before.
     rows = [torch.cat(parts, dim=1) for parts in saved]
-    other = buffer_of(2, capacity=40)
+    other = build_buffer(2, capacity=40)
     for seed in range(SEEDS):
         other.restore(seed, rows[seed], buffer.row)
     other.begin(torch.from_numpy(past.observations))

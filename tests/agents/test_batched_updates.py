@@ -12,14 +12,14 @@ from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import (
     PRECISION,
     SIZE,
+    build_learners,
+    build_oracle,
     build_settings,
     copy_initial_parameters,
     fill,
     largest_difference,
-    learners_of,
     mean_losses,
     next_batch,
-    oracle_of,
     ours,
     theirs,
     transitions,
@@ -62,8 +62,8 @@ def test_off_policy_updates_equal_stable_baselines3(
     # In both, the target entropy of SAC is minus the size of an action.
     automatic = {"target_entropy": "auto"} if algo == "sac" else {}
     settings = build_settings(algo, **automatic, **changes)
-    agent = oracle_of(algo, settings, dtype, monkeypatch, actions)
-    tensors, (learner,), _ = learners_of(algo, settings, dtype, action_size=actions)
+    agent = build_oracle(algo, settings, dtype, monkeypatch, actions)
+    tensors, (learner,), _ = build_learners(algo, settings, dtype, action_size=actions)
     copy_initial_parameters(algo, agent, learner)
     for update in update_both(agent, learner, tensors, settings, updates):
         if update in (1, 10, 100):
@@ -74,7 +74,7 @@ def test_off_policy_updates_equal_stable_baselines3(
 
 def test_sac_target_update_interval_counts_from_each_learning_phase():
     settings = build_settings("sac", target_update_interval=3, gradient_steps=5)
-    _, (learner,), _ = learners_of("sac", settings, torch.float64)
+    _, (learner,), _ = build_learners("sac", settings, torch.float64)
     delayed = [learner.is_delayed_update(7 + i, i) for i in range(5)]
     assert delayed == [True, False, False, True, False]
     learner.initialize(torch.Generator().manual_seed(0))
@@ -84,7 +84,7 @@ def test_sac_target_update_interval_counts_from_each_learning_phase():
         assert torch.equal(value, first[name]) == ("target" in name), name
 
 
-def rollout_of(agent, settings, data):
+def fill_rollout(agent, settings, data):
     """Fills an agent's rollout buffer; returns the same transitions as rows of our rollout."""
     buffer, random = agent.rollout_buffer, np.random.default_rng(5)
     shape = (settings.n_steps, settings.n_envs)
@@ -129,10 +129,10 @@ def test_ppo_updates_equal_stable_baselines3(
 ):
     changes = {"n_envs": 2, "n_steps": 60, "n_epochs": epochs, "batch_size": batch_size} | changes
     settings = build_settings("ppo", **changes)
-    agent = oracle_of("ppo", settings, dtype, monkeypatch, actions)
-    tensors, (learner,), _ = learners_of("ppo", settings, dtype, action_size=actions)
+    agent = build_oracle("ppo", settings, dtype, monkeypatch, actions)
+    tensors, (learner,), _ = build_learners("ppo", settings, dtype, action_size=actions)
     copy_initial_parameters("ppo", agent, learner)
-    rollout = rollout_of(agent, settings, transitions(actions))
+    rollout = fill_rollout(agent, settings, transitions(actions))
     rows = rollout.flatten(0, 2).to(dtype)
     np.random.seed(3)
     agent.train()
@@ -147,8 +147,8 @@ def test_ppo_updates_equal_stable_baselines3(
 
 def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
     settings = build_settings("ppo", n_envs=2, n_steps=200, batch_size=100)
-    agent = oracle_of("ppo", settings, torch.float32, monkeypatch)
-    rollout = rollout_of(agent, settings, transitions())
+    agent = build_oracle("ppo", settings, torch.float32, monkeypatch)
+    rollout = fill_rollout(agent, settings, transitions())
     buffer = agent.rollout_buffer
     for column, expected in ((-3, buffer.advantages), (-2, buffer.returns)):
         np.testing.assert_array_equal(rollout[0, :, :, column].numpy().T, expected)
@@ -158,8 +158,8 @@ def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
 def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
     settings = build_settings(algo, **({"n_envs": 1} if algo == "ppo" else {}))
-    agent = oracle_of(algo, settings, torch.float64, monkeypatch, actions)
-    _, (learner,), _ = learners_of(algo, settings, torch.float64, action_size=actions)
+    agent = build_oracle(algo, settings, torch.float64, monkeypatch, actions)
+    _, (learner,), _ = build_learners(algo, settings, torch.float64, action_size=actions)
     copy_initial_parameters(algo, agent, learner)
     observations = torch.from_numpy(transitions()[0][:40]).double()
     acting = agent.policy if algo == "ppo" else agent.actor
@@ -187,7 +187,7 @@ def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
 def test_stacked_updates_equal_those_of_single_seeds(algo, changes, actions):
     settings = build_settings(algo, **changes)
     (alone, each, _), (together, _, stack) = (
-        learners_of(algo, settings, torch.float64, 3, actions) for _ in range(2)
+        build_learners(algo, settings, torch.float64, 3, actions) for _ in range(2)
     )
     for seed, learner in enumerate(each):
         learner.initialize(torch.Generator().manual_seed(seed))
@@ -218,8 +218,8 @@ def test_stacked_updates_equal_those_of_single_seeds(algo, changes, actions):
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
 def test_initial_weights_are_distributed_as_in_stable_baselines3(algo, monkeypatch):
     settings = build_settings(algo, hidden_layers=[200, 100])
-    agent = oracle_of(algo, settings, torch.float32, monkeypatch)
-    _, (learner,), _ = learners_of(algo, settings)
+    agent = build_oracle(algo, settings, torch.float32, monkeypatch)
+    _, (learner,), _ = build_learners(algo, settings)
     learner.initialize(torch.Generator().manual_seed(0))
     mine, their = ours(algo, learner), theirs(algo, agent)
     for name, value in their.items():

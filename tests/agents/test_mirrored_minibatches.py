@@ -19,7 +19,7 @@ from tests.agents.test_plain_updates import (
     PLAIN,
     assert_equal_parameters,
     copy_parameters,
-    layers_of,
+    paired_layers,
 )
 from tests.encoders.encoder_data import planar_encoder
 
@@ -56,13 +56,13 @@ def encoded(encoder, observations, actions, rewards):
 @pytest.mark.parametrize("encoder", [None, PLANAR], ids=["full", "planar"])
 @pytest.mark.parametrize("algo", PLAIN)
 def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
-    rows, images = (encoded(encoder, *each) for each in replay_rows())
+    rows, images = (encoded(encoder, *part) for part in replay_rows())
     changes = {"mirror": True, "tau": 0.1, "batch_size": 15}
     with build_engine(algo, [3], encoder=encoder, changes=changes, dtype=torch.float64) as engine:
         engine.replay.restore(0, rows[None], ROWS)
         settings, (learner,), (updates,) = engine._settings, engine.learners, engine._group_updates
         plain = PLAIN[algo][0](settings, engine.environments.size)
-        copy_parameters(layers_of(algo, learner, plain))
+        copy_parameters(paired_layers(algo, learner, plain))
         random = copy.deepcopy(engine.environments.generators[0].updates)
         updates.prepare(1, UPDATES)
         sampled, following, _ = engine.replay.sample(random, UPDATES, 15)
@@ -78,7 +78,7 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
             delayed = [(i + 1) % settings.policy_delay == 0] if algo == "td3" else []
             plain.update(batch, *delayed)
         updates.run()
-        assert_equal_parameters(layers_of(algo, learner, plain))
+        assert_equal_parameters(paired_layers(algo, learner, plain))
 
 
 @pytest.mark.parametrize("algo", ["td3", slow("ddpg"), slow("sac")])

@@ -12,7 +12,7 @@ from jbench.agents.batched.ppo import Minibatch
 from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.bases import SCRIPT
-from tests.agents.batched_oracle import SIZE, build_settings, learners_of
+from tests.agents.batched_oracle import SIZE, build_learners, build_settings
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO
 from tests.agents.plain_sac import PlainSAC
@@ -45,7 +45,7 @@ def ppo_layers(learner, plain):
     yield Affine(last.weight[:, -1:], last.bias[-1:]), plain.value
 
 
-def layers_of(algo, learner, plain):
+def paired_layers(algo, learner, plain):
     """Pairs of layers of the learner's networks and of the plain version."""
     for name in PLAIN[algo][1]:
         network = getattr(learner, name)
@@ -122,7 +122,7 @@ CASES = {
 @pytest.mark.parametrize(("algo", "changes"), CASES.values(), ids=CASES)
 def test_updates_equal_autograd(algo, changes, actions):
     settings = build_settings(algo, **changes)
-    _, (learner,), _ = learners_of(algo, settings, torch.float64, action_size=actions)
+    _, (learner,), _ = build_learners(algo, settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
     random = torch.Generator().manual_seed(2)
     if algo == "ppo":
@@ -130,7 +130,7 @@ def test_updates_equal_autograd(algo, changes, actions):
         layers = [*ppo_layers(learner, plain)]
     else:
         plain = PLAIN[algo][0](settings, SIZE, actions)
-        layers = [*layers_of(algo, learner, plain)]
+        layers = [*paired_layers(algo, learner, plain)]
     copy_parameters(layers)
     for number in range(1, UPDATES + 1):
         if algo == "ppo":
@@ -150,7 +150,7 @@ def test_updates_equal_autograd(algo, changes, actions):
 
 def first_layers(algo, **changes):
     settings = algorithm_settings(algo, overrides={"hidden_layers": [200, 100], **changes})
-    _, (learner,), _ = learners_of(algo, settings)
+    _, (learner,), _ = build_learners(algo, settings)
     learner.initialize(torch.Generator().manual_seed(0))
     return learner
 

@@ -13,7 +13,7 @@ from tests.agents.batched_oracle import fill, mean_losses, next_batch, transitio
 from tests.agents.small_rules import TQC, TQC_SETTINGS, learners
 
 
-def oracle_of_tqc(settings, dtype, monkeypatch):
+def build_tqc(settings, dtype, monkeypatch):
     """sb3-contrib's TQC with the settings of the documented rule."""
     monkeypatch.setattr(policies, "preprocess_obs", lambda observations, *_, **__: observations)
     layers = list(settings.hidden_layers)
@@ -41,7 +41,7 @@ def oracle_of_tqc(settings, dtype, monkeypatch):
     return agent
 
 
-def parameters_of_tqc(agent):
+def tqc_parameters(agent):
     """Parameters of sb3-contrib's TQC by the names of the documented rule."""
     actor = [m for m in agent.actor.latent_pi if isinstance(m, nn.Linear)]
     heads = agent.actor.mu, agent.actor.log_std
@@ -59,10 +59,10 @@ def parameters_of_tqc(agent):
 
 def test_documented_tqc_equals_sb3_contrib(monkeypatch):
     dtype, settings = torch.float64, TQC_SETTINGS
-    agent, data = oracle_of_tqc(settings, dtype, monkeypatch), transitions()
+    agent, data = build_tqc(settings, dtype, monkeypatch), transitions()
     fill(agent, data)
     tensors, (learner,), _ = learners(TQC, settings, dtype)
-    for name, values in parameters_of_tqc(agent).items():
+    for name, values in tqc_parameters(agent).items():
         learner._parameters[name].copy_(values)
     for update in range(1, 21):
         # sb3-contrib updates the entropy coefficient before the actor, the rule after it.
@@ -75,5 +75,5 @@ def test_documented_tqc_equals_sb3_contrib(monkeypatch):
         assert mean_losses(learner, tensors) == pytest.approx(
             {name: recorded[f"train/{name}"] for name in ("critic_loss", "actor_loss")}, rel=1e-6
         )
-    for name, values in parameters_of_tqc(agent).items():
+    for name, values in tqc_parameters(agent).items():
         torch.testing.assert_close(learner._parameters[name], values, rtol=0, atol=1e-7, msg=name)

@@ -133,9 +133,9 @@ class Killer:
                 return
             self.kills += 1
             results = Results(path)
-            self.steps[-1].append([steps_of(run, results) for run in self._runs])
+            self.steps[-1].append([committed_steps(run, results) for run in self._runs])
             findings = verify(results, 1).findings
-            self.problems += [str(one) for one in findings if one.sort == "damaged"]
+            self.problems += [str(finding) for finding in findings if finding.sort == "damaged"]
 
     def _fork(self, path, write_point=None, runs=None, keep_state=False):
         process = os.fork()
@@ -165,7 +165,7 @@ class Killer:
         return None if os.WIFSIGNALED(status) else os.waitstatus_to_exitcode(status)
 
 
-def steps_of(run, results):
+def committed_steps(run, results):
     """Returns the control steps of a run's last checkpoint; a finished one has all."""
     record = results.find("run", run.id)
     if record is None:

@@ -50,7 +50,7 @@ def only(path, run):
     return Results(path).find("run", run.id)
 
 
-def file_of(record, prefix, number):
+def find_file(record, prefix, number):
     """Returns the path of the `number`-th file of a role or a table, in the order of writing."""
     names = [f.name for f in record.manifest.files if (f.role or f.name).startswith(prefix)]
     return record.path / names[number]
@@ -160,7 +160,7 @@ def damage(path):
 )
 def test_run_resumes_where_all_its_files_are_intact(stopped, prefix, number, change, steps, reason):
     path, run, uninterrupted = stopped
-    change(file_of(only(path, run), prefix, number))
+    change(find_file(only(path, run), prefix, number))
     ((_, resumed_at, sentence),) = do(path, [run])
     assert resumed_at == steps
     assert re.search(reason, sentence)

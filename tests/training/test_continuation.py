@@ -14,7 +14,7 @@ from jbench.training.batched_run import run_batch
 from jbench.training.continuation import check_state_can_be_kept, new_beginnings
 from jbench.training.status import run_status
 from tests.training.small_runs import paths, rows, train_batch
-from tests.training.test_checkpoints import file_of
+from tests.training.test_checkpoints import find_file
 from tests.training.test_resume import settings
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
@@ -34,7 +34,7 @@ def outcome(path, run):
 
 
 def lengths(algo, *steps, seed=1, **changes):
-    return [settings(algo, seed, steps=each, **changes) for each in steps]
+    return [settings(algo, seed, steps=count, **changes) for count in steps]
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_run_continues_longest_intact_state_with_same_settings(tmp_path):
     train(tmp_path, [other])
     results = Results(tmp_path)
     assert run_status(whole, results).steps_left == LONG - 200
-    file_of(results.find("run", short.id), "replay-", -1).write_bytes(b"other")
+    find_file(results.find("run", short.id), "replay-", -1).write_bytes(b"other")
     ((_, steps, sentence, continues),) = train(tmp_path, [whole], until=150)
     assert (steps, continues) == (100, shortest.id)
     assert f"The checkpoint of {short.id} at 200 control steps is not used" in sentence
@@ -103,7 +103,7 @@ def test_run_begins_if_only_state_is_damaged(tmp_path):
     short, whole = lengths("ppo", 100, 200)
     train(tmp_path / "twice", [short])
     record = Results(tmp_path / "twice").find("run", short.id)
-    file_of(record, "checkpoint-", -1).write_bytes(b"other")
+    find_file(record, "checkpoint-", -1).write_bytes(b"other")
     ((_, steps, sentence, continues),) = train(tmp_path / "twice", [whole])
     assert (steps, continues) == (0, short.id)
     assert f"The checkpoint of {short.id} at 144 control steps is not used" in sentence

@@ -92,11 +92,11 @@ def test_robots_are_part_of_id():
         settings(robots=4),
         settings(robots=2, augment=1),
     ]
-    assert len({each.id for each in different}) == 6
+    assert len({run.id for run in different}) == 6
     # The first of several robots has seed 0 by default.
     assert settings(robots=2).id == settings(robots=2, augment=0).id
-    for each in different:
-        assert RunSettings.model_validate_json(each.model_dump_json()) == each
+    for run in different:
+        assert RunSettings.model_validate_json(run.model_dump_json()) == run
 
 
 @SHORT
@@ -110,9 +110,9 @@ def test_robot_at_step(steps, robot):
 def test_run_on_augmented_robot_trains_and_evaluates_on_it(alone):
     expected = shape(load_model(5))
     assert not np.array_equal(expected, shape(load_model()))
-    assert all(np.array_equal(each, expected) for (each,) in alone.shapes.values())
+    assert all(np.array_equal(robot, expected) for (robot,) in alone.shapes.values())
     assert list(alone.evaluated) == [100, 105]
-    assert all(np.array_equal(each, expected) for each in alone.evaluated.values())
+    assert all(np.array_equal(robot, expected) for robot in alone.evaluated.values())
     assert alone.record.settings["augment"] == 5
     assert "robots" not in alone.record.settings
 
@@ -155,7 +155,7 @@ def test_second_robot_starts_with_policy_of_first(two, alone):
         assert np.array_equal(two.weights[step], alone.weights[step]), step
     assert np.array_equal(two.weights[101], alone.weights[100])
     ours, theirs = (
-        each.record.read("episodes")["episode_return"].to_pylist() for each in (two, alone)
+        watched.record.read("episodes")["episode_return"].to_pylist() for watched in (two, alone)
     )
     assert ours[:2] == theirs
 
@@ -188,7 +188,7 @@ def test_all_environments_of_ppo_switch_robots_together(tmp_path):
     assert max(watched.shapes) == 210
     for step, seen in watched.shapes.items():
         expected = robots[0 if step <= 100 else 1]
-        assert all(np.array_equal(each, expected) for each in seen), step
+        assert all(np.array_equal(robot, expected) for robot in seen), step
 
 
 @pytest.mark.parametrize(

@@ -124,10 +124,6 @@ class ReplayBuffer:
         """Number of the oldest row that has not expired."""
         return max(0, self.row - self._ring + 1)
 
-    def transitions(self) -> int:
-        """Returns the number of transitions of each environment at the last `flush`."""
-        return self._flushed - self._flushed // (self._episode_steps + 1)
-
     def sample(
         self, generator: Generator, updates: int, batch: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
@@ -137,7 +133,9 @@ class ReplayBuffer:
             (updates, batch) indices of the rows of the transitions and of their next observations
             in the seed's buffer, and whether it is the last transition of its episode.
         """
-        total, shape = self.transitions(), (updates, batch)
+        shape = updates, batch
+        # Transitions of each environment at the last `flush`.
+        total = self._flushed - self._flushed // (self._episode_steps + 1)
         transitions = generator.integers(max(0, total - self._capacity), total, shape)
         episodes = transitions // self._episode_steps
         last = transitions - episodes * self._episode_steps == self._episode_steps - 1

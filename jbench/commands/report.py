@@ -23,6 +23,8 @@ from jbench.report.request import Request
 from jbench.wording import repair_hint
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from jbench.store import Results
 
 _NOT_SHOWN = ("--json", "--watch")
@@ -143,7 +145,8 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
     asked |= {"claims"} if request.claims else set()
     for table in tables(frames):
         if table.name in asked:
-            output.frame(table.title, table.texts())
+            in_short = table.name == "verdicts" and not request.claims
+            output.frame(table.title, _by_claim(table.frame) if in_short else table.texts())
     for note in written.notes:
         output.say(f"Note: {note}")
     output.say(frames.headline)
@@ -161,6 +164,20 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
             }
         )
     output.warn_of_damage(frames.problems, repair_hint(database.name))
+
+
+def _by_claim(verdicts: "pd.DataFrame") -> "pd.DataFrame":
+    """Returns the verdicts with a row for each representation, and a column for each claim."""
+    from jbench.report.tables import COMPARED
+
+    said = verdicts["mark"] + " " + verdicts["verdict"]
+    claims = verdicts["claim"].map(COMPARED) + " against " + verdicts["against"]
+    rows = ["task", "algo", "representation", "words"]
+    table = verdicts.assign(said=said, claims=claims)
+    table = table.pivot(index=rows, columns="claims", values="said")[claims.unique()]
+    shown = table.reindex(verdicts[rows].drop_duplicates()).fillna("")
+    shown.index.names = ["task", "algorithm", "observation", ""]
+    return shown.reset_index()
 
 
 def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[None]:

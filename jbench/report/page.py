@@ -25,7 +25,7 @@ from jbench.report.frames import Frames
 from jbench.report.run_details import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
-from jbench.report.tables import tables
+from jbench.report.tables import COMPARED, tables
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.wording import counted
 
@@ -37,7 +37,6 @@ _MOST_CHOICES = 40
 _LONG = 30  # rows from which a table has a height of its own
 _WIDE = 10  # columns above which intervals stand below their numbers
 _SEARCHED = 12  # rows from which a table has filters
-_CLAIMS = {"a": "final return", "b": "variability", "c": "speed"}
 _STATES = {"✓": "for", "✗": "against"}
 
 
@@ -141,7 +140,7 @@ def _matrix(frames: Frames) -> dict[str, Any]:
     verdicts = frames.lead(frames.verdicts)
     baselines = list(dict.fromkeys(verdicts["against"]))
     scales = {claim: _scale(rows) for claim, rows in verdicts.groupby("claim")}
-    claims = {claim: title for claim, title in _CLAIMS.items() if claim in scales}
+    claims = {claim: title for claim, title in COMPARED.items() if claim in scales}
     rows = []
     for _, group in verdicts.groupby("configuration", sort=False):
         first = group.iloc[0]

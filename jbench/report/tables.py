@@ -21,7 +21,8 @@ _AGENTS = (
     "s: standard deviation between agents, without that of the episodes. Detectable: smallest "
     "difference that these seeds would show. "
 )
-_CLAIM = {"a": "final return", "b": "variability across seeds", "c": "speed"}
+COMPARED = {"a": "final return", "b": "variability", "c": "speed"}
+"""What a verdict compares, by its claim."""
 
 
 def tables(frames: Frames) -> list[Table]:
@@ -121,7 +122,7 @@ def _verdicts(frames: Frames) -> Table:
     rows = frames.lead(frames.verdicts)
     columns = [
         *(_TASK, _ALGO, _OBSERVED, plain("against")),
-        Column("of", "claim", lambda row: _CLAIM[row["claim"]]),
+        Column("of", "claim", lambda row: COMPARED[row["claim"]]),
         Column("verdict", "verdict", lambda row: f"{row['mark']} {row['text']}"),
         *(number("difference", "value", signed, ("low", "high")), _SEEDS),
         plain("corrected by", "corrected_by"),

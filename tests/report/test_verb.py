@@ -66,6 +66,20 @@ def test_claims_are_omitted_without_option(filled, capsys):
     assert not (filled / "report" / "tables" / "claims.csv").exists()
 
 
+def test_terminal_has_a_row_of_verdicts_for_each_representation(fabric, capsys):
+    for seed in range(6):
+        for name, value in (("full", 500), ("random12", 100), ("vae12", 900)):
+            fabric.run(FLAT * 0 + value + seed, seed, representation=name)
+    run_report(fabric.results.path, "--format", "svg")
+    rows = re.findall(
+        r"(\w+) +([?✓✗] \w+) +([?✓✗] \w+) +([?✓✗] \w+) *$", capsys.readouterr().out, re.M
+    )
+    assert rows == [
+        ("random12", "✗ lower", "? undecided", "✗ slower"),
+        ("vae12", "✓ higher", "? undecided", "✓ faster"),
+    ]
+
+
 def test_comparison_is_written_beside_report(filled, capsys):
     sides = ("--compare", "representation=dae12", "representation=full")
     assert run_report(filled, *sides, "--format", "svg") == 0

@@ -168,14 +168,17 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
 
 def _by_claim(verdicts: "pd.DataFrame") -> "pd.DataFrame":
     """Returns the verdicts with a row for each representation, and a column for each claim."""
+    import pandas as pd
+
     from jbench.report.tables import COMPARED
 
     said = verdicts["mark"] + " " + verdicts["verdict"]
     claims = verdicts["claim"].map(COMPARED) + " against " + verdicts["against"]
     rows = ["task", "algo", "representation", "words"]
     table = verdicts.assign(said=said, claims=claims)
-    table = table.pivot(index=rows, columns="claims", values="said")[claims.unique()]
-    shown = table.reindex(verdicts[rows].drop_duplicates()).fillna("")
+    table = table.pivot(index=rows, columns="claims", values="said")[[*claims.unique()]]
+    order = pd.MultiIndex.from_frame(verdicts[rows].drop_duplicates())
+    shown = table.reindex(order).fillna("")
     shown.index.names = ["task", "algorithm", "observation", ""]
     return shown.reset_index()
 

@@ -2,7 +2,6 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from typer import Argument, Option
 
@@ -87,13 +86,10 @@ def sweep(
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
-    changes: dict[str, Any] = {} if steps is None else {"steps": steps}
     limit = _MAX_SEEDS if max_seeds is None else max_seeds
-    if until_decided:
-        changes["seeds"] = seeds_to_compare(matrix, limit)
-    elif seeds is not None:
-        changes["seeds"] = parse_numbers(seeds)
-    parts = read_matrix(matrix, **changes)
+    chosen = parse_numbers(seeds) if seeds is not None else None
+    typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
+    parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = jobs or default_jobs(train_on)
     local = partial(Local, database, at_a_time, train_on)

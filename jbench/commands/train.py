@@ -1,8 +1,9 @@
 """The train command."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from typer import Option
 
@@ -14,6 +15,9 @@ from jbench.seeds import parse_numbers
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.wording import counted, with_results
+
+if TYPE_CHECKING:
+    from jbench.store import Results
 
 
 @options.with_settings(RunSettings, *TYPED, main=("task", "algo", "encoder", "seeds", "steps"))
@@ -65,7 +69,6 @@ def train(
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.request import request_runs, training_device
-    from jbench.training.status import failures_among, run_statuses
 
     if task == "all" or "," in task:
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
@@ -109,11 +112,21 @@ def train(
         keep_state=keep_state,
         final_episodes=final_episodes,
     )
-    after = run_statuses(runs, database)
-    failures |= failures_among(after)
+    _show_outcome(runs, failures, database, output)
+
+
+def _show_outcome(
+    runs: Sequence[RunSettings], failures: dict[str, str], results: "Results", output: Output
+) -> None:
+    """Prints what became of the runs; raises a WorkError if one has failed, now or before."""
+    from jbench.commands import training
+    from jbench.training.status import failures_among, run_statuses
+
+    after = run_statuses(runs, results)
+    failures = failures | failures_among(after)
     elsewhere = [id for id, status in after.items() if not status.is_ended]
-    training.show_runs(runs, database, output)
+    training.show_runs(runs, results, output)
     if len(elsewhere) + len(failures) < len(runs):
-        output.say(f"Next: {with_results('jbench report', results)}")
+        output.say(f"Next: {with_results('jbench report', results.name)}")
     output.document({"runs": [run.id for run in runs], "left": elsewhere, "failures": failures})
     training.check_failures(failures, len(runs))

@@ -19,10 +19,10 @@ from jbench.paper.citation import CITATION
 from jbench.report import style
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.data.configuration import OWN
-from jbench.report.data.returns import clean
+from jbench.report.data.returns import clean, rounded
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
-from jbench.report.run_details import run_details
+from jbench.report.runs import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
 from jbench.report.tables import COMPARED, tables
@@ -60,7 +60,8 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
     rest = [name for name in drawn if name not in (*_FIRST, *_NEXT)]
-    runs = run_details(frames)
+    shown = frames.run_curves, frames.metrics, frames.paths
+    runs = run_details(frames.runs, *shown, frames.returns)
     return environment.get_template("page.html.j2").render(
         policy=policy,
         style=Markup(css),
@@ -167,7 +168,7 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
         share = min(max(value / (reach or 1), -1), 1)
         return round(60 + 56 * (0 if math.isnan(share) else share), 1)
 
-    value, low, high = (f"{row[name]:+.0f}" for name in ("value", "low", "high"))
+    value, low, high = (rounded(row[name]) for name in ("value", "low", "high"))
     enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
     undecided = "undecided" if enough else counted(row["seeds"], "seed")
     names = ("value", "low", "high", "corrected_low", "corrected_high")

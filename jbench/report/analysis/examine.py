@@ -9,7 +9,7 @@ from jbench.names import FULL
 from jbench.report.analysis.claims import MARGIN, UNDECIDED, Row, decide, decide_solved
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores, Scores, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
-from jbench.report.data.returns import EVALUATION, steps
+from jbench.report.data.returns import EVALUATION, rounded, steps
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 
@@ -124,7 +124,7 @@ def _without_episodes(row: Row, scores: PairedScores) -> Row:
     verdict, remark = row["verdict"], row["remark"]
     value, low, high, _ = scores.agents_difference()
     if not {"supported": low > 0, "contradicted": high < 0}.get(verdict, True):
-        interval = f"difference {value:+.0f} [{low:+.0f}, {high:+.0f}]"
+        interval = f"difference {rounded(value)} [{rounded(low)}, {rounded(high)}]"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
         verdict, remark = "undecided", "; ".join(filter(None, (reason, remark)))
     if row["claim"] == "b":
@@ -158,8 +158,8 @@ def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
         if all(abs(np.median(side.final) - random) <= MARGIN for side in pair if len(side.final)):
             near = f"both are within {MARGIN:g} of random actions ({random:g})"
             return f"no verdict, on {task} {near}"
-    gain = IQM_DIFFERENCE([scores[0].area], [scores[1].area])
-    return "" if gain > 0 else f"no verdict, nothing is gained on {_HARDER} ({gain:+.0f})"
+    gain = float(IQM_DIFFERENCE([scores[0].area], [scores[1].area]))
+    return "" if gain > 0 else f"no verdict, nothing is gained on {_HARDER} ({rounded(gain)})"
 
 
 def _gain_of_gains(*strata: st.Strata) -> FloatArray:

@@ -50,9 +50,15 @@ def signed(value: float) -> str:
     return f"{round(value):+,d}" if abs(value) > _ZERO else "0"
 
 
+def rounded(value: float) -> str:
+    """Formats a difference of returns without decimals."""
+    text = f"{value:+.0f}"
+    return "0" if text in ("+0", "-0") else text
+
+
 def ratio(value: float) -> str:
-    """Formats a ratio or a probability."""
-    return f"{value:.2f}"
+    """Formats a ratio or a probability; one that rounds to zero has no sign."""
+    return f"{value:z.2f}"
 
 
 def steps(value: float) -> str:

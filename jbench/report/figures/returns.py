@@ -10,7 +10,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import FILE, whole
+from jbench.report.data.returns import FILE, ratio, whole
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
@@ -41,10 +41,8 @@ def forest(frames: Frames) -> Chart | None:
         panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
         known = group[group["s"].notna()]
         if len(known) > 1:
-            draw, height = (
-                partial(_draw_variability, known, looks=looks),
-                0.55 + marks.ROW * len(known),
-            )
+            draw = partial(_draw_variability, known, looks=looks)
+            height = 0.55 + marks.ROW * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
     note = "large mark: interquartile mean, 95% interval; dots: seeds"
     if frames.request.curves is None:
@@ -196,7 +194,7 @@ def predictions(frames: Frames) -> Chart:
             look, at = looks[row["representation"]], max(row["r2"], 0.0)
             if np.isfinite(row["low"]):
                 axes.plot([at, at], [row["low"], row["high"]], color=look.color, gid=look.series)
-            tip = f"{row['label']}: {row['iqm']:.0f}, R² {row['r2']:.2f}"
+            tip = f"{row['label']}: {row['iqm']:.0f}, R² {ratio(row['r2'])}"
             marks.add_points(axes, [at], [row["iqm"]], [tip], look, size=6)
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
         axes.set(xlim=(-0.03, 1.03), ylim=(0, 1000))

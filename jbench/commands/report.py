@@ -138,8 +138,7 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
     from jbench.report.tables import tables
     from jbench.store.query import records
 
-    written = write_report(None if request.curves else database, out, request)
-    frames = written.frames
+    frames, files = write_report(None if request.curves else database, out, request)
     asked = {"comparisons"} if request.compare else {"final_returns", "verdicts"}
     asked |= {"comparisons"} if request.curves else set()
     asked |= {"claims"} if request.claims else set()
@@ -147,19 +146,19 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
         if table.name in asked:
             in_short = table.name == "verdicts" and not request.claims
             output.frame(table.title, _by_claim(table.frame) if in_short else table.texts())
-    for note in written.notes:
+    for note in frames.notes:
         output.say(f"Note: {note}")
     output.say(frames.headline)
-    page = next(file for file in written.files if file.name == "index.html")
-    output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
+    page = next(file for file in files if file.name == "index.html")
+    output.say(f"Wrote {len(files)} files to {page.parent}; open {page} in a browser.")
     if output.as_json:
         shown = ["configurations", "verdicts", "comparisons"] + ["claims"] * request.claims
         output.document(
             {
                 "headline": frames.headline,
                 **{name: records(getattr(frames, name)) for name in shown},
-                "files": [str(file) for file in written.files],
-                "notes": written.notes,
+                "files": [str(file) for file in files],
+                "notes": frames.notes,
                 "problems": frames.problems,
             }
         )

@@ -117,9 +117,8 @@ def _steps_to_solved(config: Configuration, curve: Curve) -> FloatArray:
 def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """Returns a row per seed with a final return.
 
-    Columns: `ID`, seed, run, final (final return), over_run (mean return over the run), episodes
-    (that the final return averages), episode_sd (their standard deviation; that of their mean is
-    episode_sd / √episodes), diverged.
+    over_run is the mean return over the run. A final return averages episodes with the standard
+    deviation episode_sd; that of their mean is episode_sd / √episodes.
     """
     parts = []
     for config in configurations:
@@ -134,12 +133,11 @@ def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
 
 
 def curve_frame(curves: Curves) -> pd.DataFrame:
-    """Returns the points of curves in the order of drawing.
+    """Returns the points of curves, but those without a seed.
 
-    Columns: `ID`, steps (center of the window), seeds, window (episodes, or evaluations, averaged
-    in this point: fewer at the ends of a run), q10, q25, median, q75, q90; quantiles other than the
-    median are NaN for fewer than `BAND_SEEDS` seeds. Points without a seed are left out. Curves on
-    a sequence of robots have robots and robot_steps (control steps with each robot).
+    steps is the center of the window, and window the episodes or evaluations that are averaged:
+    fewer at the ends of a run. Quantiles other than the median are NaN for fewer than `BAND_SEEDS`
+    seeds. robot_steps are the control steps with each robot of a sequence.
     """
     parts = []
     for config, curve in curves:

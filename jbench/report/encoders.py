@@ -40,11 +40,10 @@ _MIN_POINTS = 3
 def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd.DataFrame:
     """Returns a row per task, kind, variant and number of latents of finished encoders.
 
-    Columns: task, kind, representation, settings (the options that distinguish a variant), latents,
-    seeds, and the medians across seeds of test_mse; of the unexplained fractions of the variance
-    test, pca and random (held-out episodes), heuristic and pca_heuristic (episodes of the
-    hand-written policy); of the R² of yaw_rate, forward_speed, tilt_rate and reward; and of the
-    effective_rank. The last five are NaN for encoders that were trained before they were measured.
+    settings are the options that distinguish a variant. There are medians across seeds of test_mse;
+    of the unexplained fractions of the variance test, pca and random (held-out episodes), heuristic
+    and pca_heuristic (the hand-written policy's); and of the R² of `PREDICTED` and effective_rank,
+    which are NaN for encoders that were trained before they were measured.
     """
     if "encoders" not in tables:  # only the results themselves have them
         return pd.DataFrame(columns=_COLUMNS)
@@ -104,8 +103,7 @@ def return_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """Returns the final returns of configurations that differ only in their representation.
 
     They are measured at the most frequent last step of these configurations, or at the latest of
-    several such; those that have not reached it are left out. Columns: `ID`, steps, seeds,
-    iqm with its 95% interval (low, high).
+    several such; those that have not reached it are left out. iqm has a 95% interval.
     """
     rows = []
     for group in differing_in(configurations, "representation"):

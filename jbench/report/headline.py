@@ -1,6 +1,6 @@
 """The headline of a report: one plain sentence or two on what was learned."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Mapping
 
 import pandas as pd
 
@@ -42,16 +42,13 @@ def headline(
     against_full = verdicts[verdicts["against"] == FULL]
     if against_full.empty:
         return _best(known)
-    clauses = list(_clauses(against_full))
+    clauses = dict(_clauses(against_full))
     if not clauses:
         return "Whether agents learn as well on a reduced observation is undecided."
-    decided = [
-        word for word, verb in _OUTCOMES.items() if any(verb in clause for clause in clauses)
-    ]
-    algos = against_full["algo"][against_full["verdict"].isin(decided)].unique()
+    algos = against_full["algo"][against_full["verdict"].isin([*clauses])].unique()
     who = f"{algos[0]} agents" if len(algos) == 1 else "agents"
     while len(_sentence(clauses, who).split()) > _MAX_WORDS and len(clauses) > 1:
-        clauses.pop()
+        clauses.popitem()
     return _sentence(clauses, who)
 
 
@@ -71,15 +68,15 @@ def _on_sides(comparisons: pd.DataFrame) -> str:
     return f"The final return with {first}, compared with {other}, is {answer}."
 
 
-def _sentence(clauses: Sequence[str], who: str) -> str:
-    text = "; ".join(clauses)
-    if text.startswith(_OUTCOMES["higher"]):
+def _sentence(clauses: Mapping[str, str], who: str) -> str:
+    text = "; ".join(clauses.values())
+    if "higher" in clauses:
         text = text.replace(_OUTCOMES["lower"], "lower ones")
     return f"Compared with the full observation, {who} {text}."
 
 
-def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:
-    """Yields a clause for each outcome: with which representations, on which tasks if not all."""
+def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
+    """Yields outcomes and a clause on each: with which representations, on which tasks."""
     several = verdicts["task"].nunique() > 1
     where: dict[str, dict[str, list[str]]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):
@@ -95,7 +92,7 @@ def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:
             parts = (
                 f"with {in_prose(names, 'and')}{on}" for on, names in sorted(where[outcome].items())
             )
-            yield f"{verb} {', and '.join(parts)}"
+            yield outcome, f"{verb} {', and '.join(parts)}"
 
 
 def _outcome(rows: pd.DataFrame) -> str:

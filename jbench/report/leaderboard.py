@@ -71,12 +71,11 @@ def leaderboard(
     published: pd.DataFrame,
     algo: str | None = None,
 ) -> pd.DataFrame:
-    """Returns the entries by task and median, best first.
+    """Returns the entries by task and median of the final returns, best first.
 
-    Entries whose intervals cross share a rank; those without an interval or with fewer than
-    `DECIDING_SEEDS` seeds have none. Columns: task, rank, entry (source of the runs, hand-written,
-    or published), algo, observation, median of the final returns with its 95% interval, n (seeds;
-    of a hand-written policy, episodes), steps_min and steps (control steps of training).
+    Entries whose 95% intervals cross share a rank; those without an interval or with fewer than
+    `DECIDING_SEEDS` seeds have none. entry is the source of the runs, hand-written or published,
+    and n the number of seeds; of a hand-written policy, of episodes.
 
     Args:
         configurations: see `configuration_frame`; of one kind of return.

@@ -27,9 +27,8 @@ _BINS = 80  # of positions, along each axis
 def baseline_frame(tasks: set[str]) -> pd.DataFrame:
     """Returns the returns of random actions and of the hand-written policy of some tasks.
 
-    Columns: task, policy (`random` or `hand-written`), median with its 95% interval (low, high),
-    q10 and q90 (10th and 90th percentile of the episodes), episodes; `benchmarks/baselines.py` has
-    written them.
+    The median has a 95% interval; q10 and q90 are percentiles of the episodes.
+    `benchmarks/baselines.py` has written them.
     """
     rows = pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
     return rows[rows["task"].isin(tasks)].reset_index(drop=True)

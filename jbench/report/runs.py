@@ -1,6 +1,7 @@
-"""Frames of single runs, and where they come from."""
+"""Single runs: their frames, where they come from, and what the page shows of one."""
 
 import json
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -10,29 +11,37 @@ import pandas as pd
 from jbench.names import ReturnsName, kind_in
 from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
-from jbench.report.data.configuration import ID, display_name, shown_representation, with_returns
+from jbench.report.data.configuration import (
+    ID,
+    OWN,
+    display_name,
+    shown_representation,
+    with_returns,
+)
+from jbench.report.data.returns import FILE, clean
 from jbench.report.data.sources import Source
 from jbench.settings.alike import flatten
 from jbench.settings.recorded import parse_run
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import value_text
+from jbench.statistics import FloatArray
 
 COLUMNS = [
     *("source", "run", "configuration", "label", "task", "algo", "representation", "kind", "words"),
     *("seed", "steps", "final", "status", "day", "diverged", "settings", "provenance"),
 ]
+_RUN_POINTS, _PATH_POINTS = 50, 20
+_PAGE_POINTS = 6_000  # of the curves of all runs together
 _COPIED = ("task", "seed", "steps", "status")
 METRICS = ["run", "name", "steps", "value"]
 _RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
 
 
 def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
-    """Returns a row per run, those without an episode included.
+    """Returns a row per run, those without an episode included, by configuration and seed.
 
-    Columns: source, run, the other columns `ID` (empty for a run in no configuration), seed, steps
-    (planned), final (return, of the kind `returns`), status, day (of its beginning), diverged
-    (when, or empty), settings (texts by name) and provenance (texts by name). Runs are in the order
-    of their configurations and seeds.
+    The columns `ID` are empty for a run in no configuration. steps are planned, final is a return
+    of the kind `returns`, diverged says when, and settings and provenance are texts by name.
     """
     lead = with_returns(source.configurations, returns)
     known = [*source.configurations, *lead]
@@ -65,6 +74,70 @@ def metric_frame(source: Source) -> pd.DataFrame:
     rows = rows[np.isfinite(rows["value"]) & rows["run"].isin(source.runs["run"])]
     named: pd.DataFrame = rows.rename(columns={"control_steps": "steps"})[METRICS]
     return named
+
+
+def run_details(
+    runs: pd.DataFrame,
+    run_curves: pd.DataFrame,
+    metrics: pd.DataFrame,
+    paths: pd.DataFrame,
+    leading: ReturnsName,
+) -> dict[str, Any]:
+    """Returns the runs for the script: names, facts, settings by number, curves and paths.
+
+    Curves of the leading kind of return come first, unless they have less than five points.
+    """
+    sizes = run_curves.groupby(["source", "run", "returns"])["steps"].transform("size")
+    ordered = run_curves.assign(few=sizes < 5, other=run_curves["returns"] != leading)
+    ordered = ordered.sort_values(["few", "other"], kind="stable")
+    ordered = ordered.assign(name=ordered["returns"] + " return")
+    groups = pd.concat([ordered, metrics.assign(source=OWN)]).groupby(
+        ["source", "run", "name"], sort=False
+    )
+    most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, groups.ngroups)))
+    curves: dict[tuple[str, str], list[list[Any]]] = {}
+    for (source, run, name), points in groups[["steps", "value"]]:
+        curve = _thin_curve(str(name), points.to_numpy(float), most)
+        curves.setdefault((source, run), []).append(curve)
+    ways = {key: list(_paths(rows)) for key, rows in paths.groupby(["source", "run"], sort=False)}
+    settings: dict[tuple[str, str], int] = {}
+    details = []
+    for row in runs.to_dict("records"):
+        key, source = (row["source"], row["run"]), row["source"]
+        texts = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
+        facts = [row["label"], f"seed {row['seed']}", row["status"], row["diverged"], row["day"]]
+        details.append(
+            {
+                "name": row["run"] if source in (OWN, FILE) else f"{source}: {row['run']}",
+                "facts": ", ".join(filter(None, facts)),
+                "settings": [settings.setdefault(pair, len(settings)) for pair in texts],
+                "curves": curves.get(key, []),
+                "paths": ways.get(key, []),
+            }
+        )
+    return {"settings": list(settings), "runs": details}
+
+
+def _thin_curve(name: str, points: FloatArray, most: int) -> list[Any]:
+    """Returns name, steps and values of a curve of points (points, 2), at most `most` of them."""
+    shown = np.linspace(0, len(points) - 1, min(len(points), most)).round().astype(int)
+    steps, values = points[shown].T
+    texts = [json.loads(f"{value:.3g}") for value in values]
+    return [name, steps.round().astype(int).tolist(), texts]
+
+
+def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Yields the first and the last path of a run, in tenths of a millimeter."""
+    steps = sorted(rows["steps"].unique())
+    for at in dict.fromkeys((steps[0], steps[-1])):
+        path = rows[rows["steps"] == at]
+        last = path.iloc[-1]
+        path = path.iloc[np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).astype(int)]
+        numbers = {"heading": last["heading"], "gained": last["episode_return"]}
+        numbers |= {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
+        known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
+        points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
+        yield {**known, "steps": int(at), "points": points.ravel().tolist()}
 
 
 def provenance(recorded: str) -> dict[str, str]:

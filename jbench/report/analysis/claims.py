@@ -4,8 +4,8 @@ A claim is tested on every pair of configurations to which it applies (`examine.
 the value that would refute it and the margin are the same for our runs, for the published curves,
 and for both kinds of return.
 
-A finding is a row with the claim's letter, the names that are compared, the effect (the claim's
-statistic with the deciding interval), the number of seeds, and the columns of `decide`.
+A finding is a row with the claim's letter, what is compared, the effect (the claim's statistic with
+the deciding interval), the number of seeds, and the columns of `decide`.
 """
 
 from collections.abc import Iterable

@@ -134,10 +134,8 @@ def pair_frame(
     """Returns the probability that a run of a has a higher final return than one of b, both ways.
 
     Only runs on the plain robot are paired, of at least `DECIDING_SEEDS` seeds each that were
-    trained equally long. Columns: task, returns, a, b (configurations), their labels, p with its
-    95% interval (low, high), decided (as in the verdicts on the same kind of return; for others,
-    whether 0.5 is outside of the interval that is corrected for the number of pairs), steps (of
-    training).
+    trained equally long. p has a 95% interval. decided is as in the verdicts on the same kind of
+    return; for other pairs, 0.5 has to be outside of an interval corrected for their number.
     """
     samples = {
         (first, other): pair.sample(st.probability_of_improvement)

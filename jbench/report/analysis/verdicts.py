@@ -50,12 +50,10 @@ _MAX_SEEDS = 30  # of the group-sequential test
 
 
 def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFrame) -> pd.DataFrame:
-    """Returns the verdicts on each reduced representation against each baseline.
+    """Returns the verdicts on each reduced representation, and on `scaled`, the effect of scaling.
 
-    The columns are `VERDICTS`: among them the baseline (its configuration), the claim (a: final
-    return, b: variability of three or more seeds, c: speed), the value with its 95% interval, and
-    the columns of `judge.conclude`. Beside reduced representations, `scaled` is compared with
-    `full`: the effect of scaling.
+    The claims are (a) final return, (b) variability of three or more seeds and (c) speed. baseline
+    is a configuration, and value has a 95% interval; for the others see `judge.conclude`.
     """
     keys, rows = DECISIONS[:5], []
     listed = {tuple(row[key] for key in keys): row for row in decisions.to_dict("records")}
@@ -106,9 +104,8 @@ def decision_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     """Returns the decisions of the group-sequential test on the planned comparisons.
 
     These are the comparisons of `jbench sweep question --until-decided` that have a block of seeds,
-    by their final evaluation returns. Columns: source, task, algo, representation, against,
-    verdict, seeds, difference of the means with its repeated interval (low, high), spent (part of
-    the error rate).
+    by the means of their final evaluation returns. The interval of the difference is a repeated
+    one, and spent a part of the error rate.
     """
     rows, planned = [], _planned()
     shares, analyses = [plan["share"] for plan in planned], [_MAX_SEEDS // BLOCK] * len(planned)

@@ -89,24 +89,22 @@ def build(
         f"The run {run} ({status}) has no episodes yet."
         for run, status in zip(runs["run"][idle], runs["status"][idle], strict=True)
     ]
-    built = []
+    built: list[Configuration] = []
     for _, group in runs[~idle].groupby(["algo", "representation"]):
         words = variant_words(dict(zip(group["variant"], group["typed"], strict=True)))
         for _, same in group.groupby(["task", "variant"]):
-            for config in _build(same.sort_values(_ORDER, ascending=_ASCENDING), points):
-                config.set_names(source, words[config.variant])
-                config.notes += _note_on_spacing(config)
-                built.append(config)
+            same = same.sort_values(_ORDER, ascending=_ASCENDING)
+            built += _build(same, points, source, words[same["variant"].iloc[0]])
     built.sort(key=lambda config: (*paper_order(config), config.words))
     # Recorded settings may differ in nothing that has a name: then a hash tells them apart.
     known: dict[str, str] = {}
     for config in built:
         if known.setdefault(config.configuration, config.variant) != config.variant:
-            config.set_names(source, ", ".join(filter(None, (config.words, config.variant))))
+            config.set_words(", ".join(filter(None, (config.words, config.variant))))
     return built, notes
 
 
-def _build(same: pd.DataFrame, points: Points) -> Iterator[Configuration]:
+def _build(same: pd.DataFrame, points: Points, source: str, words: str) -> Iterator[Configuration]:
     """Yields a configuration for each kind of return of runs, the longest of each seed first.
 
     Diverged runs have training returns, and evaluations if all runs diverged and planned them.
@@ -131,7 +129,7 @@ def _build(same: pd.DataFrame, points: Points) -> Iterator[Configuration]:
         if diverged.any():
             longest = int(used["steps"].fillna(0).max())
             stacks = count_divergence(stacks, used["diverged"].to_numpy(float), longest, kind)
-        config = Configuration(kind, used, stacks)
+        config = Configuration(kind, used, stacks, source, words)
         config.notes = (*notes, *_notes_on_points(config, absent.sum(axis=1)))
         yield config
 
@@ -166,7 +164,7 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
 
 
 def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
-    """Returns notes on returns (seeds,) that are not finite, and on evaluations at other steps."""
+    """Returns notes on returns (seeds,) that are not finite, and on points at other steps."""
     notes = [
         f"{counted(count, _NAMES[config.kind][1])} of seed {seed} {are(count)} not finite and left "
         "out"
@@ -178,17 +176,11 @@ def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
     ended = ~np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]
     if config.kind == EVALUATION and not (present | ended).all():
         notes.append("seeds were evaluated after different numbers of control steps")
+    if config.kind == TRAINING and config.source in (IMPORTED, FILE):
+        steps = config.control_steps
+        if apart := np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0)):
+            notes.append(
+                f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles "
+                "are of the first, second, … point of each seed"
+            )
     return notes
-
-
-def _note_on_spacing(config: Configuration) -> tuple[str, ...]:
-    """Returns a note if the points of imported seeds are at different control steps."""
-    if config.kind != TRAINING or config.source not in (IMPORTED, FILE):
-        return ()
-    steps = config.control_steps
-    apart = np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0))
-    note = (
-        f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of the "
-        "first, second, … point of each seed"
-    )
-    return (note,) if apart else ()

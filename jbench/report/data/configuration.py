@@ -47,7 +47,6 @@ class Configuration:
     minimum, at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
-        representation: `full`, or an encoder's kind and size, such as `dae12`.
         variant: hash of the settings without seed and steps.
         settings: settings of the run with the first seed.
         returns: (seeds, points) returns; NaN after a run's end, or if not finite.
@@ -61,7 +60,7 @@ class Configuration:
         longest: last control step that any seed has reached.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
             episode.
-        notes: notes for the reader, a clause each.
+        notes: a clause each.
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
         draws: number of different encoders of the runs.
@@ -74,7 +73,12 @@ class Configuration:
     """
 
     def __init__(
-        self, kind: ReturnsName, runs: pd.DataFrame, points: Mapping[str, FloatArray]
+        self,
+        kind: ReturnsName,
+        runs: pd.DataFrame,
+        points: Mapping[str, FloatArray],
+        source: str,
+        words: str,
     ) -> None:
         """Collects what is known of runs.
 
@@ -82,8 +86,9 @@ class Configuration:
             kind: of return.
             runs: a row for each seed, in ascending order; see `build.build`.
             points: (seeds, points) arrays by the names `points.FIELDS`.
+            source, words: as the attributes.
         """
-        first, self.kind = runs.iloc[0], kind
+        first, self.kind, self.source = runs.iloc[0], kind, source
         self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
         self.notes: tuple[str, ...] = ()
         self.returns, self.control_steps = points["returns"], points["control_steps"]
@@ -104,11 +109,11 @@ class Configuration:
         self.robots = 0 if self.settings.augment is None else self.settings.robots
         episodes = max(int(planned.max()) // EPISODE_STEPS, self.returns.shape[1])
         self.robot_episodes = -(-episodes // self.robots) if self.robots else 0
-        self.set_names(OWN, "")
+        self.set_words(words)
 
-    def set_names(self, source: str, words: str) -> None:
-        """Sets the names of a configuration of a source, with settings in words."""
-        self.source, self.words = source, words
+    def set_words(self, words: str) -> None:
+        """Sets the names, with settings in words."""
+        source, self.words = self.source, words
         algo = self.algo if source == FILE else display_name(self.algo)
         shown = shown_representation(self.representation)
         label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), words)))

@@ -69,6 +69,7 @@ _BASE: dict[Any, Any] = {
     "axes.edgecolor": SOFT,
     "axes.labelcolor": SOFT,
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # else all ticks are measured, in case some are above
     "xtick.color": SOFT,
     "ytick.color": SOFT,
     "grid.color": LINE,

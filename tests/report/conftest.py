@@ -3,14 +3,15 @@
 import json
 
 import numpy as np
-import pyarrow as pa
+import pandas as pd
 import pytest
 
+from jbench.cli import main
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import with_returns
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
-from jbench.store import Results, query, schema
+from jbench.store import Results, parquet, query, schema
 from tests.report import browser
 from tests.training.small_runs import shorten_episodes
 
@@ -25,20 +26,6 @@ SETTINGS = {
 }
 
 
-def rows(columns, fields):
-    """Returns rows of a table with these columns and null in all others."""
-    count = len(columns["run"])
-    return pa.table(
-        [
-            pa.array(columns[field.name], field.type)
-            if field.name in columns
-            else pa.nulls(count, field.type)
-            for field in fields
-        ],
-        schema=fields,
-    )
-
-
 def episodes(run, returns, environments=1, seconds=None):
     """Returns rows of the table `episodes`; parallel environments end theirs together, as in PPO.
 
@@ -49,17 +36,12 @@ def episodes(run, returns, environments=1, seconds=None):
         seconds: processor time per episode; None: not recorded.
     """
     index = np.arange(len(returns))
-    columns = {
-        "run": [run] * len(returns),
-        "episode": index,
-        "control_steps": (index // environments + 1) * environments * 1000,
-        "episode_return": np.asarray(returns, float),
-        "length": np.full(len(returns), 1000),
-        "wall_time": index * 1.0,
-    }
+    steps = (index // environments + 1) * environments * 1000
+    columns = {"run": run, "episode": index, "control_steps": steps, "length": 1000}
+    columns |= {"episode_return": np.asarray(returns, float), "wall_time": index * 1.0}
     if seconds is not None:
         columns["processor_time"] = (index + 1) * float(seconds)
-    return rows(columns, schema.EPISODES)
+    return parquet.to_table(pd.DataFrame(columns), schema.EPISODES)
 
 
 def evaluations(run, means, seconds=None):
@@ -70,18 +52,12 @@ def evaluations(run, means, seconds=None):
         means: mean return of each evaluation, by the control steps of the run.
         seconds: processor time per 1000 control steps; None: not recorded.
     """
-    steps = np.repeat([*means], 2)
-    columns = {
-        "run": [run] * len(steps),
-        "evaluation": np.arange(len(steps)) // 2,
-        "control_steps": steps,
-        "episode": np.arange(len(steps)) % 2,
-        "episode_return": np.repeat([*means.values()], 2) + np.tile([-5.0, 5.0], len(means)),
-        "length": np.full(len(steps), 1000),
-    }
+    steps, index = np.repeat([*means], 2), np.arange(2 * len(means))
+    columns = {"run": run, "evaluation": index // 2, "episode": index % 2, "control_steps": steps}
+    columns["episode_return"] = np.repeat([*means.values()], 2) + np.where(index % 2, 5.0, -5.0)
     if seconds is not None:
         columns["processor_time"] = steps / 1000 * seconds
-    return rows(columns, schema.EVALUATIONS)
+    return parquet.to_table(pd.DataFrame({**columns, "length": 1000}), schema.EVALUATIONS)
 
 
 class FabricatedResults:
@@ -114,10 +90,9 @@ class FabricatedResults:
         if evaluated:
             tables["evaluations"] = evaluations(id, evaluated, seconds)
         if metrics:
-            names = [name for name in metrics for _ in (1, 2)]
-            columns = {"run": [id] * len(names), "control_steps": [1000, 2000] * len(metrics)}
-            columns |= {"name": names, "value": [v for pair in metrics.values() for v in pair]}
-            tables["metrics"] = rows(columns, schema.METRICS)
+            values = pd.DataFrame(metrics, index=[1000, 2000]).rename_axis("control_steps")
+            values = values.melt(var_name="name", ignore_index=False).reset_index().assign(run=id)
+            tables["metrics"] = parquet.to_table(values, schema.METRICS)
         record.append(tables)
         if diverged is not None:
             record.fail("its critic_loss is not finite")
@@ -127,6 +102,11 @@ class FabricatedResults:
         elif status == "failed":
             record.fail("it broke")
         return record
+
+    def learn(self, finals, episodes=80, **settings):
+        """Adds a run per seed with return 0, then from half of its episodes on its final return."""
+        for seed, final in enumerate(finals):
+            self.run(np.repeat([0.0, final], episodes // 2), seed, **settings)
 
     def _record_divergence(self, record, control_steps):
         """Writes the control step of a divergence into the manifest of a run."""
@@ -146,6 +126,27 @@ class FabricatedResults:
     def curves(self, order="quantile-first", window=100, kind=TRAINING):
         """Returns the curves of all runs."""
         return [cell.curve(order, window) for cell in self.configurations(kind)[0]]
+
+
+def import_curves(results, algo, curves, *more):
+    """Imports curves of an algorithm on face_direction, the returns of each seed every 1000 steps.
+
+    Args:
+        results: path of the results.
+        algo: label of the curves.
+        curves: returns by seed.
+        more: options of `jbench import`.
+    """
+    file = results.parent / f"{algo}.csv"
+    rows = [
+        (seed, 1000 * (i + 1), value)
+        for seed, returns in curves.items()
+        for i, value in enumerate(returns)
+    ]
+    names = ["seed", "control_steps", "episode_return"]
+    pd.DataFrame(rows, columns=names).to_csv(file, index=False)
+    typed = ["--task", "face_direction", "--algo", algo, "--seed-column", "seed", *more]
+    assert main(["import", "--from", "csv", *typed, "--results", str(results), str(file)]) == 0
 
 
 @pytest.fixture

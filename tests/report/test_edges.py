@@ -4,13 +4,13 @@ import json
 import math
 
 import numpy as np
-import pyarrow as pa
+import pandas as pd
 import pytest
 
 from jbench.errors import RequestError
 from jbench.report.frames import Frames
 from jbench.report.request import Request
-from jbench.store import schema
+from jbench.store import parquet, schema
 
 ALL = Request(window=4, claims=True, each_seed=True)
 FLAT = np.full(40, 500.0)
@@ -93,15 +93,9 @@ def evaluated(fabric, policy, returns, **settings):
     id = f"face_direction/{policy}/e{len(returns)}-{len(settings)}"
     settings = {"task": "face_direction", "policy": policy, "episodes": len(returns), **settings}
     record = fabric.results.create("evaluation", id, settings)
-    columns = {
-        "evaluation": [id] * len(returns),
-        "episode": range(len(returns)),
-        "episode_return": returns,
-        "length": [1000] * len(returns),
-    }
-    names = schema.POLICY_EPISODES.names
-    rows = [{n: columns[n][i] if n in columns else 0.0 for n in names} for i in range(len(returns))]
-    record.append({"policy_episodes": pa.Table.from_pylist(rows, schema.POLICY_EPISODES)})
+    columns = {"evaluation": id, "episode": range(len(returns)), "episode_return": returns}
+    rows = pd.DataFrame({**columns, "length": 1000})
+    record.append({"policy_episodes": parquet.to_table(rows, schema.POLICY_EPISODES)})
     record.finish({"median": float(np.median(returns))})
 
 

@@ -14,6 +14,7 @@ from jbench.report.figures import charts
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store import Results
+from tests.report.conftest import import_curves
 
 RETURNS = {
     "slow": {seed: 400.0 + 10 * seed for seed in range(6)},
@@ -22,18 +23,10 @@ RETURNS = {
 """Return of every episode, by label and seed."""
 
 
-def add(results, tmp_path, algo, returns, form="csv", episodes=8, more=()):
+def add(results, algo, returns, *more, episodes=8):
     """Imports curves of constant returns."""
-    file = tmp_path / f"{algo}-{form}.csv"
-    steps = (np.arange(episodes) + 1) * 1000
-    frames = [
-        pd.DataFrame({"seed": seed, "control_steps": steps, "episode_return": value})
-        for seed, value in returns.items()
-    ]
-    pd.concat(frames).to_csv(file, index=False)
-    typed = ("--from", "csv", "--task", "face_direction", "--algo", algo, *more)
-    where = ("--seed-column", "seed", "--results", str(results), str(file))
-    assert main(["import", *typed, *where]) == 0
+    curves = {seed: [value] * episodes for seed, value in returns.items()}
+    import_curves(results, algo, curves, *more)
 
 
 @pytest.fixture
@@ -47,7 +40,7 @@ def demo(demo_results, tmp_path):
 def two_imported(tmp_path_factory):
     path = tmp_path_factory.mktemp("two")
     for algo, returns in RETURNS.items():
-        add(path / "imported", path, algo, returns)
+        add(path / "imported", algo, returns)
     return path / "imported"
 
 
@@ -70,8 +63,8 @@ def test_report_of_imports_alone_has_statistics(imported):
     assert found.pairs.empty  # imported curves are not ranked
 
 
-def test_imports_are_reported_if_no_run_was_begun_since_date(demo, tmp_path):
-    add(demo, tmp_path, "fast", {0: 800.0})
+def test_imports_are_reported_if_no_run_was_begun_since_date(demo):
+    add(demo, "fast", {0: 800.0})
     found = Frames(Results(demo), Request(since="2100-01-01"))
     assert set(found.configurations["source"]) == {IMPORTED}
     assert any("begun before 2100-01-01 are left out" in note for note in found.notes)
@@ -87,8 +80,8 @@ def test_notes_count_only_imports_that_pass_filters(imported):
 
 def test_training_and_evaluation_of_label_are_one_cell(tmp_path):
     path = tmp_path / "imported"
-    add(path, tmp_path, "fast", RETURNS["fast"])
-    add(path, tmp_path, "fast", {0: 900, 1: 910}, "other", more=("--returns", "evaluation"))
+    add(path, "fast", RETURNS["fast"])
+    add(path, "fast", {0: 900, 1: 910}, "--returns", "evaluation")
     rows = Frames(Results(path)).configurations.set_index("returns")
     assert rows["median"].to_dict() == {"training": 825, "evaluation": 905}
     assert "4 of 6 seeds have no evaluation" in rows.loc["evaluation", "note"]
@@ -97,8 +90,8 @@ def test_training_and_evaluation_of_label_are_one_cell(tmp_path):
 
 def test_longest_import_of_seed_is_used(tmp_path):
     path = tmp_path / "imported"
-    add(path, tmp_path, "fast", RETURNS["fast"])
-    add(path, tmp_path, "fast", {0: 500}, "longer", episodes=12)
+    add(path, "fast", RETURNS["fast"])
+    add(path, "fast", {0: 500}, episodes=12)
     found = Frames(Results(path))
     assert sorted(found.seeds["final"]) == [500, 810, 820, 830, 840, 850]
     assert any(note.startswith("1 imported curve is not used") for note in found.notes)
@@ -114,11 +107,11 @@ def test_seeds_with_points_at_different_control_steps_are_noted(tmp_path):
     assert "the points of its seeds are up to 300 control steps apart" in row["note"]
 
 
-def test_imports_change_no_number_or_claim_of_runs(demo, imported, tmp_path):
+def test_imports_change_no_number_or_claim_of_runs(demo, imported):
     request = Request(claims=True)
     alone = Frames(Results(demo), request)
     assert main(["merge", str(imported), "--results", str(demo)]) == 0
-    add(demo, tmp_path, "td3", {0: 999.0, 1: 999.0}, more=("--representation", "dae12"))
+    add(demo, "td3", {0: 999.0, 1: 999.0}, "--representation", "dae12")
     both = Frames(Results(demo), request)
     own = both.configurations[both.configurations["source"] == "own"].reset_index(drop=True)
     pd.testing.assert_frame_equal(own, alone.configurations, check_dtype=False)

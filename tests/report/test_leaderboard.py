@@ -9,6 +9,7 @@ import pytest
 from jbench.cli import main
 from jbench.report.configurations import CONFIGURATIONS
 from jbench.report.leaderboard import leaderboard
+from tests.report.conftest import import_curves
 
 
 def configurations(*rows):
@@ -109,24 +110,6 @@ def test_command_prints_markdown_and_csv(directories, capsys):
     assert "SAC" in first
 
 
-def import_curve(results, tmp_path, value, steps, returns="evaluation"):
-    """Imports a learning curve of two points of one seed."""
-    file = tmp_path / "curve0.csv"
-    file.write_text(f"control_steps,episode_return\n1000,{value}\n{steps},{value}\n")
-    typed = (
-        "--from",
-        "csv",
-        "--task",
-        "face_direction",
-        "--algo",
-        "td3",
-        "--seed-from",
-        r"curve(\d)",
-    )
-    where = ("--returns", returns, "--results", str(results), str(file))
-    assert main(["import", *typed, *where]) == 0
-
-
 def listed(capsys, *arguments):
     """Returns the entries of the leaderboard."""
     capsys.readouterr()
@@ -137,7 +120,7 @@ def listed(capsys, *arguments):
 def test_imported_entries_have_names_of_directories(tmp_path, capsys):
     places = [tmp_path / "a", tmp_path / "b"]
     for place, value in zip(places, (300, 200), strict=True):
-        import_curve(place, tmp_path, value, 2000)
+        import_curves(place, "td3", {0: [value, value]}, "--returns", "evaluation")
     sources = [one["entry"] for one in listed(capsys, *places) if one["entry"] != "published"]
     assert sources == [f"{place}: imported" for place in places]
     sources = [one["entry"] for one in listed(capsys, "--results", places[0])]

@@ -19,12 +19,10 @@ FINALS = {
 }
 
 
-def learn(fabric, finals=FINALS, steps=80, **settings):
-    """Adds a run per seed with return 0, then from half of its episodes on its final return."""
+def learn(fabric, finals=FINALS, **more):
+    """Adds runs of each representation that learn its final returns."""
     for representation, numbers in finals.items():
-        for seed, final in enumerate(numbers):
-            returns = np.repeat([0.0, final], steps // 2)
-            fabric.run(returns, seed, representation=representation, **settings)
+        fabric.learn(numbers, representation=representation, **more)
 
 
 def verdicts(fabric):
@@ -151,7 +149,7 @@ def test_cells_with_other_differences_are_not_compared(fabric):
 
 def test_final_returns_are_those_at_common_step(fabric):
     learn(fabric)
-    learn(fabric, {"random12": 500 + CLOSE}, steps=20)
+    learn(fabric, {"random12": 500 + CLOSE}, episodes=20)
     rows = return_frame(fabric.configurations()[0]).to_dict("records")
     found = {row["representation"]: row for row in rows}
     assert {*found} == {"full", "scaled", "planar", "dae12", "pca4"}  # random12 has not reached it
@@ -193,7 +191,7 @@ def test_headline_names_what_was_decided(fabric):
 
 
 def test_headline_of_few_seeds_says_that_it_is_too_early(fabric):
-    learn(fabric, {name: FINALS[name][:2] for name in ("full", "dae12")}, steps=4)
+    learn(fabric, {name: FINALS[name][:2] for name in ("full", "dae12")}, episodes=4)
     assert Frames(fabric.results).headline == (
         "Too early to say: 2 seeds of 4k control steps can't decide anything."
     )

@@ -25,23 +25,26 @@ def filled(fabric):
 
 
 def test_report_is_page_list_and_two_folders(filled, out):
-    report = write_report(filled, out, SVG)
+    found, files = write_report(filled, out, SVG)
     assert {path.name for path in out.iterdir()} == {"index.html", LISTING, "figures", "tables"}
-    assert sorted(report.files) == sorted(path for path in out.rglob("*") if path.is_file())
+    assert sorted(files) == sorted(path for path in out.rglob("*") if path.is_file())
     figures = {path.name for path in (out / "figures").iterdir()}
     assert {"representations.svg", "returns.svg"} <= figures
-    assert (out / "tables" / "final_returns.tex").exists()
-    assert report.frames.problems == []
+    written = {path.name for path in (out / "tables").iterdir()}
+    for name in ("final_returns", "leaderboard"):
+        assert {f"{name}.{ending}" for ending in ("csv", "md", "tex")} <= written
+    assert {"runs.csv", "seeds.csv", "baselines.csv"} <= written
+    assert found.problems == []
     frame = pd.read_parquet(out / "tables" / "curves.parquet")
-    pd.testing.assert_frame_equal(frame, report.frames.curves, check_dtype=False)
+    pd.testing.assert_frame_equal(frame, found.curves, check_dtype=False)
     text = pd.read_csv(out / "tables" / "curves.csv", keep_default_na=False, na_values=[""])
     np.testing.assert_allclose(text["median"], frame["median"], rtol=1e-12)
 
 
 def test_same_results_give_identical_files(filled, tmp_path):
-    first = write_report(filled, tmp_path / "a", SVG)
-    second = write_report(filled, tmp_path / "b", SVG)
-    for one, other in zip(first.files, second.files, strict=True):
+    _, first = write_report(filled, tmp_path / "a", SVG)
+    _, second = write_report(filled, tmp_path / "b", SVG)
+    for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes(), one.name
 
 
@@ -54,8 +57,8 @@ def test_names_with_path_separators_write_no_file_outside(fabric, out):
     for name in ("face_direction", "x/../../../etc/passwd"):
         for representation in ("full", "x/../../y"):
             fabric.run(FLAT[:4], task=name, algo=name, representation=representation)
-    report = write_report(fabric.results, out, SVG)
-    assert sorted(report.files) == sorted(path for path in out.rglob("*") if path.is_file())
+    _, files = write_report(fabric.results, out, SVG)
+    assert sorted(files) == sorted(path for path in out.rglob("*") if path.is_file())
     assert sorted(out.parent.iterdir()) == [out, fabric.results.path]
 
 

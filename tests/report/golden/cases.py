@@ -1,13 +1,21 @@
-"""The results that golden frames are of: the shipped runs, imported curves, and diverged runs."""
+"""The results that golden frames are of: the shipped runs, imported curves, and diverged runs.
+
+`python -m tests.report.golden.cases` writes the frames again.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from jbench.cli import main
+from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
+from tests.report.conftest import FabricatedResults, import_curves
 
+GOLDEN = Path(__file__).parent
 STEPS = [10_000, 20_000, 30_000, 40_000]
 
 
@@ -45,21 +53,8 @@ def imported(fabric):
     _add_runs(fabric, "dae12", 350.0, seeds=6)
     random = np.random.default_rng(0)
     for algo, end in {"slow": 400.0, "fast": 800.0}.items():
-        file = fabric.results.path.parent / f"{algo}.csv"
-        parts = [
-            pd.DataFrame(
-                {
-                    "seed": seed,
-                    "control_steps": np.arange(1, 41) * 1000,
-                    "episode_return": _curve(random, end + 20 * seed).round(3),
-                }
-            )
-            for seed in range(6)
-        ]
-        pd.concat(parts).to_csv(file, index=False)
-        typed = ("--from", "csv", "--task", "face_direction", "--algo", algo)
-        where = ("--seed-column", "seed", "--results", str(fabric.results.path), str(file))
-        assert main(["import", *typed, *where]) == 0
+        curves = {seed: _curve(random, end + 20 * seed).round(3) for seed in range(6)}
+        import_curves(fabric.results.path, algo, curves)
     return Results(fabric.results.path), Request(claims=True)
 
 
@@ -69,3 +64,42 @@ def shipped(fabric):
 
 
 CASES = {"shipped": shipped, "imported": imported, "diverged": diverged}
+
+KEYS = {
+    "configurations": ["configuration", "returns"],
+    "curves": ["configuration", "returns", "steps"],
+    "pairs": ["a", "b", "returns"],
+    "verdicts": ["configuration", "returns", "against", "claim"],
+    "claims": ["source", "returns", "compared", "claim", "verdict"],
+    "encoders": ["task", "representation", "settings"],
+    "predictions": ["configuration", "returns", "quantity"],
+}
+"""Columns that name a row of each frame, whose numbers are golden."""
+
+
+def frames(case, directory):
+    """Returns the frames of a case."""
+    return Frames(*CASES[case](FabricatedResults(directory / "results")))
+
+
+def numbers(frame, name):
+    """Returns the names and numbers of a frame, but those that change with the rows beside it."""
+    columns = [column for column in frame.select_dtypes("number") if "corrected" not in column]
+    frame = frame.astype(dict.fromkeys(columns, float))
+    frame = frame[list(dict.fromkeys([*KEYS[name], *columns]))]
+    return frame.assign(place=frame.groupby(KEYS[name]).cumcount())  # of several with equal names
+
+
+def write():
+    """Writes the frames of all cases; of curves, every 30th point."""
+    for case in CASES:
+        with tempfile.TemporaryDirectory() as directory:
+            found = frames(case, Path(directory))
+        for name in KEYS:
+            rows = numbers(getattr(found, name), name).iloc[:: 30 if name == "curves" else 1]
+            if len(rows):
+                rows.to_csv(GOLDEN / f"{case}-{name}.csv", index=False)
+
+
+if __name__ == "__main__":
+    sys.exit(write())

@@ -100,7 +100,7 @@ def test_legends_hide_and_isolate_by_mouse_and_key(shipped_page, opened):
             for number in (entry.get_attribute("data-series") for entry in entries)
         ]
 
-    entry = figure.get_by_role("button", name="planar")
+    entry = figure.get_by_role("button", name="planar", exact=True)
     index = [e.inner_text() for e in figure.locator(".legend button").all()].index("planar")
     assert all(seen())
     entry.click()

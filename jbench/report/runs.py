@@ -95,7 +95,7 @@ def run_details(
         ["source", "run", "name"], sort=False
     )
     most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, groups.ngroups)))
-    curves: dict[tuple[str, str], list[list[Any]]] = {}
+    curves: dict[Any, list[list[Any]]] = {}
     for (source, run, name), points in groups[["steps", "value"]]:
         curve = _thin_curve(str(name), points.to_numpy(float), most)
         curves.setdefault((source, run), []).append(curve)

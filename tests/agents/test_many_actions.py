@@ -90,7 +90,7 @@ def test_each_motor_explores_by_itself():
         assert actions.std(axis=0) == pytest.approx([deviation] * ACTIONS, rel=0.2)
 
 
-@pytest.mark.parametrize(("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS)])
+@pytest.mark.parametrize(("rule", "settings"), [(TQC, TQC_SETTINGS), slow(TD3, TD3_SETTINGS)])
 def test_rule_of_another_package_moves_all_motors(rule, settings):
     assert_independent(lambda seeds: short_engine(rule, settings, TASK, seeds), STEPS)
     with short_engine(rule, settings, TASK, [3, 4]) as engine:

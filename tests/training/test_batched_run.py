@@ -227,7 +227,7 @@ def test_measuring_speed_does_not_change_results(algo, tmp_path):
     assert rows(once.find("run", run.id)) == rows(again.find("run", run.id))
 
 
-@pytest.mark.parametrize("algo", ["ddpg", "ppo"])
+@pytest.mark.parametrize("algo", ["ppo", pytest.param("ddpg", marks=pytest.mark.slow)])
 def test_last_evaluation_of_more_episodes_begins_with_those_of_fewer(algo, tmp_path):
     run = settings(algo, steps=3 * EPISODE)
     few, many = (Results(tmp_path / name) for name in ("few", "many"))

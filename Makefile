@@ -22,8 +22,9 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 demo: install
 	@$(BIN)/jbench demo --results $(DEMO)
 
+# More processes than cores: tests often wait for commands that they have started.
 test: install
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal
 
 # What `test` leaves out because it takes many minutes.
 test-slow: install
@@ -54,7 +55,7 @@ lowest:
 	$(PIP) install $(TORCH)
 	$(PIP) install uv
 	$(BIN)/uv pip install --python $(BIN)/python --resolution lowest-direct --editable '.[test]'
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal
 
 clean:
 	rm -rf $(VENV) $(DEMO)

@@ -294,6 +294,7 @@ def test_no_seed_is_added_beyond_maximum(results, cells):
     assert len(outcomes_of(results, cells, ["pca3"], most=10)[0].needed) == 10
 
 
+@pytest.mark.slow
 def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(matrix, results, cells):
     # One real run of a tiny agent, whose returns cannot reach those of full.
     fill(results, cells[0], [2000, 2100, 2200, 2300, 2400])

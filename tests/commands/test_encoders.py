@@ -165,6 +165,7 @@ def short(tmp_path):
     return tmp_path / "short"
 
 
+@pytest.mark.slow
 def test_killed_training_resumes_bit_for_bit(short, tmp_path, refused):
     whole, results = tmp_path / "whole", short
     shutil.copytree(results, whole)

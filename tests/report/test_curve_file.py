@@ -150,7 +150,8 @@ def test_report_has_the_files_of_results(two_methods, tmp_path, monkeypatch, cap
 # The page.
 
 
-@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_page_is_accessible_and_fits_a_phone(two_methods, tmp_path, opened, scheme):
     out = tmp_path / "out"
     assert main(["report", "--curves", str(two_methods), "--out", str(out), "--format", "svg"]) == 0

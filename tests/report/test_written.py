@@ -41,6 +41,7 @@ def test_report_is_page_list_and_two_folders(filled, out):
     np.testing.assert_allclose(text["median"], frame["median"], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_same_results_give_identical_files(filled, tmp_path):
     _, first = write_report(filled, tmp_path / "a", SVG)
     _, second = write_report(filled, tmp_path / "b", SVG)

@@ -222,6 +222,7 @@ def test_negative_step_limit_disables_truncation():
 
 
 @pytest.mark.usefixtures("rendering")
+@pytest.mark.slow
 def test_rendered_images_equal_sync_vector_env():
     ours, oracle = pair("move_to_pose", num_envs=2, render_mode="rgb_array", width=64, height=48)
     actions = steps(1)[0, :2]

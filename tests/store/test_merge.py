@@ -254,6 +254,7 @@ def test_source_without_results_or_equal_to_target_is_refused(tmp_path, results)
             merge(results, [Results(path)])
 
 
+@pytest.mark.slow
 def test_copy_that_fills_disk_is_refused_and_others_are_copied(results, other):
     small = add_whole_run(other)
     large = add(other, "dataset", "random", {"seed": 1}, {"t": lambda id: incompressible(50_000)})

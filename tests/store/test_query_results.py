@@ -65,6 +65,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_query_during_writing_sees_consistent_runs(filled):
     with Script(filled, WRITING) as writer:
         assert writer.stdout.readline() == "finished\n"

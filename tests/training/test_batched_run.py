@@ -47,7 +47,10 @@ class OtherEncoder(TanhEncoder):
 
 
 # `test_batched_engine.py` tests the engine itself with all algorithms.
-@pytest.mark.parametrize(("algo", "changes"), [("ddpg", {}), ("ppo", {}), ("td3", ENCODED)])
+@pytest.mark.parametrize(
+    ("algo", "changes"),
+    [("ddpg", {}), pytest.param("ppo", {}, marks=pytest.mark.slow), ("td3", ENCODED)],
+)
 def test_run_in_batch_equals_run_alone(algo, changes, tmp_path, monkeypatch):
     if changes:
         encoders = {0: TanhEncoder(), 3: OtherEncoder()}

@@ -41,6 +41,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_request_of_many_seeds_may_exceed_argument_limit(tmp_path):
     # Linux limits an argument to 128 KiB. The runs are finished, so nothing is trained.
     results, long = Results(tmp_path), {**TD3, "hidden_layers": [8] * 5000}
@@ -52,7 +53,8 @@ def test_request_of_many_seeds_may_exceed_argument_limit(tmp_path):
     assert events == [Event("finished", run.id) for run in runs]
 
 
-@pytest.mark.parametrize("verb", ["train", pytest.param("sweep", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", ["train", "sweep"])
 def test_interrupt_during_start_of_worker_ends_worker(verb, tmp_path):
     arguments = {
         "train": ("--algo", "td3", "--set", "hidden_layers=[8]"),

@@ -65,7 +65,8 @@ def check_random_kills(path, algo, encoder, kills, **changes):
     assert reached & set(range(50, runs[0].steps, 50))
 
 
-# The slow test below covers all algorithms, with and without an encoder, and more kills.
+# The second test covers all algorithms, with and without an encoder, and more kills.
+@pytest.mark.slow
 def test_batch_killed_a_few_times_resumes_bit_for_bit(tmp_path):
     check_random_kills(tmp_path, "td3", None, kills=3, **FEATURES)
 

@@ -11,6 +11,7 @@ from jbench.store import Results, schema
 from jbench.tasks.robots import load_model
 from jbench.training import evaluation, group
 from jbench.training.environment import RobotSequence, make_env
+from tests.command_line import succeed
 from tests.training.small_runs import EPISODE, shorten_episodes, small_run, train
 
 SHORT = pytest.mark.usefixtures("short_episodes")
@@ -42,10 +43,10 @@ def flat_weights(policy):
 
 
 class Watched:
-    """Trains a run; keeps the robots' shapes and the policy of each step."""
+    """Trains a run; keeps the robots' shapes, the policy and the replay size of each step."""
 
     def __init__(self, path, *arguments, **changes):
-        self.shapes, self.weights, self.evaluated = {}, {}, {}
+        self.shapes, self.weights, self.stored, self.evaluated = {}, {}, {}, {}
         after_step, evaluate = group.TrainingGroup._after_step, evaluation._evaluations
 
         def watched_step(trained, returns):
@@ -54,6 +55,8 @@ class Watched:
             if step % EPISODE:  # otherwise the next episode has already started
                 self.shapes[step] = [shape(env) for env in agent.get_env().envs]
             self.weights[step] = flat_weights(sb3.copy_model(agent))
+            if hasattr(agent, "replay_buffer"):
+                self.stored[step] = agent.replay_buffer.size()
             return after_step(trained, returns)
 
         def watched_evaluation(worlds, *arguments):
@@ -160,6 +163,11 @@ def test_second_robot_starts_with_policy_of_first(two, alone):
     assert ours[:2] == theirs
 
 
+def test_second_robot_keeps_replay_buffer_of_first(two):
+    # A transition is stored directly after the recorder's callback.
+    assert [two.stored[step] for step in (100, 101, 210)] == [99, 100, 209]
+
+
 @SHORT
 def test_next_robot_continues_random_stream():
     sequence, plain = RobotSequence(settings(robots=4), None), make_env(settings(), None)
@@ -205,6 +213,14 @@ def test_all_environments_of_ppo_switch_robots_together(tmp_path):
 )
 def test_invalid_robot_options_are_refused(arguments, says, tmp_path, refused):
     assert refused("train", *arguments, results=tmp_path).startswith(f"Error: {says}")
+
+
+def test_train_command_trains_on_the_robots_of_its_options(tmp_path):
+    for robots in (("--augment", "7"), ("--robots", "2")):
+        steps = ("--algo", "td3", "--seeds", "0", "--steps", "200")
+        succeed("train", *steps, *robots, results=tmp_path, short=True)
+    trained = [RunSettings(**run.settings) for run in Results(tmp_path).scan("run")[0]]
+    assert {(run.augment, run.robots) for run in trained} == {(7, 1), (0, 2)}
 
 
 def summary_row(path, **changes):

@@ -207,6 +207,7 @@ def test_second_sweep_takes_over_runs_of_killed_sweep(tmp_path, results):
 
 
 @pytest.mark.usefixtures("short")
+@pytest.mark.slow
 def test_two_concurrent_sweeps_finish_all_runs(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"full", "pca3"')
     runs = runs_of_matrix(matrix, results)

@@ -279,6 +279,7 @@ merge(results, [Results(Path(sys.argv[2]))], lambda total: nullcontext(show))
 """
 
 
+@pytest.mark.slow
 def test_killed_merge_is_completed_by_next_merge(results, other):
     for seed in range(12):
         add_whole_run(other, seed=seed)

@@ -86,6 +86,7 @@ def test_run_killed_at_some_writes_resumes_bit_for_bit(tmp_path):
     assert answer["kills"] > 5
 
 
+@pytest.mark.slow
 def test_run_killed_while_it_continues_a_shorter_one_loses_nothing(tmp_path):
     run = settings("ddpg", 1, steps=150)
     answer = kill(tmp_path, [run], at="writes", shorter=100, every=5)

@@ -136,6 +136,7 @@ def test_encoders_are_trained_on_requested_device(tmp_path, results, monkeypatch
     assert (encoder.status, encoder.manifest.summary["device"]) == ("finished", "cpu")
 
 
+@pytest.mark.slow
 def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     matrix = write_matrix(tmp_path, steps=1000, seeds="0")
     (run,) = runs_of_matrix(matrix, results)

@@ -61,6 +61,7 @@ def trained(site, tmp_path_factory):
     return Results(results)
 
 
+@pytest.mark.slow
 def test_task_of_a_package_is_trained_and_evaluated(trained):
     for run in trained.scan("run")[0]:
         assert run.status == "finished"
@@ -77,6 +78,7 @@ def test_task_of_a_package_is_trained_and_evaluated(trained):
     assert all(0 < value < 1000 for values in returns.values() for value in values)
 
 
+@pytest.mark.slow
 def test_runs_of_a_task_that_is_not_installed_are_listed_reported_and_verified(trained, capsys):
     here = ("--results", str(trained.path))
     assert main(["runs", *here]) == 0

@@ -11,7 +11,7 @@ import pytest
 
 from tests.forking import ROOT
 
-SAMPLE = {"collect": 1, "resume": 1, "merge": 2}
+SAMPLE = {"collect": 1, "merge": 2}
 """Number of faults of each command in the quick test."""
 
 LARGER_SAMPLE = {

@@ -80,6 +80,7 @@ def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, encoder, changes
     check_random_kills(tmp_path, algo, encoder, kills=20, **changes)
 
 
+@pytest.mark.slow
 def test_run_killed_at_some_writes_resumes_bit_for_bit(tmp_path):
     run = settings("ddpg", 1, steps=100, evaluate_every=50)
     answer = kill(tmp_path, [run], at="writes", every=7)

@@ -23,8 +23,7 @@ from jbench.report.request import Request
 from jbench.wording import repair_hint
 
 if TYPE_CHECKING:
-    import pandas as pd
-
+    from jbench.report.frames import Frames
     from jbench.store import Results
 
 _NOT_SHOWN = ("--json", "--watch")
@@ -144,8 +143,10 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
     asked |= {"claims"} if request.claims else set()
     for table in tables(frames):
         if table.name in asked:
-            in_short = table.name == "verdicts" and not request.claims
-            output.frame(table.title, _by_claim(table.frame) if in_short else table.texts())
+            if table.name == "verdicts" and not request.claims:
+                output.table(table.title, *_short_verdicts(frames))
+            else:
+                output.frame(table.title, table.texts())
     for note in frames.notes:
         output.say(f"Note: {note}")
     output.say(frames.headline)
@@ -165,21 +166,20 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
     output.warn_of_damage(frames.problems, repair_hint(database.name))
 
 
-def _by_claim(verdicts: "pd.DataFrame") -> "pd.DataFrame":
-    """Returns the verdicts with a row for each representation, and a column for each claim."""
-    import pandas as pd
+def _short_verdicts(frames: "Frames") -> tuple[list[str], list[list[str]]]:
+    """Returns header and rows of the verdicts: a row for each representation, as on the page."""
+    from jbench.report.page import verdict_matrix
 
-    from jbench.report.tables import COMPARED
-
-    said = verdicts["mark"] + " " + verdicts["verdict"]
-    claims = verdicts["claim"].map(COMPARED) + " against " + verdicts["against"]
-    rows = ["task", "algo", "representation", "words"]
-    table = verdicts.assign(said=said, claims=claims)
-    table = table.pivot(index=rows, columns="claims", values="said")[[*claims.unique()]]
-    order = pd.MultiIndex.from_frame(verdicts[rows].drop_duplicates())
-    shown = table.reindex(order).fillna("")
-    shown.index.names = ["task", "algorithm", "observation", ""]
-    return shown.reset_index()
+    matrix = verdict_matrix(frames)
+    header = ["", "observation"]
+    header += [
+        f"{of} against {name}" for name in matrix["baselines"] for of in matrix["claims"].values()
+    ]
+    rows = []
+    for row in matrix["rows"]:
+        said = [f"{cell['mark']} {cell['verdict']}" if cell else "" for cell in row["verdicts"]]
+        rows.append([row["about"], row["representation"], *said])
+    return header, rows
 
 
 def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[None]:

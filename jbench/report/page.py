@@ -75,7 +75,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         next=[drawn[name] for name in _NEXT if name in drawn],
         folded=[drawn[name] for name in rest],
         meanings=_meanings(frames),
-        matrix=_matrix(frames),
+        matrix=verdict_matrix(frames),
         tables=[_table(table) for table in tables(frames) if table.name != "verdicts"],
         provenance=list(frames.provenance.itertuples(index=False, name=None)),
         runs=_json(runs) if runs["runs"] else "",
@@ -136,7 +136,7 @@ def _meanings(frames: Frames) -> list[tuple[str, str]]:
     return [(name, MEANINGS[name]) for name in (*kinds, *endings) if name in MEANINGS]
 
 
-def _matrix(frames: Frames) -> dict[str, Any]:
+def verdict_matrix(frames: Frames) -> dict[str, Any]:
     """Returns the verdicts with a row for each representation, and a column for each claim."""
     verdicts = frames.lead(frames.verdicts)
     baselines = list(dict.fromkeys(verdicts["against"]))

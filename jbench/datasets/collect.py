@@ -3,8 +3,9 @@
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
+from threading import Event
 
 import numpy as np
 import pyarrow as pa
@@ -12,11 +13,11 @@ import pyarrow as pa
 from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.records import JITTERBUG, DatasetSettings
-from jbench.simulation import find_task, simulate
+from jbench.simulation import Robots, find_task
 from jbench.simulation.find import check_specs
 from jbench.store import Record, Results
-from jbench.tasks import model as robot
 from jbench.tasks import resets
+from jbench.tasks.geometry import State
 from jbench.tasks.robots import load_model
 
 # Episodes per file and commit.
@@ -75,7 +76,7 @@ def _collect_rest(
         record.append(tables)
         progress(record.rows(episodes) * EPISODE_STEPS)
 
-    # The pools are closed in reverse order: simulations stop before the makers that wait for them.
+    # Closed in reverse order: simulations stop before the pool waits for them.
     with _pool(max_files) as makers, simulation(settings, threads) as simulated:
 
         def make(start: int) -> dict[str, pa.Table]:
@@ -103,7 +104,7 @@ def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
 @contextmanager
 def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
     """Yields a function that simulates episodes of the Jitterbug."""
-    model = load_model(settings.augment)
+    model, ended = load_model(settings.augment), Event()
 
     def simulate_part(episodes: range) -> dict[str, pa.Table]:
         quaternions, targets, actions = [], [], []
@@ -113,15 +114,22 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
             targets.append({task: resets.draw_target(task, random) for task in TASKS})
             actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
         stacked = np.stack(actions)
-        trajectories = simulate(model, np.stack(quaternions), stacked, simulators)
-        state = robot.read_state(*trajectories, robot.torso_offset(model))
+        robots = Robots(model, len(episodes), threads)
+        states = [robots.reset(np.stack(quaternions))]
+        for commands in stacked.T:
+            if ended.is_set():
+                raise CancelledError
+            states.append(robots.step(commands))
+        state = State(*(np.stack(part, axis=1) for part in zip(*states, strict=True)))
         return {
             "steps": layout.steps_table(episodes.start, state, stacked),
             "dataset_episodes": layout.episodes_table(episodes.start, targets),
         }
 
-    with _pool(threads) as simulators:
+    try:
         yield simulate_part
+    finally:
+        ended.set()
 
 
 @contextmanager

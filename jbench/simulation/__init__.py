@@ -1,7 +1,7 @@
 """Tasks behind one interface, and the multithreaded simulation of the Jitterbug."""
 
 from jbench.simulation.find import find_task
-from jbench.simulation.robots import Robots, simulate
+from jbench.simulation.robots import Robots
 from jbench.simulation.rollout import Act, ControlStep, rollout
 from jbench.simulation.task import Task, Worlds
 
@@ -13,5 +13,4 @@ __all__ = [
     "Worlds",
     "find_task",
     "rollout",
-    "simulate",
 ]

@@ -62,8 +62,7 @@ class JitterbugWorlds(Worlds):
         self.target = Target(np.zeros((count, 3)), np.zeros(count))
 
     def close(self) -> None:
-        """Stops the threads."""
-        self._robots.close()
+        """Does nothing: the threads end with the object."""
 
     def reset(
         self, generators: Sequence[Generator], yaw: float | None = None

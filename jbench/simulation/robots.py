@@ -1,15 +1,16 @@
-"""Multithreaded simulation of many robots: step by step, or whole episodes."""
+"""Multithreaded simulation of many robots."""
 
+import ctypes
 import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Sequence
 from typing import Any
+from weakref import WeakSet
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from jbench.closing import Closing
 from jbench.names import PHYSICS_STEPS
 from jbench.tasks import model as robot
 from jbench.tasks.geometry import State
@@ -21,16 +22,11 @@ Selection = NDArray[np.bool_] | NDArray[np.integer] | Sequence[int]
 """Some of the robots: a mask (count,) or indices."""
 
 
-class Robots(Closing):
-    """Robots in separate worlds, with one batch of states.
+class Robots:
+    """Robots in separate worlds, with one batch of states, stepped by MuJoCo's threads.
 
-    Use it as a context manager: it holds threads. The result does not depend on the threads: it
-    equals a loop over robots with one `MjData` each, bit for bit. Every returned `State` is a copy.
-
-    The complete state of a robot is a row of one array. Each thread has one `MjData`, with which it
-    steps one robot after another, so that it stays in the cache; one `MjData` per robot would be a
-    tenth slower for 256 robots. (`mujoco.rollout` works the same way, but does not return the warm
-    start, so the next control step would differ in the last bits.)
+    The result does not depend on the threads: it equals a loop over robots with one `MjData` each,
+    bit for bit. Every returned `State` is a copy.
     """
 
     def __init__(self, model: mujoco.MjModel, count: int, threads: int) -> None:
@@ -40,28 +36,25 @@ class Robots(Closing):
             threads: number of threads, including the caller's.
         """
         self._model, self._offset = model, robot.torso_offset(model)
-        self._datas = [mujoco.MjData(model) for _ in range(max(1, min(threads, count)))]
+        self._threads = max(1, min(threads, count))
+        data = mujoco.MjData(model)
+        robot.place(data, robot.UPRIGHT)
         self._at_rest = np.empty(mujoco.mj_stateSize(model, _STATE))
-        robot.place(self._datas[0], robot.UPRIGHT)
-        mujoco.mj_getState(model, self._datas[0], self._at_rest, _STATE)
-        self._states = np.tile(self._at_rest, (count, 1))
-        self._rows = list(self._states)
-        self._qpos, self._qvel, self._ctrl = (
-            self._columns(part)
-            for part in (
-                mujoco.mjtState.mjSTATE_QPOS,
-                mujoco.mjtState.mjSTATE_QVEL,
-                mujoco.mjtState.mjSTATE_CTRL,
-            )
-        )
-        self._start_threads()
+        mujoco.mj_getState(model, data, self._at_rest, _STATE)
+        self._start(np.tile(self._at_rest, (count, 1)))
+        _live.add(self)
 
-    def _start_threads(self) -> None:
-        self._pool, self._process = ThreadPoolExecutor(max(1, len(self._datas) - 1)), os.getpid()
+    def _start(self, states: NDArray[np.float64]) -> None:
+        """Starts threads that step robots with these states."""
+        self._batch = Batch(self._model, len(states), self._threads)
+        self._batch.state[:] = states
+        self._qpos, self._qvel, self._ctrl = map(self._batch.bind, ("qpos", "qvel", "ctrl"))
 
-    def close(self) -> None:
-        """Stops the threads."""
-        self._pool.shutdown(cancel_futures=True)
+    def restart(self) -> None:
+        """Starts the threads again, in a forked process, which does not have them."""
+        # MuJoCo would wait for the end of the old threads before it frees them.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._batch._b))
+        self._start(self._batch.state)
 
     def reset(self, quaternions: NDArray[np.float64], robots: Selection | None = None) -> State:
         """Resets robots to the origin, at rest, in given orientations.
@@ -74,26 +67,19 @@ class Robots(Closing):
             The state of all robots, including the others.
         """
         indices = self._indices(robots)
-        self._states[indices] = self._at_rest
+        self._batch.state[indices] = self._at_rest
         self._qpos[indices, 3:7] = quaternions
         return self._state()
 
     def step(self, actions: NDArray[np.floating]) -> State:
         """Applies actions (count,), clipped to [-1, 1], for one control step."""
-        if self._process != os.getpid():  # a forked process does not have the threads
-            self._start_threads()
         self._ctrl[:, 0] = np.clip(actions, -1, 1)
-        # The threads share the iterator: `next` of a list iterator is atomic.
-        rows = iter(self._rows)
-        others = [self._pool.submit(self._work, data, rows) for data in self._datas[1:]]
-        self._work(self._datas[0], rows)
-        for other in others:
-            other.result()
+        self._batch.step(nstep=PHYSICS_STEPS)
         return self._state()
 
     def snapshot(self, robots: Selection | None = None) -> NDArray[np.float64]:
         """Returns the complete state of robots, all by default, a row for each, for `restore`."""
-        rows: NDArray[np.float64] = self._states[self._indices(robots)]
+        rows: NDArray[np.float64] = self._batch.state[self._indices(robots)]
         return rows
 
     def restore(self, snapshot: NDArray[np.float64], robots: Selection | None = None) -> State:
@@ -106,34 +92,20 @@ class Robots(Closing):
         Returns:
             The state of all robots.
         """
-        indices = self._indices(robots)
-        self._states[indices] = snapshot
+        self._batch.state[self._indices(robots)] = snapshot
         return self._state()
 
     def load(self, index: int, data: mujoco.MjData) -> None:
         """Copies the complete state of one robot into `data`, which is made of the model."""
-        mujoco.mj_setState(data.model, data, self._states[index], _STATE)
+        mujoco.mj_setState(data.model, data, self._batch.state[index], _STATE)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Returns how to make a copy, which has threads of its own."""
-        return _copy, (self._model, self._states, len(self._datas))
-
-    def _work(self, data: mujoco.MjData, rows: Iterator[NDArray[np.float64]]) -> None:
-        """Steps robots that no other thread has taken, one after another."""
-        for row in rows:
-            mujoco.mj_setState(self._model, data, row, _STATE)
-            mujoco.mj_step(self._model, data, nstep=PHYSICS_STEPS)
-            mujoco.mj_getState(self._model, data, row, _STATE)
-
-    def _columns(self, part: Any) -> NDArray[np.float64]:
-        """Returns the columns of one part of MuJoCo's state."""
-        # The parts are stored in the order of their bits.
-        before = mujoco.mj_stateSize(self._model, _STATE & (part.value - 1))
-        return self._states[:, before : before + mujoco.mj_stateSize(self._model, part.value)]
+        return _copy, (self._model, self._batch.state.copy(), self._threads)
 
     def _indices(self, robots: Selection | None) -> NDArray[np.integer]:
         """Returns the indices of selected robots."""
-        every = np.arange(len(self._states))
+        every = np.arange(self._batch.nsim)
         indices: NDArray[np.integer] = every if robots is None else every[np.asarray(robots)]
         return indices
 
@@ -141,43 +113,19 @@ class Robots(Closing):
         return robot.read_state(self._qpos, self._qvel, self._offset)
 
 
+_live: WeakSet[Robots] = WeakSet()
+
+
+def _restart_all() -> None:
+    for robots in _live:
+        robots.restart()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_restart_all)
+
+
 def _copy(model: mujoco.MjModel, states: NDArray[np.float64], threads: int) -> Robots:
     robots = Robots(model, len(states), threads)
     robots.restore(states)
     return robots
-
-
-def simulate(
-    model: mujoco.MjModel,
-    quaternions: NDArray[np.float64],
-    actions: NDArray[np.floating],
-    executor: Executor,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Simulates episodes on the executor's threads; the result does not depend on them.
-
-    Args:
-        quaternions: (episodes, 4) orientations at the start.
-        actions: (episodes, steps) motor commands in [-1, 1], each applied for a control step.
-        executor: thread pool; MuJoCo releases the GIL while it steps.
-
-    Returns:
-        Joint positions (episodes, steps + 1, 16) and velocities (episodes, steps + 1, 15), before
-        the first action and after every action.
-    """
-    episodes, steps = actions.shape
-    qpos = np.empty((episodes, steps + 1, model.nq))
-    qvel = np.empty((episodes, steps + 1, model.nv))
-
-    def run(episode: int) -> None:
-        data = mujoco.MjData(model)
-        robot.place(data, quaternions[episode])
-        control, position, velocity = data.ctrl, data.qpos, data.qvel
-        positions, velocities = qpos[episode], qvel[episode]
-        positions[0], velocities[0] = position, velocity
-        for step, command in enumerate(actions[episode].tolist(), 1):
-            control[0] = command
-            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS)
-            positions[step], velocities[step] = position, velocity
-
-    list(executor.map(run, range(episodes)))
-    return qpos, qvel

@@ -172,8 +172,7 @@ class JitterbugVectorEnv(
         return tuple(pictures)
 
     def close_extras(self, **_: Any) -> None:
-        """Stops the threads and closes the renderer."""
-        self._robots.close()
+        """Closes the renderer; the threads end with the object."""
         self._single.close()
 
     @property

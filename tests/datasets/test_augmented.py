@@ -2,8 +2,8 @@
 
 import hashlib
 import json
-from concurrent.futures import ThreadPoolExecutor
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,7 +11,6 @@ from jbench import cli
 from jbench.datasets import Dataset, collect, layout
 from jbench.names import TASKS
 from jbench.settings.records import DatasetSettings
-from jbench.simulation import simulate
 from jbench.store import Results
 from jbench.tasks import geometry, model, resets
 from jbench.tasks.rewards import reward
@@ -52,9 +51,17 @@ def simulate_again(robot, episodes):
         quaternions.append(resets.draw_quaternion(random))
         targets.append({task: resets.draw_target(task, random) for task in TASKS})
         actions.append(random.uniform(-1, 1, EPISODE).astype(np.float32))
-    with ThreadPoolExecutor(1) as pool:
-        trajectories = simulate(robot, np.stack(quaternions), np.stack(actions), pool)
-    return model.read_state(*trajectories, model.torso_offset(robot)), np.stack(actions)
+    data, qpos, qvel = mujoco.MjData(robot), [], []
+    for quaternion, commands in zip(quaternions, actions, strict=True):
+        model.place(data, quaternion)
+        for command in (None, *commands):
+            if command is not None:
+                data.ctrl[0] = command
+                mujoco.mj_step(robot, data, nstep=50)
+            qpos.append(data.qpos.copy())
+            qvel.append(data.qvel.copy())
+    states = (np.reshape(part, (episodes, EPISODE + 1, -1)) for part in (qpos, qvel))
+    return model.read_state(*states, model.torso_offset(robot)), np.stack(actions)
 
 
 def kept_state(record):

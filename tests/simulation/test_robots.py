@@ -1,5 +1,9 @@
 """Tests of `Robots`, which steps many robots together, against a plain MuJoCo loop."""
 
+import os
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -53,18 +57,18 @@ def plain_loop(robot, quaternion, actions):
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_robots_equal_plain_loop(robot, threads):
     actions = commands(20, 5)
-    with Robots(robot, 5, threads) as robots:
-        robots.reset(poses(5))
-        state = take(robots, actions)
+    robots = Robots(robot, 5, threads)
+    robots.reset(poses(5))
+    state = take(robots, actions)
     for i, quaternion in enumerate(poses(5)):
         assert_same(part_of(state, i), plain_loop(robot, quaternion, actions[:, i]))
 
 
 def test_reset_clears_all_state(robot):
     actions = commands(2, 3)
-    with Robots(robot, 3, 2) as robots:
-        first, one = robots.reset(poses(3)), take(robots, actions)
-        again, two = robots.reset(poses(3)), take(robots, actions)
+    robots = Robots(robot, 3, 2)
+    first, one = robots.reset(poses(3)), take(robots, actions)
+    again, two = robots.reset(poses(3)), take(robots, actions)
     assert_same(first, again)
     assert_same(one, two)
 
@@ -72,11 +76,11 @@ def test_reset_clears_all_state(robot):
 @pytest.mark.parametrize("some", [[1, 3], np.array([False, True, False, True, False])])
 def test_partial_reset_leaves_other_robots_unchanged(robot, some):
     actions, fresh = commands(20, 5), poses(2, seed=9)
-    with Robots(robot, 5, 2) as robots:
-        robots.reset(poses(5))
-        before = take(robots, actions[:10])
-        reset = robots.reset(fresh, some)
-        state = take(robots, actions[10:])
+    robots = Robots(robot, 5, 2)
+    robots.reset(poses(5))
+    before = take(robots, actions[:10])
+    reset = robots.reset(fresh, some)
+    state = take(robots, actions[10:])
     np.testing.assert_array_equal(reset.position[[1, 3], 3:], fresh)
     for i in (0, 2, 4):
         assert_same(part_of(reset, i), part_of(before, i))
@@ -87,30 +91,49 @@ def test_partial_reset_leaves_other_robots_unchanged(robot, some):
 
 def test_restored_snapshot_gives_same_trajectory(robot):
     actions = commands(30, 4)
-    with Robots(robot, 4, 2) as robots:
-        robots.reset(poses(4))
-        before = take(robots, actions[:15])
-        snapshot = robots.snapshot()
-        expected = take(robots, actions[15:])
-        assert_same(robots.restore(snapshot), before)
-        assert_same(take(robots, actions[15:]), expected)
+    robots = Robots(robot, 4, 2)
+    robots.reset(poses(4))
+    before = take(robots, actions[:15])
+    snapshot = robots.snapshot()
+    expected = take(robots, actions[15:])
+    assert_same(robots.restore(snapshot), before)
+    assert_same(take(robots, actions[15:]), expected)
     # Other robots can be restored from a subset in another order.
-    with Robots(robot, 3, 1) as others:
-        others.reset(poses(3, seed=8))
-        others.restore(snapshot[[3, 1]], [0, 2])
-        np.testing.assert_array_equal(others.snapshot([2, 0]), snapshot[[1, 3]])
-        found = take(others, actions[15:][:, [3, 0, 1]])
+    others = Robots(robot, 3, 1)
+    others.reset(poses(3, seed=8))
+    others.restore(snapshot[[3, 1]], [0, 2])
+    np.testing.assert_array_equal(others.snapshot([2, 0]), snapshot[[1, 3]])
+    found = take(others, actions[15:][:, [3, 0, 1]])
     for here, there in ((0, 3), (2, 1)):
         assert_same(part_of(found, here), part_of(expected, there))
 
 
 def test_states_are_copies(robot):
-    with Robots(robot, 1, 1) as robots:
-        state = robots.reset(poses(1))
-        kept = [part.copy() for part in state]
-        other = robots.step(np.ones(1))
-        assert_same(state, kept)
-        for part in (*state, *other):
-            part[...] = 7
-        again = robots.step(np.ones(1))
+    robots = Robots(robot, 1, 1)
+    state = robots.reset(poses(1))
+    kept = [part.copy() for part in state]
+    other = robots.step(np.ones(1))
+    assert_same(state, kept)
+    for part in (*state, *other):
+        part[...] = 7
+    again = robots.step(np.ones(1))
     assert_same(part_of(again, 0), plain_loop(robot, poses(1)[0], [1.0, 1.0]))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_forked_process_steps_and_ends():
+    script = """
+import os, sys
+import numpy as np
+from jbench.simulation import Robots
+from jbench.tasks.robots import load_model
+robots = Robots(load_model(), 4, 2)
+robots.step(np.ones(4))
+child = os.fork()
+print(robots.step(np.ones(4)).position.tolist(), flush=True)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) if child else 0)
+"""
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, timeout=60, check=True)
+    first, second = done.stdout.splitlines()
+    assert first == second

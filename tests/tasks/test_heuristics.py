@@ -83,9 +83,9 @@ def test_heuristic_solves_task(task):
     policy = heuristic(task)
     policy.reset(3)
     rewards = []
-    with Robots(load_model(), 3, threads=2) as robots:
-        state = robots.reset(np.array([resets.draw_quaternion(random) for _ in range(3)]))
-        for _ in range(steps):
-            state = robots.step(policy.act(features.observation(task, state, target))[:, 0])
-            rewards.append(reward(task, state, target))
+    robots = Robots(load_model(), 3, threads=2)
+    state = robots.reset(np.array([resets.draw_quaternion(random) for _ in range(3)]))
+    for _ in range(steps):
+        state = robots.step(policy.act(features.observation(task, state, target))[:, 0])
+        rewards.append(reward(task, state, target))
     assert np.median(np.mean(rewards[-50:], axis=0)) > least

@@ -16,8 +16,7 @@ from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.heuristics import heuristic
 from tests.training.small_runs import shorten_episodes
 
-EPISODE = 100
-"""Control steps of an episode in these tests."""
+EPISODE = 100  # control steps
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -31,11 +30,6 @@ def returns_of(record):
     return record.read("policy_episodes")["episode_return"].to_pylist()
 
 
-def beginning(task, seed, episode):
-    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(episode,)))
-    return resets.draw_quaternion(random), resets.draw_target(task, random)
-
-
 def test_returns_of_heuristic_equal_environment(tmp_path):
     task = "move_to_pose"
     settings = EvaluationSettings(task=task, policy="heuristic", episodes=2, seed=5)
@@ -43,8 +37,9 @@ def test_returns_of_heuristic_equal_environment(tmp_path):
     policy, env = heuristic(task), JitterbugEnv(task)
     for episode, kept in enumerate(returns_of(record)):
         env.reset()
-        quaternion, env._target = beginning(task, 5, episode)
-        env.data.qpos[3:7] = quaternion
+        random = np.random.default_rng(np.random.SeedSequence(5, spawn_key=(episode,)))
+        env.data.qpos[3:7] = resets.draw_quaternion(random)
+        env._target = resets.draw_target(task, random)
         policy.reset(1)
         (observation, *_), total = env._outcome(), 0.0
         for _ in range(EPISODE):
@@ -61,12 +56,8 @@ def test_rewards_of_recorded_states_sum_to_returns(tmp_path):
     states = record.read("policy_states").to_pandas()
     sums = states.groupby("episode")["reward"].sum()
     assert sums.to_list() == pytest.approx(returns_of(record), rel=1e-5)
-    assert (
-        states.groupby("episode")["step"]
-        .apply(list)
-        .map(lambda s: s == [*range(1, EPISODE + 1)])
-        .all()
-    )
+    assert states["episode"].to_list() == [0] * EPISODE + [1] * EPISODE
+    assert states["step"].to_list() == 2 * [*range(1, EPISODE + 1)]
     episodes = record.read("policy_episodes").to_pandas()
     assert set(episodes["target_yaw"]) == {math.pi / 4}
     assert states["action"].between(-1, 1).all()

@@ -28,12 +28,7 @@ from jbench.settings.base import settings_hash
 from jbench.simulation import find_task, rollout
 from jbench.store import Results
 from jbench.tasks import features, resets
-from tests.encoders.encoder_data import (
-    fitted_encoder,
-    make_dataset,
-    observations_of,
-    read_states,
-)
+from tests.encoders.encoder_data import fitted_encoder, make_dataset, observations_of, read_states
 from tests.training.small_runs import EPISODE, shorten_episodes
 
 TASK = "face_direction"

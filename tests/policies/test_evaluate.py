@@ -1,10 +1,10 @@
 """Tests of policy evaluations, against episodes of the Gymnasium environment."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from jbench.cli import main
 from jbench.policies.evaluate import evaluate
@@ -56,8 +56,8 @@ def test_rewards_of_recorded_states_sum_to_returns(tmp_path):
     states = record.read("policy_states").to_pandas()
     sums = states.groupby("episode")["reward"].sum()
     assert sums.to_list() == pytest.approx(returns_of(record), rel=1e-5)
-    assert states["episode"].to_list() == [0] * EPISODE + [1] * EPISODE
-    assert states["step"].to_list() == 2 * [*range(1, EPISODE + 1)]
+    found = sorted(zip(states["episode"], states["step"], strict=True))
+    assert found == [*itertools.product(range(2), range(1, EPISODE + 1))]
     episodes = record.read("policy_episodes").to_pandas()
     assert set(episodes["target_yaw"]) == {math.pi / 4}
     assert states["action"].between(-1, 1).all()
@@ -73,12 +73,6 @@ def test_evaluation_is_skipped_if_finished_and_thread_independent(tmp_path):
     before = (first.path / "manifest.json").read_bytes()
     evaluate(settings, Results(tmp_path / "a"), threads=1)
     assert (first.path / "manifest.json").read_bytes() == before
-
-
-@pytest.mark.parametrize("setting", [{"augment": 2**63}, {"episodes": 10**15 + 1}])
-def test_numbers_above_the_limits_are_refused(setting):
-    with pytest.raises(ValidationError, match="less than or equal to"):
-        EvaluationSettings(task="face_direction", policy="random", **setting)
 
 
 def test_command_records_evaluation_in_database(tmp_path, capsys):
@@ -113,6 +107,8 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
         (["--task", "fly"], "Unknown task 'fly'"),
         (["--episodes", "0"], "episodes of the evaluation can't be 0"),
         (["--augment", "-1"], "augment of the evaluation can't be -1: it should be greater"),
+        (["--episodes", str(10**15 + 1)], "it should be less than or equal to 1000000000000000"),
+        (["--augment", str(2**63)], "it should be less than or equal to 9223372036854775807"),
         (["--target-yaw", "nan"], "type degrees"),
     ],
 )

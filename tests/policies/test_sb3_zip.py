@@ -10,13 +10,9 @@ import pytest
 import torch
 from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 
-import jbench.tasks  # noqa: F401 registers the environments
 from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.policies.sb3_zip import read_sb3_zip
-from jbench.registration import register_environments
-
-register_environments()
 
 FACE = "face_direction"
 
@@ -26,7 +22,7 @@ def save(tmp_path):
     """Returns a function that saves a model and returns it, with the path of its file."""
 
     def made(algorithm, policy="MlpPolicy", **settings):
-        env = gymnasium.make("Jitterbug/FaceDirection-v0")
+        env = gymnasium.make("jbench:Jitterbug/FaceDirection-v0")
         model = algorithm(policy, env, seed=0, device="cpu", **settings)
         path = tmp_path / f"{algorithm.__name__.lower()}.zip"
         model.save(path)

@@ -1,6 +1,5 @@
 """Tests of `benchmarks/ship_reference.py`, and of the shipped policies that POLICY finds."""
 
-import importlib.util
 import json
 import shutil
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import ship_reference
 from jbench.cli import main
 from jbench.policies import find
 from jbench.policies.saved import has_policy
@@ -18,18 +18,6 @@ from jbench.store.shipped import shipped
 from jbench.store.verify import verify
 from jbench.tasks.features import observation_size
 from tests.training.small_runs import shorten_episodes
-
-ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def script():
-    """The module of the script that adds runs to the package."""
-    path = ROOT / "benchmarks" / "ship_reference.py"
-    spec = importlib.util.spec_from_file_location("ship_reference", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture
@@ -45,20 +33,20 @@ def target(tmp_path):
 
 
 @pytest.fixture
-def database(script, demo_results, target, monkeypatch):
+def database(demo_results, target, monkeypatch):
     """The shipped results, which replace those of the package."""
-    assert script.ship(demo_results, target) == []
+    assert ship_reference.ship(demo_results, target) == []
     monkeypatch.setattr(find, "shipped_results", lambda: target)
     return target
 
 
-def test_evaluations_of_shipped_policies_are_shipped(script, source, target):
+def test_evaluations_of_shipped_policies_are_shipped(source, target):
     run = source.scan("run")[0][0]
     for policy in (run.id, "heuristic"):
         settings = EvaluationSettings(task="face_direction", policy=policy)
         record = source.create("evaluation", settings.id, settings.model_dump())
         record.finish({"median": 1.0})
-    assert script.ship(source, target) == []
+    assert ship_reference.ship(source, target) == []
     assert [record.settings["policy"] for record in target.scan("evaluation")[0]] == [run.id]
     found = verify(target, 1)
     assert found.findings == []
@@ -67,28 +55,28 @@ def test_evaluations_of_shipped_policies_are_shipped(script, source, target):
     assert all(has_policy(run) for run in target.scan("run")[0])
 
 
-def test_what_lacks_is_added_and_shipped_runs_stay_as_they_are(script, demo_results, database):
+def test_what_lacks_is_added_and_shipped_runs_stay_as_they_are(demo_results, database):
     (encoder,), (run, *others) = (database.scan(kind)[0] for kind in ("encoder", "run"))
     shutil.rmtree(encoder.path)
     shutil.rmtree(run.path)
     manifests = [other.path / "manifest.json" for other in others]
     before = [(file.read_bytes(), file.stat().st_mtime_ns) for file in manifests]
     assert verify(database, 1).findings != []
-    assert script.ship(demo_results, database) == []
+    assert ship_reference.ship(demo_results, database) == []
     assert verify(database, 1).findings == []
     assert len(database.scan("run")[0]) == 4
     assert [(file.read_bytes(), file.stat().st_mtime_ns) for file in manifests] == before
 
 
-def test_command_and_checkpoint_are_not_shipped(script, source, target):
+def test_command_and_checkpoint_are_not_shipped(source, target):
     settings = {**source.scan("run")[0][0].settings, "seed": 7}
     id = f"face_direction/td3/full/s07-{settings_hash(settings)}"
     run = source.create("run", id, settings)
     run.append({}, {"checkpoint.safetensors": b"weights"})
-    assert script.ship(source, target) == [f"{id} is left out: it is unfinished."]
+    assert ship_reference.ship(source, target) == [f"{id} is left out: it is unfinished."]
     assert target.find("run", id) is None
     run.finish({"wall_time": 1.0}, {})
-    script.ship(source, target)
+    ship_reference.ship(source, target)
     kept = target.find("run", id)
     assert "command" in run.manifest.provenance
     assert "command" not in kept.manifest.provenance
@@ -98,7 +86,7 @@ def test_command_and_checkpoint_are_not_shipped(script, source, target):
 @pytest.mark.parametrize(
     "directory", [None, "/home/ann/out", "see ~/out", "--results=/data/x", r"C:\out"]
 )
-def test_run_that_is_damaged_or_names_a_directory_is_left_out(script, source, target, directory):
+def test_run_that_is_damaged_or_names_a_directory_is_left_out(source, target, directory):
     run = source.scan("run")[0][0]
     if directory is None:
         (run.path / "policy.safetensors").write_bytes(b"")
@@ -106,17 +94,17 @@ def test_run_that_is_damaged_or_names_a_directory_is_left_out(script, source, ta
         text = json.loads((run.path / "manifest.json").read_text())
         text["provenance"]["continued"] = [{"at": "now", "changed": {"x": [None, directory]}}]
         (run.path / "manifest.json").write_text(json.dumps(text))
-    (note,) = script.ship(source, target)
+    (note,) = ship_reference.ship(source, target)
     assert run.id in note
     assert ("is damaged" if directory is None else "names a directory") in note
     assert target.find("run", run.id) is None
 
 
-def test_policy_on_different_encoder_is_not_shipped(script, demo_results, target):
+def test_policy_on_different_encoder_is_not_shipped(demo_results, target):
     """An encoder trained on another processor may differ in its last digits."""
     (encoder,) = demo_results.scan("encoder")[0]
     target.create("encoder", encoder.id, encoder.settings).finish({}, {"encoder.json": b"{}"})
-    notes = script.ship(demo_results, target)
+    notes = ship_reference.ship(demo_results, target)
     assert len(notes) == 2
     assert all("the shipped encoder is another one" in note for note in notes)
     kept = [run for run in target.scan("run")[0] if has_policy(run)]
@@ -182,5 +170,6 @@ def test_policies_of_the_package_load():
         assert np.abs(found.act(np.zeros((3, size), np.float32))).max() <= 1
 
 
-def test_package_size_is_limited(script):
-    assert script.size(ROOT / "jbench") < script.LARGEST_PACKAGE
+def test_package_size_is_limited():
+    package = Path(ship_reference.__file__).parents[1] / "jbench"
+    assert ship_reference.size(package) < ship_reference.LARGEST_PACKAGE

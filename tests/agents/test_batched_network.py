@@ -1,4 +1,4 @@
-"""Tests of padded networks and of networks in bfloat16; `test_plain_updates.py` has gradients."""
+"""Tests of networks in bfloat16; `test_plain_updates.py` has gradients in full precision."""
 
 import pytest
 import torch
@@ -7,13 +7,11 @@ from torch import nn
 from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.tensors import Tensors
 
-ACTIONS = 3
 
-
-def build_network(sizes, joins=0, low_precision=False):
-    """A network with random parameters."""
+def build_network(low_precision=False):
+    """A network with random parameters, and three actions among its inputs."""
     view = Tensors(1, low_precision=low_precision).select(0)
-    layout = Layout(sizes, ACTIONS, joins)
+    layout = Layout((17, 64, 48, 1), 3)
     values, gradient = (
         f(name, layout.length) for f, name in ((view.state, "values"), (view.scratch, "gradient"))
     )
@@ -25,24 +23,9 @@ def build_network(sizes, joins=0, low_precision=False):
     return network
 
 
-@pytest.mark.parametrize("joins", [0, 1, 3])
-def test_padding_stays_zero(joins):
-    network = build_network((16, 9, 33, 16, 2), joins=joins)
-    network.forward(torch.randn(8, 16))
-    network.backward(torch.randn(8, 2))
-    for flat in (network.values, network.gradient):
-        rest = flat.clone()
-        for affine in network.layout.views(rest):
-            for parameters in affine:
-                parameters.zero_()
-        assert not rest.any()
-    real = sum(parameters.numel() for affine in network.layers for parameters in affine)
-    assert network.values.numel() > real
-
-
 def test_low_precision_rounds_to_bfloat16():
-    exact = build_network((17, 64, 48, 1))
-    rough = build_network((17, 64, 48, 1), low_precision=True)
+    exact = build_network()
+    rough = build_network(low_precision=True)
     random = torch.Generator().manual_seed(1)
     inputs, delta = (torch.randn(100, size, generator=random) for size in (17, 1))
     assert not torch.equal(exact.forward(inputs), rough.forward(inputs))
@@ -57,7 +40,7 @@ def test_low_precision_rounds_to_bfloat16():
 
 @pytest.mark.parametrize("rows", [1, 5, 31, 33, 100])
 def test_low_precision_gradients_of_selected_rows_are_equal(rows):
-    network = build_network((17, 64, 48, 1), low_precision=True)
+    network = build_network(low_precision=True)
     random = torch.Generator().manual_seed(1)
     inputs, delta = (torch.randn(100, size, generator=random) for size in (17, 1))
     network.forward(inputs)

@@ -44,99 +44,72 @@ def build_oracle(algo, settings, dtype, monkeypatch, actions=1):
     return agent
 
 
-def build_learners(algo, settings, dtype=torch.float32, seeds=1, action_size=1):
-    """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
-    tensors = Tensors(seeds, dtype)
-    views = [tensors, *(tensors.select(seed) for seed in range(seeds))]
-    stack, *each = (LEARNERS[algo](settings, SIZE, action_size, view) for view in views)
-    return tensors, each, stack
+def build_learner(algo, settings, dtype=torch.float32, action_size=1):
+    """Returns the tensors of one seed, and its learner."""
+    tensors = Tensors(1, dtype)
+    return tensors, LEARNERS[algo](settings, SIZE, action_size, tensors.select(0))
 
 
-def theirs(algo, agent):
-    """Parameters of a stable-baselines3 agent by name."""
-    parameters = {
-        f"{name} {kind}{i}": torch.cat([getattr(module, kind).detach() for module in modules])
-        for name, layers in _networks(algo, agent).items()
-        for i, modules in enumerate(layers)
-        for kind in ("weight", "bias")
-    }
+def linear_layers(module):
+    return [each for each in module.modules() if isinstance(each, nn.Linear)]
+
+
+def _networks(algo, agent, learner):
+    """The networks: a name, ours and the oracle's."""
     if algo == "ppo":
-        parameters["log_sigma"] = agent.policy.log_std.detach()
+        policy, inner = agent.policy, agent.policy.mlp_extractor
+        yield "actor", learner.actor, nn.ModuleList([inner.policy_net, policy.action_net])
+        yield "critic", learner.critic, nn.ModuleList([inner.value_net, policy.value_net])
+        return
+    yield "actor", learner.actor, agent.actor
+    if algo != "sac":
+        yield "actor_target", learner.actor_target, agent.actor_target
+    twins = algo != "ddpg"
+    for suffix, critic in (("", agent.critic), ("_target", agent.critic_target)):
+        critics = getattr(learner, f"critic{suffix}{'s' * twins}")
+        networks = critics.networks if twins else [critics]
+        for i, pair in enumerate(zip(networks, critic.q_networks, strict=True)):
+            yield f"critic{i}{suffix}", *pair
+
+
+def parameters(algo, agent, learner):
+    """Parameters by name: those of a seed, as writable views, and those of the oracle."""
+    pairs = {}
+    for name, network, module in _networks(algo, agent, learner):
+        linear, inner = linear_layers(module), len(network.layers) - 1
+        # The outputs of SAC's actor are two layers of the oracle.
+        modules = [*([layer] for layer in linear[:inner]), linear[inner:]]
+        for i, (ours, theirs) in enumerate(zip(network.layers, modules, strict=True)):
+            weight, bias = (
+                torch.cat([getattr(layer, kind).detach() for layer in theirs])
+                for kind in ("weight", "bias")
+            )
+            pairs |= {
+                f"{name} weight{i}": (ours.weight.mT, weight),
+                f"{name} bias{i}": (ours.bias, bias),
+            }
+    if algo == "ppo":
+        pairs["log_sigma"] = learner.log_sigma, agent.policy.log_std.detach()
     if algo == "sac" and agent.ent_coef_optimizer is not None:
-        parameters["log_temperature"] = agent.log_ent_coef.detach()
-    return parameters
-
-
-def _networks(algo, agent):
-    """The oracle's networks by our names: the linear modules of each layer."""
-
-    def layers(modules, *heads):
-        inner = [[module] for module in modules if isinstance(module, nn.Linear)]
-        return inner + ([list(heads)] if heads else [])
-
-    if algo == "ppo":
-        net = agent.policy
-        return {
-            "actor": layers(net.mlp_extractor.policy_net, net.action_net),
-            "critic": layers(net.mlp_extractor.value_net, net.value_net),
-        }
-    critics = ["critic"] if algo == "ddpg" else ["critic1", "critic2"]
-    tensors_by_name = {
-        name: layers(q) for name, q in zip(critics, agent.critic.q_networks, strict=True)
-    }
-    for name, q in zip(critics, agent.critic_target.q_networks, strict=True):
-        tensors_by_name[f"{name}_target"] = layers(q)
-    if algo == "sac":
-        actor = agent.actor
-        return tensors_by_name | {"actor": layers(actor.latent_pi, actor.mu, actor.log_std)}
-    return tensors_by_name | {
-        "actor": layers(agent.actor.mu),
-        "actor_target": layers(agent.actor_target.mu),
-    }
-
-
-def ours(algo, learner):
-    """Parameters of a seed by the names of `theirs`, as writable views."""
-    networks = {"actor": learner.actor}
-    if algo in ("td3", "sac"):
-        for suffix, twins in (("", learner.critics), ("_target", learner.critic_targets)):
-            networks |= {f"critic{i}{suffix}": net for i, net in enumerate(twins.networks, 1)}
-    else:
-        networks["critic"] = learner.critic
-    for name in ("actor_target", "critic_target"):
-        if hasattr(learner, name):
-            networks[name] = getattr(learner, name)
-    parameters = {
-        f"{name} {kind}{i}": values
-        for name, network in networks.items()
-        for i, (weight, bias) in enumerate(network.layers)
-        for kind, values in (("weight", weight.mT), ("bias", bias))
-    }
-    if algo == "ppo":
-        parameters["log_sigma"] = learner.log_sigma
-    if algo == "sac" and learner.settings.ent_coef == "auto":
-        parameters["log_temperature"] = learner.log_temperature
-    return parameters
+        pairs["log_temperature"] = learner.log_temperature, agent.log_ent_coef.detach()
+    return pairs
 
 
 def copy_initial_parameters(algo, agent, learner):
     """Copies the initial parameters of an agent to a learner."""
     learner.initialize(torch.Generator().manual_seed(0))
-    mine = ours(algo, learner)
-    for name, value in theirs(algo, agent).items():
-        mine[name].copy_(value)
+    for ours, theirs in parameters(algo, agent, learner).values():
+        ours.copy_(theirs)
+
+
+def largest_difference(pairs):
+    return max(float((ours.double() - theirs.double()).abs().max()) for ours, theirs in pairs)
 
 
 def mean_losses(learner, tensors):
     """The mean of each recorded loss."""
     sums, counts = tensors.saved[LOSS_SUMS][0].unbind(dim=-1)
     return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
-
-
-def largest_difference(mine, their):
-    """The largest difference of tensors with the same names."""
-    assert mine.keys() == their.keys()
-    return max(float((mine[name].double() - their[name].double()).abs().max()) for name in mine)
 
 
 def transitions(actions=1):

@@ -1,8 +1,4 @@
-"""DDPG with autograd (Lillicrap et al., 2015, Algorithm 1).
-
-The tests compare it with `jbench/agents/batched/ddpg.py`, whose gradients are hand-written and
-harder to read.
-"""
+"""DDPG with autograd (Lillicrap et al., 2015, Algorithm 1), to compare jbench's own with."""
 
 import copy
 import itertools
@@ -36,27 +32,38 @@ class PlainDDPG:
     """DDPG's networks and its update."""
 
     def __init__(self, settings, observation_size, action_size=1):
-        self.settings = settings
         units = (observation_size, *settings.hidden_layers)
-        self.actor = Network((*units, action_size)).double()
-        self.critic = Network((*units, 1), settings.action_layer, action_size).double()
+        actor = Network((*units, action_size))
+        self.make(settings, actor, Network((*units, 1), settings.action_layer, action_size))
+
+    def make(self, settings, actor, critic):
+        """Makes targets and optimizers of the networks."""
+        self.settings, self.actor, self.critic = settings, actor.double(), critic.double()
         self.actor_target, self.critic_target = copy.deepcopy((self.actor, self.critic))
         self.actor_adam, self.critic_adam = (
             torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
             for network in (self.actor, self.critic)
         )
 
+    def act(self, actor, observations):
+        return actor(observations).tanh()
+
+    def value(self, critic, observations, actions):
+        return critic(observations, actions)
+
     def update(self, batch):
         """Makes one update from a minibatch."""
         with torch.no_grad():
-            next_actions = self.actor_target(batch.next_observations).tanh()
-            next_values = self.critic_target(batch.next_observations, next_actions)
+            next_actions = self.act(self.actor_target, batch.next_observations)
+            next_values = self.value(self.critic_target, batch.next_observations, next_actions)
             targets = batch.rewards + batch.discounts * next_values
-        critic_loss = (self.critic(batch.observations, batch.actions) - targets).square().mean()
+        values = self.value(self.critic, batch.observations, batch.actions)
+        critic_loss = (values - targets).square().mean()
         critic_gradients = torch.autograd.grad(critic_loss, list(self.critic.parameters()))
         if not self.settings.gradients_first:
             _step(self.critic, self.critic_adam, critic_gradients)
-        actor_loss = -self.critic(batch.observations, self.actor(batch.observations).tanh()).mean()
+        actions = self.act(self.actor, batch.observations)
+        actor_loss = -self.value(self.critic, batch.observations, actions).mean()
         actor_gradients = torch.autograd.grad(actor_loss, list(self.actor.parameters()))
         if self.settings.gradients_first:
             _step(self.critic, self.critic_adam, critic_gradients)

@@ -1,10 +1,4 @@
-"""Learned features with autograd (Ota et al., 2020), and DDPG on them.
-
-The tests compare it with `jbench/agents/batched/features.py`, whose gradients are hand-written and
-harder to read.
-"""
-
-import copy
+"""Learned features with autograd (Ota et al., 2020), and DDPG on them."""
 
 import torch
 from torch import nn
@@ -81,40 +75,21 @@ def _dense(values, layers):
     return values
 
 
-class OnFeatures(Network):
-    """A network on features, whose parameters are not part of its own."""
-
-    def __init__(self, features, units):
-        super().__init__(units)
-        self.features = [features]
-        self.double()
-
-    def __deepcopy__(self, memory):
-        other = OnFeatures(self.features[0], (1, 1))
-        other.layers = copy.deepcopy(self.layers, memory)
-        return other
-
-    def forward(self, observations, actions=None):
-        features = self.features[0].observation_features(observations)
-        if actions is not None:
-            features = self.features[0].state_action_features(features, actions)
-        return super().forward(features)
-
-
 class PlainDDPGOnFeatures(PlainDDPG):
     """DDPG on learned features."""
 
     def __init__(self, settings, ofe, size, action_size=1):
-        super().__init__(settings, size)
         self.features = features = PlainFeatures(ofe, size, action_size)
         hidden = settings.hidden_layers
-        self.actor = OnFeatures(features, (features.feature_size, *hidden, action_size))
-        self.critic = OnFeatures(features, (features.pair_size + ofe.units, *hidden, 1))
-        self.actor_target, self.critic_target = copy.deepcopy((self.actor, self.critic))
-        self.actor_adam, self.critic_adam = (
-            torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
-            for network in (self.actor, self.critic)
-        )
+        actor = Network((features.feature_size, *hidden, action_size))
+        self.make(settings, actor, Network((features.pair_size + ofe.units, *hidden, 1)))
+
+    def act(self, actor, observations):
+        return super().act(actor, self.features.observation_features(observations))
+
+    def value(self, critic, observations, actions):
+        seen = self.features.observation_features(observations)
+        return critic(self.features.state_action_features(seen, actions))
 
     def update(self, batch):
         loss = self.features.learn(batch)

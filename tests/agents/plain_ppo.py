@@ -1,8 +1,4 @@
-"""PPO with autograd (Schulman et al., 2017, Algorithm 1).
-
-The tests compare it with `jbench/agents/batched/ppo.py`, whose gradients are hand-written and
-harder to read.
-"""
+"""PPO with autograd (Schulman et al., 2017, Algorithm 1), to compare jbench's own with."""
 
 import itertools
 

@@ -1,10 +1,7 @@
-"""SAC with autograd and a learned temperature (Haarnoja et al., 2018b, Algorithm 1).
-
-The tests compare it with `jbench/agents/batched/sac.py`, whose gradients are hand-written and
-harder to read.
-"""
+"""SAC with autograd and a learned temperature (Haarnoja et al., 2018b, Algorithm 1)."""
 
 import copy
+from functools import partial
 
 import torch
 
@@ -25,14 +22,10 @@ class PlainSAC:
         )
         self.critic_targets = copy.deepcopy(self.critics)
         self.log_temperature = torch.zeros(1, dtype=torch.float64, requires_grad=True)
-        self.actor_adam, self.critic_adam, self.temperature_adam = (
-            torch.optim.Adam(parameters, lr=settings.learning_rate)
-            for parameters in (
-                self.actor.parameters(),
-                self.critics.parameters(),
-                [self.log_temperature],
-            )
-        )
+        adam = partial(torch.optim.Adam, lr=settings.learning_rate)
+        self.actor_adam = adam(self.actor.parameters())
+        self.critic_adam = adam(self.critics.parameters())
+        self.temperature_adam = adam([self.log_temperature])
 
     def update(self, batch):
         """Makes one update from a minibatch."""

@@ -1,8 +1,4 @@
-"""TD3 with autograd (Fujimoto et al., 2018, Algorithm 1).
-
-The tests compare it with `jbench/agents/batched/td3.py`, whose gradients are hand-written and
-harder to read.
-"""
+"""TD3 with autograd (Fujimoto et al., 2018, Algorithm 1), to compare jbench's own with."""
 
 import copy
 

@@ -2,11 +2,9 @@
 
 from functools import partial
 
-import pytest
 import torch
-from torch import nn
 
-from benchmarks.rules import TD3, mlp
+from benchmarks.rules import TD3
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
@@ -18,47 +16,10 @@ SMALL = {"hidden_layers": (24, 20), "batch_size": 16, "learning_rate": 1e-3, "bu
 SCHEDULE = {"train_freq": 10, "gradient_steps": 5, "learning_starts": 20}
 TD3_SETTINGS = TD3.Settings(**SMALL, **SCHEDULE)
 
-
-def documented_rule():
-    names = {}
-    exec(code_of("your-own-rule.md", "python"), names)  # noqa: S102
-    return names["TQC"]
-
-
-TQC = documented_rule()
-
-
-class REDQ(TD3):
-    """TD3 whose targets use a random subset of critics, and whose actor uses all critics."""
-
-    delayed = ()
-
-    def __init__(self, settings, observation_size, action_size):
-        super().__init__(settings, observation_size, action_size)
-        inputs = observation_size + action_size
-        self.critics = nn.ModuleList(mlp(inputs, 8, 1) for _ in range(4))
-        self.noise_per_transition = len(self.critics)
-
-    def values(self, critics, observations, actions):
-        inputs = torch.cat([observations, actions], dim=-1)
-        return torch.stack([critic(inputs) for critic in critics])
-
-    def critic_loss(self, batch):
-        following = batch.next_observations, self.actor_target(batch.next_observations).tanh()
-        subset = batch.noise[0].argsort()[:2]
-        next_values = self.values(self.critics_target, *following)[subset].amin(dim=0)
-        targets = batch.rewards + batch.discounts * next_values
-        values = self.values(self.critics, batch.observations, batch.actions)
-        return (values - targets).square().mean(dim=1).sum()
-
-    def actor_loss(self, batch):
-        return -self.values(self.critics, batch.observations, self.act(batch.observations)).mean()
-
-
+documented = {}
+exec(code_of("your-own-rule.md", "python"), documented)  # noqa: S102
+TQC = documented["TQC"]
 TQC_SETTINGS = TQC.Settings(**SMALL, **SCHEDULE, critics=3, quantiles=5, dropped=1)
-RULES = pytest.mark.parametrize(
-    ("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS)], ids=["td3", "tqc"]
-)
 
 
 def learners(rule, settings, dtype=torch.float32, seeds=1, actions=1):
@@ -82,5 +43,5 @@ def batches(learner, count, dtype=torch.float64, seeds=()):
         yield [torch.randn(*seeds, 32, width, generator=random, dtype=dtype) for width in widths]
 
 
-def build_engine(rule, settings, seeds, **options):
-    return short_engine(rule, settings, "face_direction", seeds, **options)
+def build_engine(rule, settings, seeds, task="face_direction", **options):
+    return short_engine(rule, settings, task, seeds, **options)

@@ -9,16 +9,8 @@ from torch import nn
 
 from benchmarks.rules import TD3
 from jbench.agents.batched.replay import Batch
-from tests.agents.batched_oracle import (
-    PRECISION,
-    SIZE,
-    build_learners,
-    build_settings,
-    mean_losses,
-)
+from tests.agents.batched_oracle import PRECISION, SIZE, build_learner, build_settings, mean_losses
 from tests.agents.small_rules import (
-    REDQ,
-    RULES,
     TD3_SETTINGS,
     TQC,
     TQC_SETTINGS,
@@ -26,57 +18,45 @@ from tests.agents.small_rules import (
     build_engine,
     learners,
 )
-from tests.agents.test_batched_engine import assert_continues, assert_independent, slow
-
-
-def td3_parameters(learner):
-    """Parameters of jbench's built-in TD3 by the names of the rule."""
-    networks = {
-        "actor": learner.actor,
-        "actor_target": learner.actor_target,
-        **{f"critics.{i}": net for i, net in enumerate(learner.critics.networks)},
-        **{f"critics_target.{i}": net for i, net in enumerate(learner.critic_targets.networks)},
-    }
-    return {
-        f"{name}.{2 * i}.{kind}": values
-        for name, network in networks.items()
-        for i, layer in enumerate(network.layers)
-        for kind, values in (("weight", layer.weight.mT), ("bias", layer.bias))
-    }
+from tests.agents.test_batched_engine import (
+    BETWEEN_EPISODES,
+    CHEETAH,
+    STEPS,
+    assert_continues,
+    assert_independent,
+    assert_loads,
+    assert_policies_equal_agents,
+    slow,
+)
+from tests.agents.test_plain_updates import assert_equal_parameters, copy_parameters, paired_layers
 
 
 @pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize("dtype", PRECISION, ids=str)
 def test_td3_rule_equals_builtin_td3(dtype, actions):
     settings = build_settings("td3")
-    own_tensors, (own,), _ = build_learners("td3", settings, dtype, action_size=actions)
+    own_tensors, own = build_learner("td3", settings, dtype, action_size=actions)
     tensors, (learner,), _ = learners(TD3, settings, dtype, actions=actions)
     own.initialize(torch.Generator().manual_seed(3))
-    for name, values in td3_parameters(own).items():
-        learner._parameters[name].copy_(values)
-    first = td3_parameters(own)["actor.0.weight"].clone()
+    learner.rule.critic_targets = learner.rule.critics_target
+    layers = [*paired_layers("td3", own, learner.rule)]
+    copy_parameters(layers)
+    first = own.actor.values.clone()
     for update, numbers in enumerate(batches(learner, 100, dtype), 1):
         for updated in (own, learner):
             delayed = updated.is_delayed_update(update, 0)
             updated.reset_losses([delayed])
             updated.update(Batch(*(part.clone() for part in numbers), actions), delayed)
         if update in (1, 10, 100):
-            expected = td3_parameters(own)
-            assert learner._parameters.keys() == expected.keys()
-            for name, values in expected.items():
-                torch.testing.assert_close(
-                    learner._parameters[name], values, rtol=0, atol=PRECISION[dtype], msg=name
-                )
+            assert_equal_parameters(layers, PRECISION[dtype])
             if update > 1:
                 expected = pytest.approx(mean_losses(own, own_tensors), rel=1e-4)
                 assert mean_losses(learner, tensors) == expected
-    assert (td3_parameters(own)["actor.0.weight"] - first).abs().max() > 0.01
+    assert (own.actor.values - first).abs().max() > 0.01
 
 
 @pytest.mark.parametrize("actions", [1, 6])
-@pytest.mark.parametrize(
-    ("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS), (REDQ, TD3_SETTINGS)]
-)
+@pytest.mark.parametrize(("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS)])
 def test_stacked_updates_equal_those_of_single_seeds(rule, settings, actions):
     (alone, each, _), (together, _, stack) = (
         learners(rule, settings, torch.float64, 3, actions) for _ in range(2)
@@ -90,11 +70,9 @@ def test_stacked_updates_equal_those_of_single_seeds(rule, settings, actions):
     assert alone.saved.keys() == together.saved.keys()
     for name, saved in alone.saved.items():
         torch.testing.assert_close(together.saved[name], saved, rtol=0, atol=1e-10)
-    observations = torch.randn(3, 5, SIZE, dtype=torch.float64)
-    expected = torch.stack(
-        [learner.act(seen) for learner, seen in zip(each, observations, strict=True)]
-    )
-    torch.testing.assert_close(stack.act(observations), expected)
+    seen = torch.randn(3, 5, SIZE, dtype=torch.float64)
+    expected = [learner.act(seen[seed]) for seed, learner in enumerate(each)]
+    torch.testing.assert_close(stack.act(seen), torch.stack(expected))
 
 
 SEVERAL = {"environments": 2, "time_limit": "terminal"}
@@ -104,13 +82,20 @@ SEVERAL = {"environments": 2, "time_limit": "terminal"}
     ("rule", "settings", "options"),
     [
         (TD3, TD3_SETTINGS, SEVERAL),
-        (TQC, TQC_SETTINGS, {}),
+        (TQC, TQC_SETTINGS, CHEETAH),
         slow(TD3, TD3_SETTINGS, {}),
         slow(TQC, TQC_SETTINGS, SEVERAL),
     ],
 )
 def test_seed_is_independent_of_other_seeds_bit_for_bit(rule, settings, options):
-    assert_independent(lambda seeds: build_engine(rule, settings, seeds, **options))
+    steps = BETWEEN_EPISODES if "task" in options else STEPS
+    assert_independent(lambda seeds: build_engine(rule, settings, seeds, **options), steps)
+
+
+def test_policy_of_rule_moves_all_motors():
+    with build_engine(TQC, TQC_SETTINGS, [3, 4], **CHEETAH) as engine:
+        actions = assert_policies_equal_agents(engine)
+    assert np.ptp(actions, axis=-1).min() > 0
 
 
 @pytest.mark.parametrize(
@@ -126,23 +111,9 @@ def test_restored_engine_continues_bit_for_bit(rule, settings, stacked):
     assert_continues(lambda seeds: build_engine(rule, settings, seeds, stacked=stacked), 37)
 
 
-@RULES
-def test_saved_policy_equals_agent_and_can_be_loaded(rule, settings):
-    observations = np.random.default_rng(0).normal(size=(1, 10, SIZE)).astype(np.float32)
-    with (
-        build_engine(rule, settings, [0]) as engine,
-        build_engine(rule, settings, [9]) as other,
-        build_engine(rule, settings.model_copy(update={"hidden_layers": (8,)}), [0]) as smaller,
-    ):
-        list(engine.learn(60))
-        kept = engine.policy(0)
-        acted = engine.act(observations)
-        np.testing.assert_allclose(kept.act(observations[0]), acted[0], atol=2e-6)
-        assert not np.array_equal(other.act(observations), acted)
-        other.load_policy(0, kept, 60)
-        np.testing.assert_array_equal(other.act(observations), acted)
-        with pytest.raises(ValueError, match="its layers are not those of its settings"):
-            smaller.load_policy(0, kept, 60)
+@pytest.mark.parametrize(("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS)])
+def test_loaded_policy_equals_agent_bit_for_bit(rule, settings):
+    assert_loads(lambda seeds: build_engine(rule, settings, seeds))
 
 
 class Unusual(TD3):

@@ -21,12 +21,14 @@ from tests.agents.test_plain_updates import (
     transitions,
 )
 
-SIZES = {
-    "alone": OFESettings(units=12, layers=3, standardize_updates=4, learning_rate=1e-3),
-    "appended": OFESettings(units=20, layers=3, standardize_updates=4, learning_rate=1e-3),
-}
-sizes = pytest.mark.parametrize("ofe", SIZES.values(), ids=SIZES)
-UPDATES = 10
+# As many units as observed numbers replace the observation, and more extend it.
+sizes = pytest.mark.parametrize(
+    "ofe",
+    [
+        OFESettings(units=units, layers=3, standardize_updates=4, learning_rate=1e-3)
+        for units in (SIZE, SIZE + 1)
+    ],
+)
 
 
 def build_learner(algo, ofe, *, stacked=False, actions=1, **changes):
@@ -48,10 +50,6 @@ def twice(batch):
     return Batch(*both, batch.actions.shape[-1])
 
 
-def feature_layers(features, plain):
-    yield from zip(features.layers, plain.linear_layers(), strict=True)
-
-
 @sizes
 @ACTIONS
 @pytest.mark.parametrize("stacked", [False, True])
@@ -60,9 +58,12 @@ def test_updates_of_ddpg_and_features_equal_autograd(ofe, stacked, actions):
     plain = PlainDDPGOnFeatures(build_settings("ddpg"), ofe, SIZE, actions)
     random = torch.Generator().manual_seed(2)
     features = learner.features
-    layers = [*paired_layers("ddpg", seed, plain), *feature_layers(seed.features, plain.features)]
+    layers = [
+        *paired_layers("ddpg", seed, plain),
+        *zip(seed.features.layers, plain.features.linear_layers(), strict=True),
+    ]
     copy_parameters(layers)
-    for _ in range(UPDATES):
+    for _ in range(10):
         batch = transitions(random, actions)
         loss = plain.update(batch)
         learner.reset_losses([True])
@@ -84,39 +85,25 @@ def test_updates_of_ddpg_and_features_equal_autograd(ofe, stacked, actions):
 def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe, actions):
     learner, _ = build_learner(algo, ofe, actions=actions)
     plain = PlainFeatures(ofe, SIZE, actions)
-    copy_parameters(feature_layers(learner.features, plain))
+    copy_parameters(zip(learner.features.layers, plain.linear_layers(), strict=True))
     size = learner.features.size
     pairs = torch.randn(9, size + actions, dtype=torch.float64)
     taken = pairs[:, size:].clone().requires_grad_()
     seen = plain.state_action_features(pairs[:, :size], taken)
-    rows = torch.tensor([1, 4, 7])
-    values, gradients = [], []
+    first, _ = learner.critics.networks
     for critic in learner.critics.networks:
         value = critic.forward(pairs)
-        selected = None if algo == "td3" else rows
-        delta = torch.ones(9 if selected is None else 3, 1, dtype=torch.float64)
-        if algo == "sac" or critic is learner.critics.networks[0]:
-            gradients.append((selected, critic.action_gradient(delta, selected)))
-        values.append(value)
-    for index, (critic, value) in enumerate(zip(learner.critics.networks, values, strict=True)):
         expected = seen
         for i, layer in enumerate(critic.layers):
             expected = (expected.relu() if i else expected) @ layer.weight + layer.bias
         torch.testing.assert_close(value, expected.detach(), rtol=0, atol=1e-10)
-        if index < len(gradients):
-            selected, gradient = gradients[index]
-            (by_actions,) = torch.autograd.grad(expected.sum(), taken, retain_graph=True)
-            by_actions = by_actions if selected is None else by_actions[selected]
-            torch.testing.assert_close(gradient, by_actions, rtol=0, atol=1e-10)
-
-
-def test_many_units_extend_observation_and_few_replace_it():
-    observations = torch.randn(5, SIZE, dtype=torch.float64)
-    for units, size in ((2, 2), (SIZE, SIZE), (SIZE + 1, 2 * SIZE + 1)):
-        learner, _ = build_learner("ddpg", OFESettings(units=units))
-        seen = learner._encode(observations)
-        assert seen.shape == (5, size)
-        assert torch.equal(seen[:, :SIZE], observations) == (units > SIZE)
+        if algo == "sac" or critic is first:
+            rows = None if algo == "td3" else torch.tensor([1, 4, 7])
+            (gradient,) = torch.autograd.grad(expected.sum(), taken, retain_graph=True)
+            gradient = gradient if rows is None else gradient[rows]
+            delta = torch.ones(len(gradient), 1, dtype=torch.float64)
+            ours = critic.action_gradient(delta, rows)
+            torch.testing.assert_close(ours, gradient, rtol=0, atol=1e-10)
 
 
 def test_units_are_divided_among_layers():

@@ -7,12 +7,10 @@ import torch
 from jbench.agents import sb3
 from jbench.agents.batched.on_policy import estimate
 from jbench.agents.batched.ppo import split_minibatch
-from jbench.agents.batched.replay import Batch
-from jbench.settings.bases import SCRIPT
 from tests.agents.batched_oracle import (
     PRECISION,
     SIZE,
-    build_learners,
+    build_learner,
     build_oracle,
     build_settings,
     copy_initial_parameters,
@@ -20,14 +18,13 @@ from tests.agents.batched_oracle import (
     largest_difference,
     mean_losses,
     next_batch,
-    ours,
-    theirs,
+    parameters,
     transitions,
 )
 from tests.agents.test_batched_engine import slow
 
 OFF_POLICY = ("ddpg", "td3", "sac")
-PRECISIONS = pytest.mark.parametrize("dtype", PRECISION, ids=str)
+LARGE_NOISE = {"target_policy_noise": 0.9, "target_noise_clip": 0.8}
 
 
 def update_both(agent, learner, tensors, settings, updates):
@@ -51,7 +48,7 @@ def update_both(agent, learner, tensors, settings, updates):
         ("sac", {}, torch.float32, 1, 100),
         ("ddpg", {"hidden_layers": [16]}, torch.float64, 1, 10),
         ("ddpg", {"hidden_layers": [20, 9, 12], "tau": 0.5, "gamma": 0.5}, torch.float64, 1, 10),
-        ("td3", {"policy_delay": 3, "target_policy_noise": 0.9}, torch.float64, 1, 10),
+        ("td3", {"policy_delay": 3, **LARGE_NOISE}, torch.float64, 1, 10),
         ("sac", {"ent_coef": 0.3}, torch.float64, 1, 10),
         ("sac", {"tau": 1.0}, torch.float64, 1, 10),
     ],
@@ -63,25 +60,25 @@ def test_off_policy_updates_equal_stable_baselines3(
     automatic = {"target_entropy": "auto"} if algo == "sac" else {}
     settings = build_settings(algo, **automatic, **changes)
     agent = build_oracle(algo, settings, dtype, monkeypatch, actions)
-    tensors, (learner,), _ = build_learners(algo, settings, dtype, action_size=actions)
+    tensors, learner = build_learner(algo, settings, dtype, action_size=actions)
     copy_initial_parameters(algo, agent, learner)
     for update in update_both(agent, learner, tensors, settings, updates):
         if update in (1, 10, 100):
-            mine, their = ours(algo, learner), theirs(algo, agent)
-            assert largest_difference(mine, their) < PRECISION[dtype]
+            pairs = parameters(algo, agent, learner).values()
+            assert largest_difference(pairs) < PRECISION[dtype]
     assert mean_losses(learner, tensors) == pytest.approx(sb3.losses(agent), rel=1e-5)
 
 
 def test_sac_target_update_interval_counts_from_each_learning_phase():
     settings = build_settings("sac", target_update_interval=3, gradient_steps=5)
-    _, (learner,), _ = build_learners("sac", settings, torch.float64)
+    tensors, learner = build_learner("sac", settings, torch.float64)
     delayed = [learner.is_delayed_update(7 + i, i) for i in range(5)]
     assert delayed == [True, False, False, True, False]
     learner.initialize(torch.Generator().manual_seed(0))
-    first = {name: value.clone() for name, value in ours("sac", learner).items()}
+    first = {name: saved.clone() for name, saved in tensors.saved.items()}
     learner.update(next_batch(transitions(), settings, 2, torch.float64, 1), delayed=False)
-    for name, value in ours("sac", learner).items():
-        assert torch.equal(value, first[name]) == ("target" in name), name
+    kept = {name for name, saved in tensors.saved.items() if torch.equal(saved, first[name])}
+    assert kept == {"critic1_target", "critic2_target"}
 
 
 def fill_rollout(agent, settings, data):
@@ -110,7 +107,7 @@ def fill_rollout(agent, settings, data):
 
 
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch")
-@PRECISIONS
+@pytest.mark.parametrize("dtype", PRECISION, ids=str)
 @pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize(
     ("epochs", "batch_size", "changes"),
@@ -130,7 +127,7 @@ def test_ppo_updates_equal_stable_baselines3(
     changes = {"n_envs": 2, "n_steps": 60, "n_epochs": epochs, "batch_size": batch_size} | changes
     settings = build_settings("ppo", **changes)
     agent = build_oracle("ppo", settings, dtype, monkeypatch, actions)
-    tensors, (learner,), _ = build_learners("ppo", settings, dtype, action_size=actions)
+    tensors, learner = build_learner("ppo", settings, dtype, action_size=actions)
     copy_initial_parameters("ppo", agent, learner)
     rollout = fill_rollout(agent, settings, transitions(actions))
     rows = rollout.flatten(0, 2).to(dtype)
@@ -141,12 +138,13 @@ def test_ppo_updates_equal_stable_baselines3(
         order = torch.from_numpy(np.random.permutation(120))
         for indices in order.split(batch_size):
             learner.update(split_minibatch(rows[indices], actions))
-    assert largest_difference(ours("ppo", learner), theirs("ppo", agent)) < (PRECISION[dtype])
+    pairs = parameters("ppo", agent, learner).values()
+    assert largest_difference(pairs) < PRECISION[dtype]
     assert mean_losses(learner, tensors) == pytest.approx(sb3.losses(agent), rel=1e-4, abs=1e-7)
 
 
 def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
-    settings = build_settings("ppo", n_envs=2, n_steps=200, batch_size=100)
+    settings = build_settings("ppo", n_envs=2, n_steps=200, batch_size=100, gae_lambda=0.8)
     agent = build_oracle("ppo", settings, torch.float32, monkeypatch)
     rollout = fill_rollout(agent, settings, transitions())
     buffer = agent.rollout_buffer
@@ -159,7 +157,7 @@ def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
 def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
     settings = build_settings(algo, **({"n_envs": 1} if algo == "ppo" else {}))
     agent = build_oracle(algo, settings, torch.float64, monkeypatch, actions)
-    _, (learner,), _ = build_learners(algo, settings, torch.float64, action_size=actions)
+    _, learner = build_learner(algo, settings, torch.float64, action_size=actions)
     copy_initial_parameters(algo, agent, learner)
     observations = torch.from_numpy(transitions()[0][:40]).double()
     acting = agent.policy if algo == "ppo" else agent.actor
@@ -179,53 +177,17 @@ def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
         torch.testing.assert_close(learner.explore(observations, noise), expected)
 
 
-@pytest.mark.parametrize("actions", [1, 6])
-@pytest.mark.parametrize(
-    ("algo", "changes"),
-    [*((algo, {}) for algo in ("ddpg", "td3", "sac", "ppo")), *SCRIPT.items()],
-)
-def test_stacked_updates_equal_those_of_single_seeds(algo, changes, actions):
-    settings = build_settings(algo, **changes)
-    (alone, each, _), (together, _, stack) = (
-        build_learners(algo, settings, torch.float64, 3, actions) for _ in range(2)
-    )
-    for seed, learner in enumerate(each):
-        learner.initialize(torch.Generator().manual_seed(seed))
-    for name, saved in alone.saved.items():
-        together.saved[name].copy_(saved)
-    random = torch.Generator().manual_seed(1)
-
-    def numbers(width):
-        return torch.randn(3, 20, width, generator=random, dtype=torch.float64)
-
-    for update in range(1, 6):
-        if algo == "ppo":
-            rows = numbers(SIZE + actions + 5)
-            stack.update(split_minibatch(rows, actions))
-            for seed, learner in enumerate(each):
-                learner.update(split_minibatch(rows[seed], actions))
-            continue
-        delayed, draws = stack.is_delayed_update(update, update - 1), stack.noise_per_transition
-        width = SIZE + actions + 1
-        parts = (numbers(width), numbers(width), numbers(1), numbers(draws))
-        for seed, learner in enumerate(each):
-            learner.update(Batch(*(part[seed].clone() for part in parts), actions), delayed)
-        stack.update(Batch(*parts, actions), delayed)
-    for name, saved in alone.saved.items():
-        torch.testing.assert_close(together.saved[name], saved, rtol=0, atol=1e-10)
-
-
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
 def test_initial_weights_are_distributed_as_in_stable_baselines3(algo, monkeypatch):
     settings = build_settings(algo, hidden_layers=[200, 100])
     agent = build_oracle(algo, settings, torch.float32, monkeypatch)
-    _, (learner,), _ = build_learners(algo, settings)
+    _, learner = build_learner(algo, settings)
     learner.initialize(torch.Generator().manual_seed(0))
-    mine, their = ours(algo, learner), theirs(algo, agent)
-    for name, value in their.items():
-        if value.numel() > 90:
-            assert mine[name].std().item() == pytest.approx(value.std().item(), rel=0.2)
-            assert mine[name].abs().max().item() == pytest.approx(value.abs().max().item(), rel=0.3)
-    for name in mine:
+    pairs = parameters(algo, agent, learner)
+    for ours, theirs in pairs.values():
+        if theirs.numel() > 90:
+            assert ours.std().item() == pytest.approx(theirs.std().item(), rel=0.2)
+            assert ours.abs().max().item() == pytest.approx(theirs.abs().max().item(), rel=0.3)
+    for name, (ours, _) in pairs.items():
         if "target" in name:
-            assert torch.equal(mine[name], mine[name.replace("_target", "")])
+            assert torch.equal(ours, pairs[name.replace("_target", "")][0])

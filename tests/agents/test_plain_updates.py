@@ -4,7 +4,6 @@ import math
 
 import pytest
 import torch
-from torch import nn
 
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.network import Twins
@@ -12,26 +11,19 @@ from jbench.agents.batched.ppo import Minibatch
 from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.bases import SCRIPT
-from tests.agents.batched_oracle import SIZE, build_learners, build_settings
+from tests.agents.batched_oracle import SIZE, build_learner, build_settings, linear_layers
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO
 from tests.agents.plain_sac import PlainSAC
 from tests.agents.plain_td3 import PlainTD3
 
-UPDATES = 50
 ACTIONS = pytest.mark.parametrize("actions", [1, 6, 21])
-
-
+# The plain version of each off-policy rule, and its networks.
 PLAIN = {
     "ddpg": (PlainDDPG, ["actor", "critic", "actor_target", "critic_target"]),
     "td3": (PlainTD3, ["actor", "critics", "actor_target", "critic_targets"]),
     "sac": (PlainSAC, ["actor", "critics", "critic_targets"]),
 }
-"""The plain version of each off-policy rule, and its networks."""
-
-
-def linear_layers(network):
-    return [module for module in network.modules() if isinstance(module, nn.Linear)]
 
 
 def ppo_layers(learner, plain):
@@ -60,10 +52,10 @@ def copy_parameters(layers):
         plain.bias.data.copy_(ours.bias)
 
 
-def assert_equal_parameters(layers):
+def assert_equal_parameters(layers, bound=1e-10):
     for ours, plain in layers:
-        torch.testing.assert_close(ours.weight.mT, plain.weight.data, rtol=0, atol=1e-10)
-        torch.testing.assert_close(ours.bias, plain.bias.data, rtol=0, atol=1e-10)
+        torch.testing.assert_close(ours.weight.mT, plain.weight.data, rtol=0, atol=bound)
+        torch.testing.assert_close(ours.bias, plain.bias.data, rtol=0, atol=bound)
 
 
 def minibatch(learner, random, rows=40):
@@ -80,26 +72,6 @@ def minibatch(learner, random, rows=40):
     return Minibatch(observations, actions, likelihoods, values, normal(), returns)
 
 
-PPO_CHANGES = {
-    "published": {},
-    "shared_layers": {"shared_layers": True},
-    "shared_layers, one layer": {"shared_layers": True, "hidden_layers": [16]},
-    "value_loss": {"value_loss": "max", "clip_range_vf": 0.1},
-    "value_loss, not clipped": {"value_loss": "max", "clip_range_vf": None},
-    "script": SCRIPT["ppo"],
-}
-
-
-DDPG_CHANGES = {
-    "published": {},
-    "action_layer": {"action_layer": 1},
-    "action_layer, output": {"action_layer": 1, "hidden_layers": [16]},
-    "action_layer, three layers": {"action_layer": 1, "hidden_layers": [31, 9, 16]},
-    "gradients_first": {"gradients_first": True},
-    "script": SCRIPT["ddpg"],
-}
-
-
 def transitions(random, actions=1, noise=0):
     def normal(width):
         return torch.randn(30, width, generator=random, dtype=torch.float64)
@@ -108,21 +80,32 @@ def transitions(random, actions=1, noise=0):
     return Batch(normal(width), normal(width), 0.99 + 0 * normal(1), normal(noise), actions)
 
 
-CASES = {
-    **{f"ppo {name}": ("ppo", changes) for name, changes in PPO_CHANGES.items()},
-    # With a large tau, the targets influence the updates early.
-    **{f"ddpg {name}": ("ddpg", {"tau": 0.1, **c}) for name, c in DDPG_CHANGES.items()},
-    "td3": ("td3", {"tau": 0.1}),
+# With a large tau, the targets influence the updates early.
+FAST = {"tau": 0.1}
+CASES = [
+    ("ppo", {}),
+    ("ppo", {"shared_layers": True}),
+    ("ppo", {"shared_layers": True, "hidden_layers": [16]}),
+    ("ppo", {"value_loss": "max", "clip_range_vf": 0.1}),
+    ("ppo", {"value_loss": "max", "clip_range_vf": None}),
+    ("ppo", SCRIPT["ppo"]),
+    ("ddpg", FAST),
+    ("ddpg", {**FAST, "action_layer": 1}),
+    ("ddpg", {**FAST, "action_layer": 1, "hidden_layers": [16]}),
+    ("ddpg", {**FAST, "action_layer": 1, "hidden_layers": [31, 9, 16]}),
+    ("ddpg", {**FAST, "gradients_first": True}),
+    ("ddpg", {**FAST, **SCRIPT["ddpg"]}),
+    ("td3", FAST),
     # The target entropy is minus the size of an action.
-    "sac": ("sac", {"tau": 0.1, "target_entropy": "auto"}),
-}
+    ("sac", {**FAST, "target_entropy": "auto"}),
+]
 
 
 @ACTIONS
-@pytest.mark.parametrize(("algo", "changes"), CASES.values(), ids=CASES)
+@pytest.mark.parametrize(("algo", "changes"), CASES)
 def test_updates_equal_autograd(algo, changes, actions):
     settings = build_settings(algo, **changes)
-    _, (learner,), _ = build_learners(algo, settings, torch.float64, action_size=actions)
+    _, learner = build_learner(algo, settings, torch.float64, action_size=actions)
     learner.initialize(torch.Generator().manual_seed(1))
     random = torch.Generator().manual_seed(2)
     if algo == "ppo":
@@ -132,7 +115,7 @@ def test_updates_equal_autograd(algo, changes, actions):
         plain = PLAIN[algo][0](settings, SIZE, actions)
         layers = [*paired_layers(algo, learner, plain)]
     copy_parameters(layers)
-    for number in range(1, UPDATES + 1):
+    for number in range(1, 51):
         if algo == "ppo":
             batch = minibatch(learner, random)
         else:
@@ -150,7 +133,7 @@ def test_updates_equal_autograd(algo, changes, actions):
 
 def first_layers(algo, **changes):
     settings = algorithm_settings(algo, overrides={"hidden_layers": [200, 100], **changes})
-    _, (learner,), _ = build_learners(algo, settings)
+    _, learner = build_learner(algo, settings)
     learner.initialize(torch.Generator().manual_seed(0))
     return learner
 
@@ -161,20 +144,23 @@ def assert_uniform(weight, bound):
     assert weight.std().item() == pytest.approx(bound / math.sqrt(3), rel=0.1)
 
 
-def test_script_ddpg_has_initial_actions_near_zero():
-    learner = first_layers("ddpg", **SCRIPT["ddpg"])
-    assert [tuple(weight.shape) for weight, _ in learner.critic.layers] == [
-        (16, 200),
-        (201, 100),
-        (100, 1),
-    ]
-    for network in (learner.actor, learner.critic):
+@pytest.mark.parametrize("algo", ["ddpg", "td3"])
+def test_script_settings_have_glorot_initialization(algo):
+    learner = first_layers(algo, **SCRIPT[algo])
+    critics = [learner.critic] if algo == "ddpg" else learner.critics.networks
+    for network in (learner.actor, *critics):
         *hidden, last = network.layers
         for weight, _ in hidden:
             assert_uniform(weight, math.sqrt(6 / sum(weight.shape)))
-        assert_uniform(last.weight, 3e-3)
+        bound = 3e-3 if algo == "ddpg" else math.sqrt(6 / sum(last.weight.shape))
+        assert_uniform(last.weight, bound)
         assert not any(bias.any() for _, bias in network.layers)
-    assert torch.equal(learner.critic_target.values, learner.critic.values)
+
+
+def test_script_ddpg_has_initial_actions_near_zero():
+    learner = first_layers("ddpg", **SCRIPT["ddpg"])
+    inputs = [weight.shape[0] for weight, _ in learner.critic.layers]
+    assert inputs == [16, 201, 100]
     # The usual initial weights give actions of 0.1 to 0.3.
     observations = torch.randn(50, SIZE, generator=torch.Generator().manual_seed(1))
     assert learner.act(observations).abs().max() < 0.05
@@ -187,14 +173,6 @@ def test_last_layer_bound_limits_only_last_layer():
         assert_uniform(hidden.weight, 1 / math.sqrt(200))
         assert_uniform(last.weight, 0.01)
         assert 0 < last.bias.abs() <= 0.01
-
-
-def test_td3_weights_can_have_glorot_initialization():
-    learner = first_layers("td3", initialization="glorot")
-    for network in (learner.actor, *learner.critics.networks):
-        for weight, bias in network.layers:
-            assert_uniform(weight, math.sqrt(6 / sum(weight.shape)))
-            assert not bias.any()
 
 
 def test_shared_layers_have_orthogonal_initialization():

@@ -27,12 +27,14 @@ class RandomAgent(jbench.Agent):
 
     def __init__(self, settings, environment, seed, device):
         self.environment, self.transitions = environment, []
-        self.actor = nn.Sequential(nn.Linear(environment.observation_size, 1), nn.Tanh())
+        sizes = environment.observation_size, environment.action_size
+        self.actor = nn.Sequential(nn.Linear(*sizes), nn.Tanh())
         self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=0.01)
 
     def explore(self, observations):
-        noise = torch.randn(len(observations), 1).numpy() + np.random.normal() + random.random()
-        return self.act(observations) + noise
+        actions = self.act(observations)
+        noise = torch.randn(actions.shape).numpy() + np.random.normal() + random.random()
+        return actions + noise
 
     def act(self, observations):
         with torch.no_grad():
@@ -67,19 +69,26 @@ def returns(engine, steps):
     return [ended.tolist() for ended in engine.learn(steps) if ended is not None]
 
 
-def test_engine_restored_within_episode_continues_bit_for_bit():
-    with build_engine() as whole:
-        expected = returns(whole, 70)
+# The second task has a state between two episodes only.
+@pytest.mark.parametrize(
+    ("task", "stop", "motors"), [("face_direction", 34, 1), ("dmc:cheetah-run", 40, 6)]
+)
+def test_restored_engine_continues_bit_for_bit(task, stop, motors):
+    with build_engine(task=task) as whole:
+        expected = returns(whole, 80)
         weights = whole.policy(0).files()
         losses = whole.losses(0)
-    with build_engine() as first:
-        before = returns(first, 34)
+        assert whole._agent.transitions[-1].actions.shape == (2, motors)
+        size = whole.environments.size
+        assert whole.act(np.ones((1, 5, size), np.float32)).shape == (1, 5, motors)
+    with build_engine(task=task) as first:
+        before = returns(first, stop)
         state = first.state(0)
         list(first.learn(70))  # changes the global generators before the state is restored
-    with build_engine() as second:
+    with build_engine(task=task) as second:
         second.restore([state])
-        assert second.control_steps == 34
-        after = returns(second, 70)
+        assert second.control_steps == stop
+        after = returns(second, 80)
         assert before + after == expected
         assert second.losses(0) == losses
         assert second.policy(0).files() == weights
@@ -121,11 +130,9 @@ def test_agent_that_draws_on_gpu_continues_bit_for_bit(gpu):
 
 
 def test_checkpoint_of_cpu_can_be_restored_on_gpu(gpu):
-    with build_engine() as engine:
+    with build_engine() as engine, build_engine(device=gpu) as other:
         list(engine.learn(34))
-        state = engine.state(0)
-    with build_engine(device=gpu) as other:
-        other.restore([state])
+        other.restore([engine.state(0)])
         assert other.control_steps == 34
 
 
@@ -195,26 +202,25 @@ def test_evaluations_and_checkpoints_do_not_change_training():
     assert outcomes[0] == outcomes[1]
 
 
-def test_actions_of_wrong_shape_are_refused():
-    class Flat(RandomAgent):
+def test_actions_of_wrong_shape_and_losses_that_are_no_dictionary_are_refused():
+    class Faulty(RandomAgent):
         def act(self, observations):
             return super().act(observations)[:, 0]
 
-    with (
-        build_engine(Flat) as engine,
-        pytest.raises(WorkError, match=r"returned the shape \(5,\) .* must return actions \(5, 1"),
-    ):
-        engine.act(np.ones((1, 5, 16), np.float32))
+        def explore(self, observations):
+            return super().act(observations)[:, :1]
 
-
-def test_losses_that_are_no_dictionary_are_refused():
-    class Forgetful(RandomAgent):
         def learn(self, transition):
             pass
 
+    with build_engine(Faulty) as engine:
+        with pytest.raises(WorkError, match=r"the shape \(5,\) .* must return actions \(5, 1"):
+            engine.act(np.ones((1, 5, 16), np.float32))
+        with pytest.raises(WorkError, match="returned a NoneType; it"):
+            next(engine.learn(10))
     with (
-        build_engine(Forgetful) as engine,
-        pytest.raises(WorkError, match="returned a NoneType; it"),
+        build_engine(Faulty, "dmc:cheetah-run") as engine,
+        pytest.raises(WorkError, match=r"the shape \(2, 1\) .* return actions \(2, 6\)"),
     ):
         next(engine.learn(10))
 
@@ -229,44 +235,25 @@ def test_nonfinite_loss_is_divergence():
         assert engine.diverged[0].what == "critic_loss"
 
 
-def test_policy_that_cannot_be_saved_is_refused_before_training():
-    class UnsavedPolicy(RandomAgent):
+@pytest.mark.parametrize(
+    ("policy", "sentence"),
+    [
+        (nn.Sequential(nn.Linear(16, 1), nn.Softsign()), "softsign"),
+        (3, "its type is int, no torch module; pass"),
+    ],
+)
+def test_policy_that_cannot_be_saved_is_refused_before_training(policy, sentence):
+    class Unsaved(RandomAgent):
         def policy(self):
-            return nn.Sequential(self.actor, nn.Softsign())
+            return policy
 
-    with pytest.raises(UnsupportedPolicyError, match="softsign"):
-        build_engine(UnsavedPolicy)
-
-
-def test_policy_that_is_no_module_is_refused_with_a_sentence():
-    class Number(RandomAgent):
-        def policy(self):
-            return 3
-
-    with pytest.raises(UnsupportedPolicyError, match="its type is int, no torch module; pass"):
-        build_engine(Number)
-
-
-def test_agent_without_state_is_not_resumable():
-    class WithoutState(RandomAgent):
-        restore = jbench.Agent.restore
-
-    with build_engine(WithoutState) as without_state, build_engine() as engine:
-        assert not without_state.is_resumable
-        assert engine.is_resumable
-
-
-def through_files(value):
-    """Packs a value, writes and reads it as a checkpoint, and unpacks it."""
-    tensors = {}
-    node = json.loads(json.dumps(pack(value, tensors), allow_nan=False))
-    return unpack(node, safetensors.torch.load(safetensors.torch.save(tensors)))
+    with pytest.raises(UnsupportedPolicyError, match=sentence):
+        build_engine(Unsaved)
 
 
 def test_values_keep_their_types_and_bits():
-    generator = np.random.default_rng(5)
     value = {
-        "generator": generator.bit_generator.state,
+        "generator": np.random.default_rng(5).bit_generator.state,
         "pair": (1, [True, None, "text"]),
         "best": -np.inf,
         "total": np.float32(0.1),
@@ -275,15 +262,15 @@ def test_values_keep_their_types_and_bits():
         "transposed": np.arange(6.0).reshape(2, 3).T,
         3: torch.arange(4, dtype=torch.int64),
     }
-    found = through_files(value)
-    assert found["generator"] == value["generator"]
-    assert found["pair"] == (1, [True, None, "text"])
-    assert found["best"] == -np.inf
-    assert type(found["total"]) is np.float32
-    assert found["total"] == np.float32(0.1)
-    assert found["flags"].dtype == bool
-    assert found["empty"].shape == (0, 4)
-    assert np.array_equal(found["transposed"], value["transposed"])
+    tensors = {}
+    written = json.dumps(pack(value, tensors), allow_nan=False)
+    read = safetensors.torch.load(safetensors.torch.save(tensors))
+    found = unpack(json.loads(written), read)
+    assert found.keys() == value.keys()
+    for name in ("generator", "pair", "best", "total"):
+        assert (type(found[name]), found[name]) == (type(value[name]), value[name])
+    for name in ("flags", "empty", "transposed"):
+        np.testing.assert_array_equal(found[name], value[name], strict=True)
     assert torch.equal(found[3], value[3])
 
 

@@ -12,38 +12,21 @@ from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.encoders.states import States
 from jbench.encoders.training import fitted, train_encoder
+from jbench.names import TASKS
 from jbench.store import schema
 from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import State
+from tests.tasks import robot_states
 
 CHEAP = {"epochs": 5, "batch": 500}
-PLANAR_SIZES = {
-    "move_from_origin": 13,
-    "face_direction": 12,
-    "move_in_direction": 12,
-    "move_to_position": 13,
-    "move_to_pose": 14,
-}
+PLANAR_SIZES = dict(zip(TASKS, (13, 12, 12, 13, 14), strict=True))
 
 
 def random_states(episodes):
-    """Random states (episodes, 1001)."""
-    random = np.random.default_rng(episodes)
-    shape = (episodes, 1001)
-    quaternion = random.normal(size=(*shape, 4))
-    quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    xyz = np.cumsum(random.normal(0, 1e-3, (*shape, 3)), axis=1)
-    return State(
-        position=np.concatenate([xyz, quaternion], -1),
-        velocity=random.normal(size=(*shape, 6)),
-        motor_position=random.uniform(-np.pi, np.pi, shape),
-        motor_velocity=random.uniform(-150, 150, shape),
-        torso_velocity=random.normal(0, 0.1, (*shape, 3)),
-    )
+    return robot_states.random_states((episodes, 1001), seed=episodes)[0]
 
 
 def random_actions(episodes):
-    """Random actions (episodes, 1000)."""
     return np.random.default_rng(episodes + 1).uniform(-1, 1, (episodes, 1000)).astype(np.float32)
 
 
@@ -72,7 +55,6 @@ def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
 
 
 def read_states(dataset, task="face_direction", seed=2, **more):
-    """The scaled states of a dataset, which have been read."""
     states = States(dataset, task, seed, **more)
     states.read(torch.device("cpu"))
     return states
@@ -92,12 +74,10 @@ def train(states, results, kind="dae", latents=3, options=None, **more):
 
 
 def rows(record, table="encoder_epochs"):
-    """The rows of a table of an encoder."""
     return record.read(table).to_pandas()
 
 
 def fitted_encoder(kind, states, latents=None):
-    """An encoder of a kind without a training loop."""
     latents = latents or kind.latent_sizes(states.task)[0]
     return SavedEncoder(kind, fitted(kind, states, latents), states.scaling, latents)
 
@@ -108,7 +88,6 @@ def observations_of(dataset, task="face_direction"):
 
 
 def range_without_symmetry(size):
-    """A scaling whose ranges are not symmetric."""
     low, high = -np.random.default_rng(size).uniform(0.2, 1, (2, size)).astype(np.float32)
     return Scaling(low, high + 2)
 
@@ -117,8 +96,7 @@ def planar_encoder(task, kind, inputs=None):
     """An encoder of the kind of `planar`; the scaling of its inputs is by default not symmetric."""
     size = len(kind.columns(task))
     inputs = inputs or range_without_symmetry(observation_size(task))
-    weights = planar_weights(
-        task, inputs, range_without_symmetry(size), np.array([0.001, -0.002, 0.004])
-    )
+    offset = np.array([0.001, -0.002, 0.004])
+    weights = planar_weights(task, inputs, range_without_symmetry(size), offset)
     weights = {name: value.astype(np.float32) for name, value in weights.items()}
     return SavedEncoder(kind(), weights, inputs, size)

@@ -1,4 +1,4 @@
-"""Tests of the learned kinds: gradients, losses and noise, against numpy or torch."""
+"""Tests of the learned kinds against numpy or torch, and of the check of other packages' kinds."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,12 @@ from jbench.encoders.kinds.variational import (
     VariationalAutoencoder,
     divergence,
 )
+from jbench.encoders.loop import check_kind
+from jbench.encoders.registry import find_kind
 from jbench.encoders.states import StatePairs
+from jbench.encoders.training import train_encoder
+from jbench.errors import WorkError
+from jbench.names import ENCODER_KINDS
 
 SIZE, LATENTS, ROWS = 7, 3, 50
 LEARNED = [
@@ -37,30 +42,18 @@ def rows_of(seed=1, rows=ROWS, size=SIZE):
     return torch.empty(rows, size).uniform_(-1, 1, generator=generator(seed))
 
 
-def prepared(kind, seed=3):
-    """A batch prepared as in the training loop."""
+def prepared(kind):
     later = rows_of(2) if kind.steps_ahead else rows_of(1)
     actions = rows_of(5, size=1) if kind.uses_actions else None
-    return kind.prepare(StatePairs(rows_of(1), later, actions), LATENTS, generator(seed))
+    return kind.prepare(StatePairs(rows_of(1), later, actions), LATENTS, generator(3))
 
 
-def initial(kind, seed=4):
+def initial(kind):
     """Initial weights with nonzero biases."""
-    weights = kind.initial(SIZE, LATENTS, generator(seed))
+    weights = kind.initial(SIZE, LATENTS, generator(4))
     for value in weights.values():
-        value += 0.1 * torch.randn(value.shape, generator=generator(seed))
+        value += 0.1 * torch.randn(value.shape, generator=generator(4))
     return {name: value.requires_grad_() for name, value in weights.items()}
-
-
-@pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
-def test_gradient_equals_finite_differences(kind):
-    weights = {n: v.detach().double().requires_grad_() for n, v in initial(kind).items()}
-    batch = StatePairs(*(None if part is None else part.double() for part in prepared(kind)))
-
-    def loss(*values):
-        return kind.loss(dict(zip(weights, values, strict=True)), batch)
-
-    assert torch.autograd.gradcheck(loss, tuple(weights.values()))
 
 
 @pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
@@ -76,19 +69,6 @@ def test_hand_written_gradient_equals_autograd(kind):
     # The batch is unchanged: a second call has the same result.
     for part, was in zip(batch, before, strict=True):
         assert part is was or torch.equal(part, was)
-
-
-@pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
-def test_encoding_and_decoding_agree_in_numpy_and_torch(kind):
-    weights = {name: value.detach() for name, value in initial(kind).items()}
-    in_numpy = {name: value.numpy() for name, value in weights.items()}
-    rows = rows_of(8)
-    latents = kind.encode(weights, rows)
-    assert latents.shape == (ROWS, LATENTS)
-    np.testing.assert_allclose(kind.encode(in_numpy, rows.numpy()), latents.numpy(), atol=1e-6)
-    back = kind.decode(weights, latents)
-    assert back.shape == (ROWS, SIZE)
-    np.testing.assert_allclose(kind.decode(in_numpy, latents.numpy()), back.numpy(), atol=1e-6)
 
 
 def test_autoencoder_is_two_tanh_layers_with_glorot_weights():
@@ -161,11 +141,71 @@ def test_dynamic_bound_has_four_terms():
     plain = VariationalAutoencoder(hidden=5).loss(weights, batch)
     predicted = kind.decode(weights, dynamics(latents, batch.actions))
     nll = ((predicted - batch.later) / 0.1).square().sum(1).mean() / 2
-    apart = divergence(
-        dynamics,
-        dynamics(mean, batch.actions),
-        log_variance,
-        *kind.posterior(weights, batch.later),
-    ).mean()
+    later, means = kind.posterior(weights, batch.later), dynamics(mean, batch.actions)
+    apart = divergence(dynamics, means, log_variance, *later).mean()
     expected = (plain + nll + 0.1 * apart).item()
     assert kind.loss(weights, batch).item() == pytest.approx(expected, rel=1e-5)
+
+
+class Linear(Learned):
+    """A linear autoencoder with shared weights."""
+
+    def initial(self, size, latents, random):
+        return {"matrix": torch.ones(size, latents)}
+
+    def encode(self, weights, scaled):
+        return scaled @ weights["matrix"]
+
+    def decode(self, weights, latents):
+        return latents @ weights["matrix"].T
+
+    def loss(self, weights, batch):
+        return (self.decode(weights, self.encode(weights, batch.now)) - batch.later).square().mean()
+
+
+class OnlyTorch(Linear):
+    def encode(self, weights, scaled):
+        return torch.tanh(scaled @ weights["matrix"])
+
+
+class NoReduction(Linear):
+    def encode(self, weights, scaled):
+        return scaled
+
+    def loss(self, weights, batch):
+        return (batch.now @ weights["matrix"]).square().mean()
+
+
+class LossOfRows(Linear):
+    def loss(self, weights, batch):
+        return self.encode(weights, batch.now).square()
+
+
+REFUSED = [
+    (type("Mine", (Linear,), {"loss": Learned.loss}), "it has no method loss"),
+    (type("Mine", (Linear,), {"initial": Learned.initial}), "it has no method initial or constant"),
+    (OnlyTorch, r"encode or decode of numpy arrays fails \(TypeError: .*numpy.ndarray\)"),
+    (NoReduction, r".*encode returns the shape \(1, 16\), not \(1, 5\)"),
+    (LossOfRows, r"loss fails \(RuntimeError: grad can be .* only for scalar"),
+]
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in ENCODER_KINDS if issubclass(find_kind(name), Learned)]
+)
+def test_shipped_kinds_pass_the_check(trained, name):
+    check_kind(find_kind(name)(), name, trained.states, 4)
+
+
+@pytest.mark.parametrize(("kind", "reason"), REFUSED)
+def test_method_that_fails_is_named(trained, kind, reason):
+    with pytest.raises(WorkError, match=f"encoder mine can't be trained: {reason}.*describes"):
+        check_kind(kind(), "mine", trained.states, 5)
+
+
+def test_training_does_not_begin_if_a_method_fails(trained, results, monkeypatch):
+    monkeypatch.setattr("jbench.encoders.training.make_kind", lambda name, options: OnlyTorch())
+    monkeypatch.setattr("jbench.encoders.training.ENCODER_KINDS", {})
+    with pytest.raises(WorkError, match="decode of numpy arrays fails"):
+        train_encoder(trained.settings, trained.states, results)
+    assert results.scan("encoder")[0] == []

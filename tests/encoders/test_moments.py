@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from jbench.encoders.evaluation import affine_errors
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.moments import Moments
 from jbench.encoders.scaling import Scaling
@@ -12,13 +11,11 @@ OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)
 
 
 def correlated(rows=4000, size=6, seed=0):
-    """Rows of correlated columns with a nonzero mean."""
     random = np.random.default_rng(seed)
     return random.normal(size=(rows, size)) @ random.normal(size=(size, size)) + 3.0
 
 
 def errors(kind, weights, rows):
-    """Mean squared reconstruction error of each column."""
     return np.mean((kind.decode(weights, kind.encode(weights, rows)) - rows) ** 2, axis=0)
 
 
@@ -31,39 +28,17 @@ def test_scaling_maps_extremes_to_one_and_constants_to_zero():
     )
 
 
+@pytest.mark.parametrize("shift", [0, 1e6])
 @pytest.mark.parametrize("cuts", [(), (1,), (10, 10, 2500), (3999,)])
-def test_moments_of_blocks_equal_those_of_all_rows(cuts):
-    rows = correlated()
+def test_moments_of_blocks_equal_those_of_all_rows(cuts, shift):
+    rows = correlated() + shift
     found = Moments.none(6)
     for block in np.split(rows, cuts):
         found = found.merged(Moments.of(block))
     assert found.rows == 4000
     np.testing.assert_allclose(found.mean, rows.mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(found.covariance, np.cov(rows.T, bias=True), rtol=1e-10)
-    np.testing.assert_allclose(found.variance, rows.var(axis=0), rtol=1e-10)
-
-
-def test_moments_are_precise_far_from_zero():
-    rows = np.random.default_rng(0).normal(1e6, 1e-2, (10_000, 2))
-    found = Moments.none(2)
-    for block in np.split(rows, 100):
-        found = found.merged(Moments.of(block))
-    np.testing.assert_allclose(found.variance, rows.var(axis=0), rtol=1e-6)
-
-
-def test_moments_of_scaled_rows_equal_numpy():
-    rows, gain, offset = correlated(), np.arange(6.0) - 2, np.arange(6.0)
-    expected, found = Moments.of(gain * rows + offset), Moments.of(rows).scaled(gain, offset)
-    np.testing.assert_allclose(found.mean, expected.mean, atol=1e-9)
-    np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-9)
-
-
-def test_affine_errors_follow_from_moments():
-    rows = correlated()
-    for kind in (PrincipalComponents(), RandomProjection()):
-        weights = kind.fit(Moments.of(rows), 2, seed=1)
-        found = affine_errors(kind, weights, Moments.of(rows + 1))
-        np.testing.assert_allclose(found, errors(kind, weights, rows + 1), rtol=1e-9)
+    np.testing.assert_allclose(found.covariance, np.cov(rows.T, bias=True), rtol=1e-7)
+    np.testing.assert_allclose(found.variance, rows.var(axis=0), rtol=1e-7)
 
 
 @pytest.mark.parametrize("latents", [1, 3, 6])

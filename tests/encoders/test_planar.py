@@ -1,4 +1,4 @@
-"""Tests of the planar reduction: invariance to planar motions, and reconstruction."""
+"""Tests of the planar reduction and of its variants: invariance, reconstruction, and mirror."""
 
 import math
 
@@ -6,18 +6,28 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from jbench.encoders import action_signs
 from jbench.encoders.kinds.planar import PlanarReduction, planar_weights
-from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarWithoutYawRate
+from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarMirror, PlanarWithoutYawRate
+from jbench.encoders.predictions import predictions
+from jbench.encoders.training import fitted
 from jbench.names import TASKS
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, geometry, model
 from jbench.tasks.features import feature_labels
 from jbench.tasks.geometry import State, Target
 from jbench.tasks.robots import load_model
-from tests.encoders.encoder_data import PLANAR_SIZES, range_without_symmetry
+from tests.encoders.encoder_data import (
+    PLANAR_SIZES,
+    make_dataset,
+    planar_encoder,
+    random_states,
+    range_without_symmetry,
+    read_states,
+)
 
 KIND = PlanarReduction()
 OFFSET = np.array([0.001, -0.002, 0.004])  # center of mass of the torso (m)
@@ -25,10 +35,8 @@ OFFSET = np.array([0.001, -0.002, 0.004])  # center of mass of the torso (m)
 
 def turned_by(angle, quaternion):
     """Rotates a quaternion about the vertical axis."""
-    found = np.zeros(4)
-    mujoco.mju_mulQuat(
-        found, np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)]), quaternion
-    )
+    found, turn = np.zeros(4), np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)])
+    mujoco.mju_mulQuat(found, turn, quaternion)
     return found
 
 
@@ -40,21 +48,12 @@ def horizontal(angle, vector):
 
 def moved(state, target, angle, shift):
     """Robot and target after a rotation about the vertical axis and a shift (3,)."""
-    position = np.concatenate(
-        [
-            horizontal(angle, state.position[:3]) + shift,
-            turned_by(angle, state.position[3:]),
-        ]
-    )
+    place = horizontal(angle, state.position[:3]) + shift
+    position = np.concatenate([place, turned_by(angle, state.position[3:])])
     velocity = np.concatenate([horizontal(angle, state.velocity[:3]), state.velocity[3:]])
-    return (
-        state._replace(
-            position=position,
-            velocity=velocity,
-            torso_velocity=horizontal(angle, state.torso_velocity),
-        ),
-        Target(horizontal(angle, target.position) + shift, target.yaw + angle),
-    )
+    torso_velocity = horizontal(angle, state.torso_velocity)
+    state = state._replace(position=position, velocity=velocity, torso_velocity=torso_velocity)
+    return state, Target(horizontal(angle, target.position) + shift, target.yaw + angle)
 
 
 def robot(position, quaternion, velocity, motor, target):
@@ -85,7 +84,6 @@ robots = st.builds(
     numbers(3, 150),
     numbers(0.2, 0.2, 3),
 )
-angles = st.floats(-math.pi, math.pi)
 tasks = st.sampled_from(TASKS)
 
 
@@ -95,11 +93,10 @@ def features_in(task, state, target):
 
 
 def weights_of(task):
-    """Weights with another scaling than that of the observation."""
+    """A scaling other than that of the observation, and weights with it."""
     scaling = range_without_symmetry(features.observation_size(task))
-    return scaling, planar_weights(
-        task, scaling, range_without_symmetry(PLANAR_SIZES[task]), OFFSET
-    )
+    extremes = range_without_symmetry(PLANAR_SIZES[task])
+    return scaling, planar_weights(task, scaling, extremes, OFFSET)
 
 
 def encoded(task, state, target):
@@ -118,7 +115,7 @@ def at_origin(task, target):
 
 
 @settings(max_examples=200, deadline=None)
-@given(tasks, robots, angles, numbers(3, 3))
+@given(tasks, robots, st.floats(-math.pi, math.pi), numbers(3, 3))
 def test_latents_are_invariant_to_planar_motions(task, found, angle, shift):
     state, target = found[0], at_origin(task, found[1])
     if task == "move_from_origin":
@@ -166,8 +163,7 @@ def test_planar_numbers_equal_values_computed_by_hand():
     state, target = robot(
         (1.0, 2.0, 0.03), quaternion, (0.1, 0.2, 0.3, 1, 2, 3), (0.5, 7), (1, 2.5, 0.0)
     )
-    physical = np.concatenate(list(features.features("move_to_pose", state, target).values()))
-    found = KIND.reduce("move_to_pose", physical)
+    found = KIND.reduce("move_to_pose", features_in("move_to_pose", state, target))
     # The heading is north, in which the velocity is 0.2 m/s and the target is 0.5 m away. The y
     # axis of the robot points up, its z axis to the right. The robot faces -y, which is down; by
     # the yaw of its x axis it faces east, and so does the target.
@@ -208,8 +204,8 @@ def next_numbers(physics, angle, shift):
     data.ctrl[0] = -0.4
     mujoco.mj_step(physics, data, nstep=50)
     state = model.read_state(data.qpos, data.qvel, model.torso_offset(physics))
-    seen = features.features("face_direction", state, Target(np.zeros(3), np.array(0.0)))
-    return KIND.reduce("face_direction", np.concatenate(list(seen.values())))[:-1]
+    seen = features_in("face_direction", state, Target(np.zeros(3), np.array(0.0)))
+    return KIND.reduce("face_direction", seen)[:-1]
 
 
 @pytest.mark.parametrize(
@@ -233,8 +229,7 @@ def test_heading_keeps_all_features_but_sign_of_quaternion(pair, task):
     assert len(numbers) in HeadingFrame.latent_sizes(task)
     np.testing.assert_array_equal(numbers[: PLANAR_SIZES[task]], KIND.reduce(task, physical))
     restored = HeadingFrame().restore(task, numbers, OFFSET)
-    sign = np.sign(restored[3:7] @ physical[3:7])
-    restored[3:7] *= sign
+    restored[3:7] *= np.sign(restored[3:7] @ physical[3:7])
     np.testing.assert_allclose(restored, physical, atol=1e-6, rtol=1e-6)
 
 
@@ -245,10 +240,41 @@ def test_planar_without_yaw_rate_leaves_out_only_that(pair, task):
     planar = KIND.reduce(task, physical)
     numbers = PlanarWithoutYawRate().reduce(task, physical)
     np.testing.assert_array_equal(numbers, np.delete(planar, 8))
-    # The rate about the vertical, whatever the tilt: that of the rotation by the heading.
-    upright = state._replace(
-        position=np.array([*state.position[:3], *turned_by(0.3, np.array([1.0, 0, 0, 0]))])
-    )
-    assert KIND.reduce(task, features_in(task, upright, target))[8] == pytest.approx(
-        state.velocity[5]
-    )
+
+
+def side_of(task, state, target):
+    """The angle or the lateral way to the target, positive on the left, and whether it is clear."""
+    if "angle_to_target" in TASK_SPECS[task].features:
+        angle = geometry.angle_to_target(state, target)
+        return angle, 1e-3 < abs(angle) < math.pi - 1e-3
+    way = (target.position - state.position[:3])[:2]
+    # The robot's left is the x axis of its frame, turned by the twist of its orientation.
+    twist = 2 * math.atan2(state.position[6], state.position[3])
+    lateral = math.cos(twist) * way[0] + math.sin(twist) * way[1]
+    return lateral, abs(lateral) > 1e-3
+
+
+@given(tasks, robots)
+def test_state_and_mirror_image_have_equal_latents_and_opposite_actions(task, found):
+    state, target = found[0], at_origin(task, found[1])
+    side, is_clear = side_of(task, state, target)
+    assume(is_clear)
+    encoder, plain = planar_encoder(task, PlanarMirror), planar_encoder(task, PlanarReduction)
+    observed = features.observation(task, state, target)
+    seen = torch.from_numpy(np.stack([observed, features.mirrored(task, observed)]))
+    latents, signs = encoder.encode(seen), action_signs(encoder, seen)
+    # In half of the observations' range, the encoder's numbers in float32 are 1e-7 from an image.
+    torch.testing.assert_close(latents[0], latents[1], rtol=0, atol=1e-4)
+    assert signs.tolist() == [[1.0], [-1.0]] if side > 0 else [[-1.0], [1.0]]
+    # What is not reflected is the planar reduction itself.
+    left = int(side < 0)
+    assert torch.equal(latents[left], plain.encode(seen)[left])
+
+
+def test_probe_predicts_mirrored_robot(results):
+    # States that last for ten control steps, so that the next rates follow from the latents.
+    state = State(*(np.repeat(part[:, ::10], 10, axis=1)[:, :1001] for part in random_states(5)))
+    states = read_states(make_dataset(results, state=state))
+    for kind in (PlanarReduction(), PlanarMirror()):
+        for row in predictions(kind, fitted(kind, states, 12), states):
+            assert row["r2"] > 0.6 or row["target"] == "reward"

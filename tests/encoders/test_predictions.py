@@ -34,7 +34,6 @@ def simulated(tmp_path_factory):
 
 
 def learned(kind, states, latents=12):
-    """Trained weights of a kind, as numpy arrays."""
     learner = EncoderLearner(kind, states, latents)
     for _ in range(kind.epochs):
         learner.epoch()
@@ -49,12 +48,10 @@ def probe(kind, weights, states):
 
 def test_forward_predicts_yaw_rate_better_than_autoencoder(simulated):
     cheap = {"epochs": 12, "batch": 256}
-    forward, dae = (make_kind(name, cheap) for name in ("forward", "dae"))
-    found = {
-        type(kind): probe(kind, learned(kind, simulated), simulated)[0]["yaw_rate"]
-        for kind in (forward, dae)
-    }
-    assert found[type(forward)] > found[type(dae)] + 0.1
+    found = []
+    for kind in (make_kind("forward", cheap), make_kind("dae", cheap)):
+        found.append(probe(kind, learned(kind, simulated), simulated)[0]["yaw_rate"])
+    assert found[0] > found[1] + 0.1
 
 
 def test_probe_uses_only_information_in_latents(simulated):
@@ -143,15 +140,10 @@ def test_forward_loss_is_sum_of_three_errors(simulated):
     def layer(name, values):
         return values @ w[f"{name}.weight"].T + w[f"{name}.bias"]
 
-    now, later, actions = (
-        part.double().numpy() for part in (batch.now, batch.later, batch.actions)
-    )
+    now, actions = batch.now.double().numpy(), batch.actions.double().numpy()
     latents = np.tanh(layer("encoder", now))
     hidden = np.tanh(layer("hidden", np.hstack([latents, actions])))
-    change = (later - now + w["change.turn"] * 0.5) % np.where(
-        w["change.turn"], w["change.turn"], np.inf
-    ) - w["change.turn"] * 0.5
-    change = np.where(w["change.turn"] > 0, change, later - now)
+    change = state_changes(batch, weights["change.turn"]).double().numpy()
     reward = batch.rewards.double().numpy().mean(1)[:, None] * w["reward.scale"]
     expected = (
         np.mean((layer("change", hidden) - change * w["change.scale"]) ** 2)
@@ -202,8 +194,7 @@ def linear_system(order, size=10, episodes=3):
         hidden[:, step + 1] = 0.95 * hidden[:, step] @ rotation.T
         hidden[:, step + 1] += actions[:, step, None] * effect
     states = hidden @ seen.T + random.normal(0, 0.01, (episodes, 1001, size))
-    shard = Shard(*(torch.from_numpy(v.astype(np.float32)) for v in (states, actions, actions)))
-    return shard
+    return Shard(*(torch.from_numpy(v.astype(np.float32)) for v in (states, actions, actions)))
 
 
 def states_of(shard):

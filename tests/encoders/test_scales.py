@@ -1,4 +1,4 @@
-"""Tests of the scales of inputs and latents, of their names, and of encoders with a seed each."""
+"""Tests of scales of inputs and latents, kinds of fixed size, and encoders with a seed each."""
 
 import numpy as np
 import pytest
@@ -6,18 +6,27 @@ import torch
 
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.kinds.autoencoders import DenoisingAutoencoder
+from jbench.encoders.kinds.linear import Raw, Scaled
+from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.states import StatePairs, States, split_episodes
 from jbench.errors import RequestError
+from jbench.names import TASKS
 from jbench.store import Results
-from tests.encoders.encoder_data import observations_of, read_states, train
+from jbench.tasks.features import denormalize
+from tests.encoders.encoder_data import (
+    PLANAR_SIZES,
+    fitted_encoder,
+    observations_of,
+    read_states,
+    train,
+)
 
 TASK = "face_direction"
 WHITENED = {"rescale": "whitened"}
 
 
 def trained_with(data, results, kind="dae", latents=3, seed=2, **options):
-    """Trains an encoder on states of its scale, and returns its record."""
     states = States(data.dataset, TASK, seed, scale=options.get("scale", "dataset"))
     return train(states, results, kind, latents, options)
 
@@ -31,11 +40,7 @@ def latents_of(results, record, data):
 
 @pytest.mark.parametrize(
     ("scale", "expected"),
-    [
-        ("dataset", lambda x: 2 * (x - x.min(0)) / np.ptp(x, axis=0) - 1),
-        ("observation", lambda x: x),
-        ("sd", lambda x: (x - x.mean(0)) / x.std(0)),
-    ],
+    [("observation", lambda x: x), ("sd", lambda x: (x - x.mean(0)) / x.std(0))],
 )
 def test_features_have_requested_scale(trained, scale, expected):
     states = read_states(trained.dataset, scale=scale)
@@ -107,3 +112,41 @@ def test_each_agent_can_have_encoder_of_its_seed(trained, results):
     assert len(draws) == 8
     with pytest.raises(RequestError, match=r"the seed 4 .*jbench train-dae .*--seed 4"):
         find_draws(results, "dae3", TASK, [2, 4])
+
+
+@pytest.mark.parametrize("memory", [1 << 30, 300_000])
+@pytest.mark.parametrize("task", TASKS)
+def test_planar_latents_range_from_minus_one_to_one(trained, task, memory):
+    states = read_states(trained.dataset, task, memory=memory)
+    assert states.in_memory == (memory > 300_000)
+    latents = fitted_encoder(PlanarReduction(), states).encode(
+        observations_of(trained.dataset, task)
+    )
+    assert latents.shape[-1] == PLANAR_SIZES[task]
+    np.testing.assert_allclose(latents.min((0, 1)), -1, atol=1e-4)
+    np.testing.assert_allclose(latents.max((0, 1)), 1, atol=1e-4)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_scaled_is_scaled_observation_and_raw_is_in_si_units(trained, task):
+    states, seen = read_states(trained.dataset, task), observations_of(trained.dataset, task)
+    scaled, raw = (fitted_encoder(kind, states).encode(seen) for kind in (Scaled(), Raw()))
+    np.testing.assert_allclose(scaled, states.scaled(seen), atol=1e-6)
+    np.testing.assert_allclose(raw, denormalize(task, seen), rtol=1e-3, atol=1e-3)
+
+
+def test_kind_of_fixed_size_is_found_by_name(trained, results):
+    for kind, latents in (("scaled", 16), ("planar", 12)):
+        record = train(trained.states, results, kind, latents)
+        for name in (kind, f"{kind}:{latents}"):
+            assert find_encoder(results, name, TASK) == record.id
+
+
+def test_dae_with_yaw_rate_appends_scaled_yaw_rate(trained, results):
+    record, plain = (train(trained.states, results, *kind) for kind in (("dae-yaw", 4), ("dae", 3)))
+    observations = observations_of(trained.dataset)
+    latents, inner = (load_encoder(results, r.id)[0].encode(observations) for r in (record, plain))
+    np.testing.assert_array_equal(latents[..., :3], inner)
+    np.testing.assert_allclose(
+        latents[..., 3], trained.states.scaled(observations)[..., 12], atol=1e-6
+    )

@@ -1,7 +1,5 @@
 """Tests of the training of encoders: learning, saved files and resuming."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -12,9 +10,8 @@ from jbench.encoders.kind import Learned
 from jbench.encoders.kinds.autoencoders import Autoencoder, DenoisingAutoencoder
 from jbench.encoders.kinds.linear import PrincipalComponents
 from jbench.encoders.loop import EncoderLearner
-from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
-from jbench.encoders.states import Shard, States, split_episodes
+from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import WorkError
 from jbench.store import Results, encoder_schema
@@ -28,24 +25,17 @@ from tests.encoders.encoder_data import (
     train,
 )
 
-CPU = torch.device("cpu")
 STREAMED = 3 * 2 * 1001 * 16 * 4  # bytes of memory, enough for two episodes
 LEARNED = {"dae": {}, "ddae": {"horizon": 3}, "vae": {"hidden": 8}, "lld-vae": {"hidden": 8}}
 LEARNED |= {"forward": {"hidden": 8, "horizon": 2}, "contrastive": {"hidden": 8}}
 
 
-class StoppedError(Exception):
-    """Stops a training."""
-
-
 def train_until(epoch, *arguments, **more):
-    """Trains until an epoch, then stops by an error."""
-
     def stop(done):
         if done == epoch:
-            raise StoppedError
+            raise KeyboardInterrupt
 
-    with pytest.raises(StoppedError):
+    with pytest.raises(KeyboardInterrupt):
         train(*arguments, progress=stop, **more)
 
 
@@ -53,59 +43,31 @@ def files(record):
     return [record.read_file(name) for name in (WEIGHTS, DESCRIPTION)]
 
 
-def of_rank_two(size=6):
-    """Training data of rank two: two hidden variables observed in six features."""
-    random = np.random.default_rng(0)
-    values = random.uniform(-0.7, 0.7, (2, 1001, 2)) @ random.normal(size=(2, size)) / 2
-    states = torch.from_numpy(values.astype(np.float32))
-    shard = Shard(states, *torch.zeros(2, 2, 1000))
-    about = {"size": size, "action_size": 1, "seed": 0, "device": CPU}
-    return SimpleNamespace(learn=lambda generator: iter([shard]), **about), states.view(-1, size)
-
-
-def test_every_row_is_used_once_per_epoch():
-    states, rows = of_rank_two()
-    seen = []
+def test_every_row_is_used_once_per_epoch(trained):
+    (shard,) = trained.states.learn()
+    rows, seen = shard.states.view(-1, 16), []
 
     class Watching(Autoencoder):
         def gradient(self, weights, gradients, batch):
             seen.append(batch.now.clone())
             return super().gradient(weights, gradients, batch)
 
-    EncoderLearner(Watching(batch=64), states, 2).epoch()
-    assert [len(batch) for batch in seen] == [64] * (2002 // 64) + [2002 % 64]
+    EncoderLearner(Watching(batch=64), trained.states, 2).epoch()
+    assert [len(batch) for batch in seen] == [64] * (4004 // 64) + [4004 % 64]
     found = torch.cat(seen)
     assert not torch.equal(found, rows)
     order = [np.lexsort(values.numpy().T) for values in (found, rows)]
     assert torch.equal(found[order[0]], rows[order[1]])
 
 
-def test_training_is_independent_of_global_seed_and_threads(trained, results, tmp_path):
-    found = []
-    for seed in (5, 6):
-        torch.manual_seed(seed)
-        torch.set_num_threads(seed - 4)
-        found.append(files(train(trained.states, Results(tmp_path / str(seed)))))
-        assert torch.get_num_threads() == seed - 4
-    torch.set_num_threads(1)
-    assert found[0] == found[1]
-
-
 @pytest.mark.parametrize(
     ("kind", "commit_every"),
-    [
-        *((kind, 0.0) for kind in LEARNED),
-        ("dae", 1e9),
-        *(pytest.param(kind, 1e9, marks=pytest.mark.slow) for kind in LEARNED if kind != "dae"),
-    ],
+    [*((kind, 0.0) for kind in LEARNED), ("dae", 1e9)],
 )
 def test_interrupted_training_resumes_to_same_weights(trained, tmp_path, kind, commit_every):
-    options = LEARNED[kind]
-    uninterrupted = train(
-        trained.states, Results(tmp_path / "uninterrupted"), kind, options=options
-    )
+    more = {"options": LEARNED[kind], "commit_every": commit_every}
+    uninterrupted = train(trained.states, Results(tmp_path / "uninterrupted"), kind, **more)
     results = Results(tmp_path / "stopped")
-    more = {"options": options, "commit_every": commit_every}
     for stop in (1, 2):
         train_until(2 * stop, trained.states, results, kind, **more)
         (begun,) = results.scan("encoder")[0]
@@ -162,21 +124,6 @@ def test_invalid_checkpoint_is_refused(trained, results, change):
     begun.append({}, {CHECKPOINT: change(begun.read_file(CHECKPOINT))})
     with pytest.raises(WorkError, match=r"checkpoint can't be used .*delete the directory"):
         train(trained.states, results)
-
-
-@pytest.mark.parametrize("kind", LEARNED)
-def test_random_numbers_do_not_depend_on_device(trained, kind, monkeypatch):
-    # The meta device computes no values, so that no GPU is needed: all random numbers must come
-    # from the generator on the CPU, as many as a training on the CPU draws.
-    states, made = [], make_kind(kind, {**CHEAP, **LEARNED[kind]})
-    monkeypatch.setattr(type(made), "constants", lambda *_: {})  # have no random numbers
-    for device in (CPU, torch.device("meta")):
-        there = States(trained.dataset, "face_direction", 2)
-        there.read(device)
-        learner = EncoderLearner(made, there, 3)
-        assert all(batch.now.device == device for batch in learner._prepared())
-        states.append(learner.random.get_state())
-    assert torch.equal(*states)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
@@ -237,22 +184,15 @@ def test_loaded_encoder_equals_trained_network_and_is_described(trained):
 
 
 def test_files_depend_only_on_settings_and_seed(trained, results):
+    torch.manual_seed(6)
+    torch.set_num_threads(2)
     again = train_encoder(trained.settings, trained.states, results)
+    assert torch.get_num_threads() == 2
+    torch.set_num_threads(1)
     assert files(again) == files(trained.record)
     assert again.id == trained.record.id
     other = train(States(trained.dataset, "face_direction", 3), results)
     assert other.read_file(WEIGHTS) != again.read_file(WEIGHTS)
-
-
-def test_finished_encoder_is_not_trained_again(trained):
-    def state():
-        found = {path.name: path.stat() for path in trained.record.path.iterdir()}
-        return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in found.items()}
-
-    before, seen = state(), []
-    again = train_encoder(trained.settings, trained.states, trained.results, seen.append)
-    assert (again.id, seen) == (trained.record.id, [])
-    assert state() == before
 
 
 def test_unfinished_encoder_without_checkpoint_restarts(trained, results):
@@ -297,31 +237,19 @@ def test_encoder_with_unusable_weights_is_not_saved(
         train(trained.states, results, "pca")
 
 
-class _Scale(Learned):
-    """A kind that draws its weights in float64, and one weight that its loss does not use."""
-
-    def initial(self, size, latents, random):
-        return {"scale": torch.ones(size, dtype=torch.float64), "unused": torch.ones(2)}
-
-    def encode(self, weights, scaled):
-        return scaled * weights["scale"]
-
-    def loss(self, weights, batch):
-        return self.encode(weights, batch.now).square().mean()
-
-
 def test_weights_are_trained_in_float32_and_unused_ones_stay(trained):
-    learner = EncoderLearner(_Scale(batch=500), trained.states, 16)
+    class Doubles(Autoencoder):
+        gradient = Learned.gradient
+
+        def initial(self, *about):
+            weights = {name: value.double() for name, value in super().initial(*about).items()}
+            return weights | {"unused": torch.ones(2)}
+
+    learner = EncoderLearner(Doubles(batch=500), trained.states, 3)
     learner.epoch()
     assert {value.dtype for value in learner.weights.values()} == {torch.float32}
-    assert (learner.weights["scale"] < 1).all()
+    assert (learner.weights["encoder.bias"] != 0).any()
     assert learner.weights["unused"].tolist() == [1, 1]
-
-
-def test_states_of_other_seed_are_refused(trained, results):
-    settings = trained.settings.model_copy(update={"seed": 1})
-    with pytest.raises(ValueError, match="not the states of"):
-        train_encoder(settings, trained.states, results)
 
 
 def test_encoder_in_use_by_other_process_is_refused(trained, results):

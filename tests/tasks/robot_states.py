@@ -8,6 +8,17 @@ from hypothesis import strategies as st
 
 from jbench.tasks.geometry import State, Target
 
+_COMMON = {"position": 7, "velocity": 6, "motor_position": 1, "motor_velocity": 1}
+FEATURES = {
+    "move_from_origin": _COMMON,
+    "face_direction": _COMMON | {"angle_to_target": 1},
+    "move_in_direction": _COMMON | {"angle_to_target": 1, "speed_in_target_frame": 3},
+    "move_to_position": _COMMON | {"target_in_jitterbug_frame": 3},
+    "move_to_pose": _COMMON | {"target_in_jitterbug_frame": 3, "angle_to_target": 1},
+}
+"""The features that the paper's tasks observe, and their sizes."""
+SIZES = {task: sum(sizes.values()) for task, sizes in FEATURES.items()}
+
 REST = State(
     position=np.array([0, 0, 0.035, 1, 0, 0, 0]),
     velocity=np.zeros(6),
@@ -19,7 +30,6 @@ REST = State(
 
 
 def rest(**changes):
-    """The robot at rest, with `changes` given as numbers."""
     return REST._replace(**{name: np.array(value, float) for name, value in changes.items()})
 
 
@@ -65,7 +75,6 @@ def vectors(size, bound):
 
 
 def quaternions():
-    """Unit quaternions in any direction."""
     long_enough = vectors(4, 1.0).filter(lambda q: np.linalg.norm(q) > 0.1)
     return long_enough.map(lambda q: q / np.linalg.norm(q))
 

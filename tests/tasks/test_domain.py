@@ -1,25 +1,24 @@
-"""Tests of the domain `jitterbug` of the dm_control suite: properties of all five tasks."""
+"""Tests of the domains of the dm_control suite, and of augmented robots there and in Gymnasium."""
 
 import math
 
 import dm_env
+import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from dm_control import suite
+from dm_control.suite.wrappers import pixels
 from dm_env import specs
 
+from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.tasks import features, rewards
+from jbench.registration import environment_id
+from jbench.tasks import augmented, features, rewards
 from jbench.tasks.geometry import Target
-
-COMMON = {"position": 7, "velocity": 6, "motor_position": 1, "motor_velocity": 1}
-SHAPES = {
-    "move_from_origin": COMMON,
-    "face_direction": COMMON | {"angle_to_target": 1},
-    "move_in_direction": COMMON | {"angle_to_target": 1, "speed_in_target_frame": 3},
-    "move_to_position": COMMON | {"target_in_jitterbug_frame": 3},
-    "move_to_pose": COMMON | {"target_in_jitterbug_frame": 3, "angle_to_target": 1},
-}
+from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.robots import load_model
+from tests.tasks.robot_states import FEATURES
 
 # A random policy's median returns are 892 and 282; single episodes vary around them.
 RANDOM_RETURNS = {"move_from_origin": (400, 990), "move_in_direction": (100, 500)}
@@ -32,9 +31,9 @@ def load(task, random=0, visualize_reward=False, environment_kwargs=None, **sett
     return suite.load("jitterbug", task, settings, environment_kwargs, visualize_reward)
 
 
-def roll_out(env, steps, seed=0):
+def roll_out(env, steps):
     """The time steps of the first `steps` of an episode with random actions."""
-    actions = np.random.default_rng(seed)
+    actions = np.random.default_rng(0)
     return [env.reset(), *(env.step(actions.uniform(-1, 1, 1)) for _ in range(steps))]
 
 
@@ -42,20 +41,7 @@ def flat(time_step):
     return np.concatenate(list(time_step.observation.values()))
 
 
-@pytest.fixture(
-    scope="module",
-    params=[
-        task if task in RANDOM_RETURNS else pytest.param(task, marks=pytest.mark.slow)
-        for task in TASKS
-    ],
-)
-def episode(request):
-    """A task and a complete episode of it."""
-    env = load(request.param)
-    return request.param, [*roll_out(env, 999), env.step([0.5])]
-
-
-def test_suite_lists_five_tasks():
+def test_suite_lists_five_tasks_and_keeps_its_own():
     ours = {("jitterbug", task) for task in TASKS}
     assert ours <= set(suite.ALL_TASKS)
     assert ours <= set(suite.BENCHMARKING)
@@ -65,11 +51,11 @@ def test_suite_lists_five_tasks():
     # In the paper's order of rising difficulty, every task is either easy or hard.
     assert ours & set(suite.EASY) == {("jitterbug", task) for task in TASKS[:3]}
     assert ours & set(suite.HARD) == {("jitterbug", task) for task in TASKS[3:]}
-
-
-def test_suite_keeps_its_own_tasks():
     assert ("cartpole", "balance") in suite.BENCHMARKING
-    assert ("humanoid", "stand") in suite.ALL_TASKS
+    ours = {("augmented_jitterbug", task) for task in TASKS}
+    assert suite.TASKS_BY_DOMAIN["augmented_jitterbug"] == TASKS
+    assert ours <= set(suite.EXTRA)
+    assert not ours & set(suite.BENCHMARKING)
     assert len(suite.ALL_TASKS) == len(set(suite.ALL_TASKS))
     assert len(suite.ALL_TASKS) == sum(map(len, suite.TASKS_BY_DOMAIN.values()))
 
@@ -77,29 +63,24 @@ def test_suite_keeps_its_own_tasks():
 @EVERY_TASK
 def test_observation_and_action_specs(task):
     env = load(task)
-    assert {name: spec.shape for name, spec in env.observation_spec().items()} == {
-        name: (size,) for name, size in SHAPES[task].items()
-    }
-    assert {spec.dtype for spec in env.observation_spec().values()} == {np.dtype(float)}
-    assert list(env.observation_spec()) == list(SHAPES[task])
+    observed = [(name, spec.shape, spec.dtype) for name, spec in env.observation_spec().items()]
+    assert observed == [(name, (size,), float) for name, size in FEATURES[task].items()]
     assert env.action_spec() == specs.BoundedArray((1,), float, [-1], [1])
 
 
-def test_episode_has_1000_steps_and_ends_with_discount_one(episode):
-    _, (first, *middle, last) = episode
+@pytest.mark.parametrize("task", RANDOM_RETURNS)
+def test_episode_has_1000_rewards_between_zero_and_one_and_ends_with_discount_one(task):
+    env = load(task)
+    first, *middle, last = [*roll_out(env, 999), env.step([0.5])]
     assert len(middle) + 1 == 1000
     assert first.first()
     assert {step.step_type for step in middle} == {dm_env.StepType.MID}
     assert last.last()
     assert (first.reward, first.discount) == (None, None)
     assert {step.discount for step in [*middle, last]} == {1.0}
-
-
-def test_rewards_are_between_zero_and_one(episode):
-    task, (_, *steps) = episode
-    rewards = [step.reward for step in steps]
-    low, high = RANDOM_RETURNS.get(task, (0, 1000))
+    rewards = [step.reward for step in [*middle, last]]
     assert all(type(reward) is float and 0 <= reward <= 1 for reward in rewards)
+    low, high = RANDOM_RETURNS[task]
     assert low <= sum(rewards) <= high
 
 
@@ -157,3 +138,71 @@ def test_visualize_reward_colors_robot(yaw, blend):
         plain, lit = colors[f"{material}_default"], colors[f"{material}_highlight"]
         assert np.abs(lit - plain).max() > 0.1
         np.testing.assert_allclose(colors[material], plain + blend * (lit - plain), atol=0.01)
+
+
+def final_positions(env):
+    """The robot's joint positions after random actions from a seeded start."""
+    env.reset(seed=0)
+    for action in np.random.default_rng(0).uniform(-1, 1, (50, 1)):
+        env.step(action.astype(np.float32))
+    return env.unwrapped.data.qpos.copy()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        augmented.draw,
+        load_model,
+        lambda seed: JitterbugEnv("face_direction", augment=seed),
+        lambda seed: gymnasium.make("AugmentedJitterbug/MoveToPose-v0", augment=seed),
+        lambda seed: suite.load("augmented_jitterbug", "move_to_pose", {"augment": seed}),
+    ],
+)
+def test_negative_seed_is_refused(make):
+    with pytest.raises(RequestError) as refusal:
+        make(-2)
+    assert isinstance(refusal.value, ValueError)
+    assert str(refusal.value) == "An augmented robot has no seed -2: use 0 or more."
+
+
+def test_varied_masses_without_seed_are_refused():
+    with pytest.raises(ValueError, match="give its seed"):
+        load_model(vary_masses=True)
+
+
+def test_dm_control_model_equals_model_of_seed_bit_for_bit():
+    settings = {"augment": 3, "vary_masses": True}
+    physics = suite.load("augmented_jitterbug", "move_to_pose", settings).physics
+    models = physics.model.ptr, load_model(3, vary_masses=True)
+    buffers = [np.zeros(mujoco.mj_sizeModel(each), np.uint8) for each in models]
+    for each, buffer in zip(models, buffers, strict=True):
+        mujoco.mj_saveModel(each, None, buffer)
+    np.testing.assert_array_equal(*buffers)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_gymnasium_environment_has_robot_of_its_seed(task):
+    name = environment_id(task, augmented=True)
+    assert name == environment_id(task).replace("Jitterbug", "AugmentedJitterbug")
+    for env, seed in ((gymnasium.make(name), 0), (gymnasium.make(name, augment=3), 3)):
+        assert env.spec.max_episode_steps == 1000
+        expected = final_positions(JitterbugEnv(task, augment=seed))
+        np.testing.assert_array_equal(final_positions(env), expected)
+
+
+@pytest.mark.usefixtures("coarse_pictures")
+def test_dm_control_observes_pixels():
+    plain = suite.load("jitterbug", "move_to_pose", {"random": 3})
+    quality = plain.physics.model.vis.quality
+    quality.shadowsize, quality.offsamples = 64, 0
+    env = pixels.Wrapper(plain, render_kwargs={"width": 84, "height": 64, "camera_id": "overhead"})
+    spec = env.observation_spec()
+    assert list(spec) == ["pixels"]
+    assert (spec["pixels"].shape, spec["pixels"].dtype) == ((64, 84, 3), np.uint8)
+    seen = [env.reset()] + [env.step(np.ones(1, np.float32)) for _ in range(10)]
+    for step in seen:
+        spec["pixels"].validate(step.observation["pixels"])
+    shown = env.physics.render(width=84, height=64, camera_id="overhead")
+    np.testing.assert_array_equal(seen[-1].observation["pixels"], shown)
+    assert np.any(seen[0].observation["pixels"] != shown)  # the robot has moved
+    plain.physics.free()

@@ -5,27 +5,15 @@ import pytest
 
 from jbench.names import TASKS
 from jbench.simulation import Robots
-from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, geometry, resets
 from jbench.tasks.heuristics import heuristic
 from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
 
-# Sign of each feature under a reflection that swaps left and right (the robot faces -y).
-MIRROR = {
-    "position": [-1, 1, 1, 1, 1, -1, -1],
-    "velocity": [-1, 1, 1, 1, -1, -1],
-    "motor_position": [-1],
-    "motor_velocity": [-1],
-    "angle_to_target": [-1],
-    "speed_in_target_frame": [1, -1, 1],
-    "target_in_jitterbug_frame": [-1, 1, 1],
-}
-
 
 def some_observations(task, random, count=50):
     """Observations of upright, moving robots at random positions away from the origin."""
-    quaternion = np.array([resets.draw_quaternion(random) for _ in range(count)])
+    quaternion, target = resets.draw_starts(task, [random] * count)
     position = random.uniform([-0.02, 0.04, 0.03], [0.02, 0.08, 0.04], (count, 3))
     state = geometry.State(
         position=np.concatenate([position, quaternion], axis=1),
@@ -34,24 +22,18 @@ def some_observations(task, random, count=50):
         motor_velocity=random.uniform(-60, 60, count),
         torso_velocity=random.uniform(-0.2, 0.2, (count, 3)),
     )
-    return features.observation(task, state, targets(task, random, count))
-
-
-def targets(task, random, count):
-    drawn = [resets.draw_target(task, random) for _ in range(count)]
-    return geometry.Target(*(np.array(values) for values in zip(*drawn, strict=True)))
+    return features.observation(task, state, target)
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_mirrored_observation_gives_mirrored_action(task):
     observed = some_observations(task, np.random.default_rng(0))
-    signs = np.concatenate([MIRROR[name] for name in TASK_SPECS[task].features])
     policy = heuristic(task)
     policy.reset(len(observed))
     action = policy.act(observed)
     policy.reset(len(observed))
     assert np.abs(action).max() > 0.2
-    assert policy.act(observed * signs) == pytest.approx(-action, abs=1e-9)
+    assert policy.act(features.mirrored(task, observed)) == pytest.approx(-action, abs=1e-9)
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -77,14 +59,13 @@ DONE = {
 
 @pytest.mark.parametrize("task", TASKS)
 def test_heuristic_solves_task(task):
-    random = np.random.default_rng(2)
-    target = targets(task, random, 3)
+    quaternions, target = resets.draw_starts(task, [np.random.default_rng(2)] * 3)
     steps, least = DONE[task]
     policy = heuristic(task)
     policy.reset(3)
     rewards = []
     robots = Robots(load_model(), 3, threads=2)
-    state = robots.reset(np.array([resets.draw_quaternion(random) for _ in range(3)]))
+    state = robots.reset(quaternions)
     for _ in range(steps):
         state = robots.step(policy.act(features.observation(task, state, target))[:, 0])
         rewards.append(reward(task, state, target))

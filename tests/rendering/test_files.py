@@ -21,8 +21,10 @@ def pictures(steps, draw):
     return [draw(frame) for frame in render_episode(Constant(), SCENE, steps)]
 
 
-def as_video(frame):
-    return video_picture(frame, "move_to_pose, half power", "tracking camera")
+def hide(monkeypatch, names):
+    """Makes packages look as if they were not installed."""
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda n: None if n in names else find(n))
 
 
 @rendering
@@ -35,14 +37,16 @@ def test_strip_has_moments_side_by_side(tmp_path, steps, shown):
 
 
 @rendering
-def test_gif_loops_episode_in_real_time(tmp_path):
+def test_gif_loops_episode_in_real_time(tmp_path, monkeypatch):
+    hide(monkeypatch, ["imageio_ffmpeg"])  # which only videos need
     path = tmp_path / "episode.GIF"
     last = render_to_file(Constant(), SCENE, path, name="half power", steps=16)
     animation = Image.open(path)
     assert (animation.n_frames, animation.size) == (5, (160, 120))
     assert animation.info["loop"] == 0
     assert last.time == 0.16
-    for index, expected in enumerate(pictures(range(0, 17, 4), as_video)):
+    about = ("move_to_pose, half power", "tracking camera")
+    for index, expected in enumerate(pictures(range(0, 17, 4), lambda f: video_picture(f, *about))):
         animation.seek(index)
         assert animation.info["duration"] == 40  # ms
         shown = np.asarray(animation.convert("RGB")).astype(int)
@@ -125,21 +129,7 @@ def test_invalid_file_is_refused_before_simulation(tmp_path, name, sentence):
     ],
 )
 def test_missing_library_is_named(tmp_path, monkeypatch, ending, missing, named):
-    find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name: None if name in missing else find(name)
-    )
+    hide(monkeypatch, missing)
     with pytest.raises(RequestError) as caught:
         render_to_file(Constant(), SCENE, tmp_path / f"a{ending}", name="x")
     assert str(caught.value) == f"{named}type pip install 'jbench[render]'."
-
-
-@rendering
-def test_gif_needs_no_ffmpeg(tmp_path, monkeypatch):
-    find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name: None if "ffmpeg" in name else find(name)
-    )
-    path = tmp_path / "a.gif"
-    render_to_file(Constant(), SCENE, path, name="x", steps=4)
-    assert Image.open(path).n_frames == 2

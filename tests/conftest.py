@@ -1,6 +1,7 @@
 """Fixtures of all tests, and their thread limits, renderer and hypothesis profile."""
 
 import ctypes.util
+import json
 import os
 
 import pytest
@@ -50,17 +51,39 @@ def coarse_pictures(rendering, monkeypatch):
 
 
 @pytest.fixture
-def refused(capsys):
-    """Returns a function that runs a command that must fail; it returns the only line printed."""
+def run_command(capsys):
+    """Returns a function that runs a command: exit code, standard output, standard error."""
     from jbench.cli import main
 
-    def run(*arguments, results=None, code=2):
+    def run(*arguments, results=None):
         where = () if results is None else ("--results", str(results))
         capsys.readouterr()
-        assert main([*map(str, arguments), *where]) == code
-        printed = capsys.readouterr()
-        assert (printed.err[:7], printed.err.count("\n"), printed.out) == ("Error: ", 1, "")
-        return printed.err
+        code = main([*map(str, arguments), *where])
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def refused(run_command):
+    """Returns a function that runs a command that must fail; it returns the only line printed."""
+
+    def run(*arguments, results=None, code=2):
+        ended, out, err = run_command(*arguments, results=results)
+        assert (ended, out, err[:7], err.count("\n")) == (code, "", "Error: ", 1)
+        return err
+
+    return run
+
+
+@pytest.fixture
+def document(run_command):
+    """Returns a function that runs a command with --json and reads what it prints."""
+
+    def run(*arguments, results=None, code=0):
+        ended, out, err = run_command(*arguments, "--json", results=results)
+        assert ended == code, err
+        return json.loads(out)
 
     return run
 

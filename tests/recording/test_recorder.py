@@ -5,8 +5,6 @@ import json
 import re
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium
@@ -14,20 +12,17 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.envs.registration import registry
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import nn
 
 import jbench
-from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.policies.copied import copy_module
 from jbench.policies.saved import has_policy, load_agent
-from jbench.recording.request import plain_hyperparameters
 from jbench.registration import environment_id
 from jbench.settings.recorded import read_run
 from jbench.settings.records import ExternalSettings
-from jbench.simulation import find_task, rollout
 from jbench.store import Results
-from jbench.tasks import resets
 from jbench.training.repeat import reevaluate
 from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
@@ -46,10 +41,11 @@ def _short_episodes():
         yield
 
 
-def recorded(results, **changes):
-    hyperparameters = {"rate": 0.5, "seed": SEED, "total_timesteps": STEPS, "layers": (8, 8)}
+def recorded(results, task="face_direction", **changes):
+    hyperparameters = {"rate": np.float32(0.5), "layers": (8, None), "file": Path("x/y")}
+    hyperparameters |= {"seed": SEED, "total_timesteps": STEPS}
     arguments = {**RUN, "hyperparameters": hyperparameters, "results": results, **changes}
-    return jbench.record("face_direction", **arguments)
+    return jbench.record(task, **arguments)
 
 
 class Actor(nn.Module):
@@ -92,7 +88,7 @@ def finished(tmp_path_factory):
     results = tmp_path_factory.mktemp("recorded") / "results"
     torch.manual_seed(0)
     actor = Actor()
-    with recorded(results) as recording:
+    with recorded(results, log="tensorboard") as recording:
         returns = loop(recording, actor)
         recording.keep_policy(actor)
     assert recording.finished
@@ -121,44 +117,21 @@ def test_rows_equal_returns_of_environment(finished):
     assert rows[0]["policy_loss"] is None
 
 
-def test_logged_metrics_are_rows_of_their_own_table(finished, copy, capsys):
+def test_logged_metrics_are_rows_of_their_own_table(finished, copy, run_command):
     found = jbench.open(copy).query("SELECT control_steps, name, value FROM metrics")
-    logged = [(steps, name, value) for steps, name, value in found.itertuples(index=False)]
     # Two episodes of 50 control steps, each logged after 20 and 40.
-    assert logged == [
-        row
-        for steps in (20, 40, 70, 90)
-        for row in (
-            (steps, "gradient_norm", steps % 50 / 2),
-            (steps, "success", float(steps % 50 == 40)),
-        )
-    ]
-    assert main(["tail", "--once", "--results", str(copy)]) == 0
-    assert (
-        f"{finished[1]}: 90 control steps, gradient_norm 20, success 1" in capsys.readouterr().out
-    )
-    assert main(["verify", "--results", str(copy)]) == 0
-
-
-def test_metrics_that_are_no_numbers_are_refused(tmp_path):
-    with (
-        pytest.raises(jbench.RequestError, match="success must be numbers"),
-        recorded(tmp_path) as recording,
-    ):
-        recording.log(success="yes")
-
-
-def test_recording_copies_rows_to_a_tracker(tmp_path):
-    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    with recorded(tmp_path, log="tensorboard") as recording:
-        returns = loop(recording, Actor())
-    events = accumulator.EventAccumulator(str(tmp_path / "tensorboard" / recording.id))
+    norms = [(20, 10), (40, 20), (70, 10), (90, 20)]
+    wanted = {"gradient_norm": norms, "success": [(20, 0), (40, 1), (70, 0), (90, 1)]}
+    for name, rows in found.groupby("name"):
+        assert list(zip(rows["control_steps"], rows["value"], strict=True)) == wanted.pop(name)
+    assert not wanted
+    _, out, _ = run_command("tail", "--once", results=copy)
+    assert f"{finished[1]}: 90 control steps, gradient_norm 20, success 1" in out
+    # The tracker has the same.
+    events = EventAccumulator(str(copy / "tensorboard" / finished[1]))
     events.Reload()
-    assert [(event.step, event.value) for event in events.Scalars("metrics/gradient_norm")] == [
-        (20, 10.0), (40, 20.0), (70, 10.0), (90, 20.0),
-    ]  # fmt: skip
-    training = [event.value for event in events.Scalars("training/episode_return")]
-    assert training == pytest.approx(returns, rel=1e-6)
+    logged = [(event.step, event.value) for event in events.Scalars("metrics/gradient_norm")]
+    assert logged == norms
 
 
 def test_block_that_ends_early_fails_and_seed_determines_its_first_episode(finished, tmp_path):
@@ -177,6 +150,15 @@ def test_block_that_ends_early_fails_and_seed_determines_its_first_episode(finis
     assert first[:2] == second
 
 
+def test_evaluations_are_made_at_interval_and_of_the_saved_policy_at_the_end(finished):
+    record = record_of(*finished[:2])
+    rows = record.read("evaluations").to_pylist()
+    assert [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows] == [
+        *((0, 50, 0), (0, 50, 1), (1, 100, 0), (1, 100, 1), (2, 100, 0), (2, 100, 1)),
+    ]
+    assert paths(record) == {(0, 50): 3, (2, 100): 3}
+
+
 def test_id_and_settings_equal_arguments(finished):
     results, id, _, _ = finished
     record = record_of(results, id)
@@ -185,7 +167,7 @@ def test_id_and_settings_equal_arguments(finished):
         **{"seed": SEED, "steps": STEPS, "engine": "external", "time_limit": "bootstrap"},
         **{"evaluate_every": EPISODE, "evaluate_episodes": 2},
         # Seed and steps are not hyperparameters.
-        "hyperparameters": {"rate": 0.5, "layers": [8, 8]},
+        "hyperparameters": {"rate": 0.5, "layers": [8, None], "file": "x/y"},
     }
     assert record.settings == wanted
     text = json.dumps(wanted, sort_keys=True, separators=(",", ":"))
@@ -196,33 +178,13 @@ def test_id_and_settings_equal_arguments(finished):
     assert {"jbench", "processor", "command", "script_sha256"} <= set(record.manifest.provenance)
 
 
-def test_evaluations_are_made_at_interval(finished):
-    results, id, _, _ = finished
-    rows = record_of(results, id).read("evaluations").to_pylist()
-    steps = [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows]
-    due = [(0, 50, 0), (0, 50, 1), (1, 100, 0), (1, 100, 1)]
-    # The saved policy is evaluated at the end, so that its evaluation can be repeated.
-    assert steps == [*due, (2, 100, 0), (2, 100, 1)]
-    assert paths(record_of(results, id)) == {(0, 50): 3, (2, 100): 3}
-
-
-def test_saved_policy_equals_actor(finished, copy, capsys):
+def test_saved_policy_equals_actor(finished):
     results, id, actor, _ = finished
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
     with torch.no_grad():
         wanted = actor(torch.from_numpy(observations)).numpy()
     kept = load_agent(Results(results), id)
     np.testing.assert_allclose(kept.act(observations), wanted, atol=1e-6)
-    arguments = ("--episodes", "2", "--seed", "5", "--results", str(copy), "--json")
-    assert main(["evaluate", id, *arguments]) == 0
-    episodes = jbench.open(copy).query("FROM policy_episodes ORDER BY episode")
-    total = np.zeros(2)
-    with find_task("face_direction").worlds(2) as worlds:
-        observations = worlds.reset([resets.episode_generator(5, i) for i in (0, 1)])
-        # The torch module rounds differently, and the motion is chaotic.
-        for transition in rollout(worlds, observations, kept.act):
-            total += transition.rewards
-    np.testing.assert_array_equal(episodes["episode_return"], total)
 
 
 def test_finished_run_is_skipped_and_script_continues(finished, copy, capfd):
@@ -238,9 +200,6 @@ def test_finished_run_is_skipped_and_script_continues(finished, copy, capfd):
     assert after == ["before the first use", "after the block"]
     assert capfd.readouterr().err == f"The run {id} is already finished; it is skipped.\n"
     assert (copy / "runs" / id / "manifest.json").read_bytes() == manifest
-
-
-def test_error_in_block_of_finished_run_is_raised(copy):
     with pytest.raises(KeyError), recorded(copy):
         raise KeyError("other")
 
@@ -250,18 +209,13 @@ def test_block_that_raises_fails_run_which_can_restart(tmp_path, capfd):
         loop(recording, None, episodes=1)
         1 / 0  # noqa: B018
     record = record_of(tmp_path, recording.id)
-    assert (record.status, record.manifest.summary) == (
-        "failed",
-        {"error": "ZeroDivisionError: division by zero"},
-    )
-    assert record.rows("episodes") == 1
+    assert (record.status, record.rows("episodes")) == ("failed", 1)
+    assert record.manifest.summary == {"error": "ZeroDivisionError: division by zero"}
     with recorded(tmp_path, evaluate_episodes=0) as recording:
         loop(recording, None)
     record = record_of(tmp_path, recording.id)
     assert (record.status, record.rows("episodes")) == ("finished", 2)
-    printed = capfd.readouterr().err
-    assert f"The run {record.id} is failed; it starts over." in printed
-    assert f"Recorded the run {record.id} in {tmp_path}." in printed
+    assert f"The run {record.id} is failed; it starts over." in capfd.readouterr().err
     assert record.id in repr(recording)
     with pytest.raises(RequestError, match=r"Its loop must call recording\.keep_policy"):
         load_agent(tmp_path, record.id)
@@ -346,21 +300,6 @@ def test_loop_on_another_robot_is_recorded(tmp_path, monkeypatch):
     assert reevaluate(Results(tmp_path), record).verdict == "equal"
 
 
-@pytest.mark.parametrize(
-    ("task", "changes", "message"),
-    [
-        ("dmc:cheetah-ran", {}, "did you mean dmc:cheetah-run?"),
-        ("dmc:cheetah-run", {"augment": 3}, "dmc:cheetah-run has no augmented robots"),
-        ("tests.third_party_task.own_tasks:EndsEarly", {}, "at control step 5, its episode ends"),
-        ("../x", {}, "task of the run can't be '../x'"),
-    ],
-)
-def test_wrong_task_is_refused(task, changes, message, tmp_path):
-    with pytest.raises(jbench.RequestError, match=re.escape(message)):
-        jbench.record(task, results=tmp_path / "results", **RUN, **changes)
-    assert not (tmp_path / "results").exists()
-
-
 def test_environment_is_encoded(demo_results, tmp_path):
     shutil.copytree(demo_results.path, tmp_path / "results")
     with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "results", encoder=14) as it:
@@ -374,24 +313,21 @@ def test_environment_is_encoded(demo_results, tmp_path):
 
 
 class Residual(nn.Module):
-    def __init__(self):
+    def __init__(self, results=1):
         super().__init__()
-        self.first, self.second = nn.Linear(16, 16), nn.Linear(16, 1)
+        self.first, self.second, self.results = nn.Linear(16, 16), nn.Linear(16, 1), results
 
     def forward(self, x):
+        if self.results == 2:
+            return self.second(self.first(x)), self.first(x)
         return self.second(x + self.first(x))
-
-
-class Gaussian(Residual):
-    def forward(self, x):
-        return self.second(self.first(x)), self.first(x)
 
 
 @pytest.mark.parametrize(
     ("policy", "reason"),
     [
         (Residual(), "add takes 2 results, not one"),
-        (Gaussian(), "it returns something else than one tensor, the action"),
+        (Residual(results=2), "it returns something else than one tensor, the action"),
         (nn.Sequential(nn.Linear(16, 4), nn.GELU(), nn.Linear(4, 1)), "gelu is not"),
         (nn.Linear(14, 1), "it has 14 inputs and 1 output, not 16 and 1"),
         (lambda observations: observations, "a function is not a torch module"),
@@ -404,19 +340,6 @@ def test_policy_that_is_not_sequence_of_layers_is_refused(policy, reason, tmp_pa
     assert message.startswith(f"This policy can't be kept: {reason}")
     assert message.count(". ") == 0
     assert message.endswith(".")
-
-
-def test_model_with_actions_of_another_size_is_refused(tmp_path):
-    from stable_baselines3 import A2C
-
-    from jbench.agents.sb3 import Spaces
-
-    model = A2C("MlpPolicy", Spaces(16, 2), device="cpu")
-    with (
-        pytest.raises(jbench.UnsupportedPolicyError, match="16 inputs and 2 outputs, not 16 and 1"),
-        recorded(tmp_path) as recording,
-    ):
-        recording.keep_policy(model)
 
 
 @pytest.mark.parametrize(
@@ -464,15 +387,16 @@ def test_saved_layers_equal_torch():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"task": "dmc:cheetah-ran"}, "did you mean dmc:cheetah-run?"),
+        ({"task": "dmc:cheetah-run", "augment": 3}, "cheetah-run has no augmented robots"),
+        ({"task": "tests.third_party_task.own_tasks:EndsEarly"}, "at control step 5, its episode"),
+        ({"task": "../x"}, "task of the run can't be '../x'"),
         ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
         ({"evaluate_episodes": 10**15 + 1}, "it should be less than or equal to 1000000000000000"),
         ({"steps": 40}, "No episode would end in 40 control steps"),
         ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
         ({"hyperparameters": [1]}, "hyperparameters is [1]: type a dictionary"),
-        (
-            {"hyperparameters": {1: 2}},
-            "hyperparameters is {1: 2}: type a dictionary of values by name",
-        ),
+        ({"hyperparameters": {1: 2}}, "is {1: 2}: type a dictionary of values by name"),
         ({"hyperparameters": {"seed": 4}}, "hyperparameters['seed'] is 4, but seed=7"),
         ({"hyperparameters": {"f": print}}, "hyperparameters['f'] is <built-in function print>"),
         ({"package": "no-such-package"}, "package='no-such-package' is not an installed"),
@@ -498,31 +422,21 @@ def test_arguments_of_same_meaning_give_same_run(changes, plain, tmp_path):
     assert "/full/" in recorded(tmp_path).id
 
 
-def test_hyperparameters_are_converted_to_json_values():
-    values = {"a": np.float32(0.5), "b": (1, None), "c": Path("x/y"), "d": {"e": True}}
-    plain = plain_hyperparameters(values, 0, 1000)
-    assert plain == {"a": 0.5, "b": [1, None], "c": "x/y", "d": {"e": True}}
-
-
-@pytest.mark.parametrize("loss", ["low", None, torch.ones(3)])
-def test_loss_that_is_no_number_is_refused(loss, tmp_path):
-    with (
-        pytest.raises(jbench.RequestError, match="critic_loss must be numbers or tensors of one"),
-        recorded(tmp_path) as recording,
-    ):
-        recording.losses(critic_loss=loss)
-        env = recording.env()
-        env.reset()
-        for _ in range(EPISODE):
-            env.step([0.0])
-
-
 def test_misuse_of_recording_is_refused(tmp_path):
     recording = recorded(tmp_path)
     with pytest.raises(jbench.RequestError, match="within its block"):
         recording.env()
     with pytest.raises(jbench.RequestError, match="no loss qf1_loss; there are act"), recording:
         recording.losses(qf1_loss=1.0)
+    with pytest.raises(jbench.RequestError, match="success must be numbers"), recording:
+        recording.log(success="yes")
+    for loss in ("low", None, torch.ones(3)):
+        with pytest.raises(jbench.RequestError, match="critic_loss must be numbers or"), recording:
+            recording.losses(critic_loss=loss)
+            env = recording.env()
+            env.reset()
+            for _ in range(EPISODE):
+                env.step([0.0])
     recording = recorded(tmp_path, steps=EPISODE, evaluate_every=1, hyperparameters={})
     with pytest.raises(jbench.RequestError, match=r"returned the shape \(2,\)"), recording:
         env = recording.env()
@@ -545,34 +459,19 @@ def test_environments_in_other_processes_are_refused(tmp_path):
         env.close()
 
 
-def test_commands_list_and_report_external_runs(finished, copy, capsys):
+def test_commands_list_and_report_external_runs(finished, copy, document):
     _, id, _, returns = finished
-    where = ("--results", str(copy), "--json")
-    assert main(["runs", *where]) == 0
-    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    (run,) = document("runs", results=copy)["runs"]
     assert (run["run"], run["algo"], run["status"]) == (id, "mine", "finished")
-    assert main(["verify", *where]) == 0
-    assert json.loads(capsys.readouterr().out)["findings"] == []
-    assert main(["report", *where]) == 0
-    page = (copy / "report" / "index.html").read_text()
-    assert "mine" in page
+    assert document("verify", results=copy)["findings"] == []
+    document("report", "--format", "svg", results=copy)
+    assert "mine" in (copy / "report" / "index.html").read_text()
     opened = jbench.open(copy)
     rows = opened.query("SELECT algo, engine, settings->>'engine' AS said FROM runs")
     assert rows.to_dict("records") == [{"algo": "mine", "engine": "external", "said": "external"}]
     curves = opened.curves(task="face_direction", returns="training")
     assert set(curves["algo"]) == {"mine"}
     assert curves["q50"].iloc[0] == pytest.approx(returns[0])
-
-
-def test_external_run_named_td3_has_only_its_hyperparameters():
-    from jbench.settings.alike import flatten
-
-    common = {"task": "face_direction", "algo": "td3", "seed": 0, "steps": 1000}
-    settings = ExternalSettings(
-        **common, evaluate_every=1000, evaluate_episodes=1, hyperparameters={"tau": 0.1}
-    )
-    named = {path for path in flatten(settings) if path[0] == "hyperparameters"}
-    assert named == {("hyperparameters", "tau")}
 
 
 EXAMPLES = {
@@ -597,13 +496,3 @@ def test_examples_train_with_at_most_five_jbench_lines(example, tmp_path):
     # An evaluation after each of the two episodes, and one of the saved policy at the end.
     assert record.rows("evaluations") == 3 * 10
     assert load_agent(Results(tmp_path / "results"), record.id).policy.outputs == 1
-
-
-def test_import_jbench_imports_no_library():
-    program = (
-        "import sys; before = set(sys.modules); import jbench; "
-        "print(sorted({m.split('.')[0] for m in set(sys.modules) - before}))"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert not {"torch", "gymnasium", "numpy", "pandas"} & set(re.findall(r"\w+", done.stdout))
-    assert "jbench" in done.stdout

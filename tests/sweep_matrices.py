@@ -5,12 +5,13 @@ import os
 import signal
 from pathlib import Path
 
+from jbench.policies.saved import WEIGHTS
 from jbench.store import Results, locks
-from jbench.store.merge import TIMES
 from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.sweeps.matrix import read_matrix
 from tests import command_line
 from tests.forking import WORKER_NAME
+from tests.training import small_runs
 
 SMALL = """
 tasks = ["face_direction"]
@@ -46,14 +47,8 @@ n_steps = 128
 }
 
 
-DEFAULTS = {
-    "algos": '"td3"',
-    "representations": '"full"',
-    "seeds": "0-1",
-    "steps": 2000,
-    "dataset": 4000,
-    "gradient_steps": 2,
-}
+DEFAULTS = {"algos": '"td3"', "representations": '"full"', "seeds": "0-1"}
+DEFAULTS |= {"steps": 2000, "dataset": 4000, "gradient_steps": 2}
 
 
 def write_matrix(path, **changes):
@@ -114,15 +109,9 @@ def states(runs, path):
 
 
 def rows(runs, path):
-    """Returns all rows of runs except for times, and the checksums of their weights."""
-    kept = []
-    for run in runs:
-        record = Results(path).find("run", run.id)
-        for table in ("episodes", "evaluations"):
-            kept += record.read(table).drop(TIMES).to_pylist()
-        weights = (f for f in record.manifest.files if f.name == "policy.safetensors")
-        kept += [file.sha256 for file in weights]
-    return kept
+    """Returns all rows of runs except for times, and their weights."""
+    records = [Results(path).find("run", run.id) for run in runs]
+    return [(small_runs.rows(record), record.read_file(WEIGHTS)) for record in records]
 
 
 def workers(process):

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from jbench.cli import main
 from jbench.store.locks import LOCK
 from tests.command_line import succeed, wait_until
 from tests.sweep_matrices import (
@@ -99,10 +98,7 @@ def test_sweep_with_killed_node_equals_local_sweep(cluster, tmp_path):
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "here", f"127.0.0.1:{10**20}"])
-def test_missing_cluster_is_reported(address, tmp_path, capsys):
-    matrix = write_matrix(tmp_path)
+def test_missing_cluster_is_reported(address, tmp_path, refused):
     more = ("--executor", "ray", "--address", address)
-    assert main(["sweep", matrix, *more, "--results", str(tmp_path / "results")]) == 2
-    printed = capsys.readouterr().err
-    assert f"No Ray cluster can be joined at {address} (" in printed
-    assert printed.count("\n") == 1
+    error = refused("sweep", write_matrix(tmp_path), *more, results=tmp_path / "results")
+    assert f"No Ray cluster can be joined at {address} (" in error

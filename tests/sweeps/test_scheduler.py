@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -60,7 +59,6 @@ def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
     sentences = [text for kind, text, *_ in events if kind == "note"]
     assert sentences[-1].startswith("1 run with 1,000 control steps left at about ")
     progress = [(text, steps) for kind, text, steps, _ in events if kind == "progress"]
-    assert list(dict.fromkeys(what for what, _ in progress)) == ["collect", "pca3 face_direction"]
     assert progress[0] == ("collect", 0)
     assert progress[-1] == ("pca3 face_direction", 1)
     rest = [(kind, steps, runs) for kind, _, steps, runs in events]
@@ -98,9 +96,8 @@ class Gpu:
 
 def test_gpu_trains_the_seeds_of_a_configuration_in_one_process(tmp_path):
     matrix, events, gpu = write_matrix(tmp_path, algos='"td3", "ppo"'), [], Gpu()
-    text = Path(matrix).read_text()
-    Path(matrix).write_text(text.replace('"face_direction"', '"face_direction", "move_to_pose"'))
-    cells = matrix_cells(read_matrix(matrix), Results(tmp_path))
+    tasks = ["face_direction", "move_to_pose"]
+    cells = matrix_cells(read_matrix(matrix, tasks=tasks), Results(tmp_path))
     assert sweep(cells, Results(tmp_path), lambda: gpu, events.append) == {}
     assert [len(cell.runs) for cell in cells] == [2, 2, 2, 2]
     assert gpu.given == [cell.runs for cell in (*cells, cells[0])]
@@ -153,18 +150,16 @@ def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path,
 
 
 def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
-    cells = matrix_cells(
-        read_matrix(write_matrix(tmp_path, representations='"pca3"')), Results(tmp_path)
-    )
+    matrix = read_matrix(write_matrix(tmp_path, representations='"pca3"'))
+    cells = matrix_cells(matrix, Results(tmp_path))
     (tmp_path / "datasets").mkdir()
     (tmp_path / "datasets" / "random").write_text("a file where a directory belongs")
     events = []
     monkeypatch.setattr("jbench.sweeps.executors._start", lambda: pytest.fail("it started"))
     failures = sweep(cells, Results(tmp_path), report=events.append)
     assert list(failures) == [run.id for run in cells[0].runs]
-    assert {reason.partition(":")[0] for reason in failures.values()} == {
-        "its dataset can't be collected"
-    }
+    for reason in failures.values():
+        assert reason.startswith("its dataset can't be collected:")
     (warning,) = texts(events, "warning")
     assert warning.startswith(f"the runs on {cells[0].encoders[0].id} are left out: its dataset")
 

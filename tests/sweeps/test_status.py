@@ -1,10 +1,9 @@
 """Tests of the status of a matrix and its time left, against hand-computed numbers."""
 
-import pyarrow as pa
 import pytest
 
 from jbench.simulation import find_task
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.sweeps.cell import Cell, matrix_cells
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, seconds_left
 from jbench.sweeps.matrix import read_matrix
@@ -15,6 +14,7 @@ from jbench.training.status import (
     run_status,
     run_statuses,
 )
+from tests.store.store_rows import alter_manifest, episodes
 from tests.sweep_matrices import runs_of_matrix, write_matrix
 
 
@@ -42,22 +42,13 @@ def finish(results, run, wall_time, together=1):
     return record
 
 
-def add_episodes(record, run, count):
-    rows = [
-        {"run": run.id, "episode": n, "control_steps": 1000 * (n + 1), "length": 1000}
-        for n in range(count)
-    ]
-    table = pa.Table.from_pylist(rows, schema.EPISODES)
-    record.append({"episodes": table}, {"checkpoint.safetensors": b"x"} if count > 3 else {})
-
-
 def test_each_status_is_reported_with_steps_left(results, cell):
-    finished, partial, failed, _ = cell.runs
+    finished, partial, failed, missing = cell.runs
     finish(results, finished, 1.0)
-    record = begin(results, partial)
-    add_episodes(record, partial, 4)  # 4 of 10, with a checkpoint
+    checkpoint = {"checkpoint.safetensors": b"x"}
+    begin(results, partial).append({"episodes": episodes(partial.id, [0.0] * 4)}, checkpoint)
     record = begin(results, failed)
-    add_episodes(record, failed, 3)  # without a checkpoint: restarts
+    record.append({"episodes": episodes(failed.id, [0.0] * 3)})  # no checkpoint: restarts
     record.fail("no luck")
     statuses = [run_status(run, results) for run in cell.runs]
     assert [status.state for status in statuses] == ["finished", "partial", "failed", "missing"]
@@ -66,14 +57,10 @@ def test_each_status_is_reported_with_steps_left(results, cell):
     (line,) = cell_statuses([cell], results, jobs=2, quick=False)
     assert (line.finished, line.partial, line.failed, line.missing) == (1, 1, 1, 1)
     assert line.steps_left == 26_000
-
-
-def test_run_with_damaged_manifest_counts_as_failed(results, cell):
-    record = begin(results, cell.runs[0])
-    (record.path / "manifest.json").write_text("{")
-    status = run_status(cell.runs[0], results)
-    assert status.state == "failed"
-    assert "is not a manifest that can be read" in status.error
+    (begin(results, missing).path / "manifest.json").write_text("{")
+    damaged = run_status(missing, results)
+    assert damaged.state == "failed"
+    assert "is not a manifest that can be read" in damaged.error
 
 
 def test_time_left_is_estimated_from_finished_runs(results, cell):
@@ -91,21 +78,18 @@ def test_time_left_is_estimated_from_finished_runs(results, cell):
     assert seconds_left([line], 8) == pytest.approx(5.0)
 
 
-def test_runs_of_other_robot_give_no_estimate(results, cell):
-    finish(results, cell.runs[0], 40.0)
+def test_runs_of_other_robots_and_machines_give_no_estimate(results, cell):
+    record = finish(results, cell.runs[0], 40.0)
     task = "dmc:cheetah-run"
     run = cell.runs[1].model_copy(update={"task": task, "specs": find_task(task).specs})
     (line,) = cell_statuses([cell._replace(task=task, runs=[run])], results, jobs=1, quick=False)
     assert (line.seconds_left, line.estimate) == (None, "unknown")
-
-
-def test_runs_of_other_machine_give_no_estimate(results, cell):
-    record = finish(results, cell.runs[0], 40.0)
-    elsewhere = {**record.manifest.provenance, "processor": "another"}
-    record._commit(record.manifest.model_copy(update={"provenance": elsewhere}))
+    alter_manifest(record, provenance={**record.manifest.provenance, "processor": "another"})
     (line,) = cell_statuses([cell], results, jobs=2, quick=False)
     assert (line.seconds_left, line.estimate) == (None, "unknown")
     assert seconds_left([line], 2) is None
+    (line,) = cell_statuses([cell], results, jobs=2, quick=True)
+    assert (line.seconds_left > 0, line.estimate) == (True, "a quick measurement")
 
 
 def test_time_left_is_estimated_from_runs_on_same_device(results, cell):
@@ -126,20 +110,12 @@ def test_time_left_is_estimated_from_runs_on_same_device(results, cell):
     assert seconds == pytest.approx([40.0, 10.0, 10.0])
 
 
-def test_cell_without_finished_runs_is_measured_quickly(results, cell):
-    (line,) = cell_statuses([cell], results, jobs=2, quick=True)
-    assert line.estimate == "a quick measurement"
-    assert line.seconds_left > 0
-
-
 def test_time_left_is_estimated_from_other_task_with_same_settings(tmp_path, results, cell):
     finish(results, cell.runs[0], 20.0)
     matrix = read_matrix(write_matrix(tmp_path, steps=5000), tasks=["move_to_pose"])
     lines = cell_statuses(matrix_cells(matrix, results), results, jobs=1, quick=False)
     # Two seeds of 5000 steps at 2 ms each.
-    assert [(line.seconds_left, line.estimate) for line in lines] == [
-        (pytest.approx(20.0), "measured runs")
-    ]
+    assert [line.seconds_left for line in lines] == [pytest.approx(20.0)]
     ppo = read_matrix(write_matrix(tmp_path, algos='"ppo"'))
     (line,) = cell_statuses(matrix_cells(ppo, results), results, jobs=1, quick=False)
     assert line.estimate == "unknown"
@@ -189,7 +165,5 @@ def test_long_forecast_names_options_that_shorten_it(tmp_path):
     sentence = forecast([status], 2)
     # Four seeds share the two processes, so the sweep takes the 700 s of the cell.
     assert "about 2,286 steps/s" in sentence
-    assert sentence.endswith(
-        "about 11 min 40 s. For less: fewer --steps (such as 300000), or fewer --seeds (such as "
-        "0-2)."
-    )
+    shorter = "fewer --steps (such as 300000), or fewer --seeds (such as 0-2)."
+    assert sentence.endswith(f"about 11 min 40 s. For less: {shorter}")

@@ -37,7 +37,4 @@ def quotas(folder, group, limits):
 )
 def test_control_group_limits_are_read(group, limits, found, tmp_path):
     assert quotas(tmp_path, group, limits) == found
-
-
-def test_missing_control_groups_mean_no_limit(tmp_path):
     assert cores._quotas(tmp_path / "missing", tmp_path) == []

@@ -24,9 +24,6 @@ def test_auto_is_gpu_if_available(gpus):
     gpus(1)
     assert find_device("auto") == find_device("cuda") == torch.device("cuda")
     assert find_device("cpu") == torch.device("cpu")
-
-
-def test_gpu_is_selected_by_index(gpus):
     gpus(2)
     assert find_device("cuda:1") == torch.device("cuda", 1)
 

@@ -1,6 +1,5 @@
 """Tests of entry points of other packages, and of attributes imported by name."""
 
-import hashlib
 import re
 
 import pytest
@@ -55,17 +54,3 @@ def test_module_in_working_directory_is_imported(tmp_path, monkeypatch):
         plugins.imported("number", "beside_you:answer")
     with pytest.raises(WorkError, match=r"can't be loaded from raising:x .OSError: no"):
         plugins.imported("number", "raising:x")
-
-
-def test_checksum_of_module_that_is_not_imported(tmp_path, monkeypatch):
-    """As in a worker process that has not yet resolved the name of the algorithm."""
-    source = tmp_path / "not_yet.py"
-    source.write_text("answer = 42\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    wanted = {"source_sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
-    assert plugins.provenance("number", "not_yet:answer", {}) == wanted
-
-
-def test_package_of_module_is_its_distribution():
-    made_with = plugins.provenance("module", "stable_baselines3.common:utils", {})
-    assert made_with["package"].startswith("stable_baselines3 2.")

@@ -98,7 +98,8 @@ def test_sweep_with_killed_node_equals_local_sweep(cluster, tmp_path):
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "here", f"127.0.0.1:{10**20}"])
-def test_missing_cluster_is_reported(address, tmp_path, refused):
+def test_missing_cluster_is_reported(address, tmp_path, run_command):
     more = ("--executor", "ray", "--address", address)
-    error = refused("sweep", write_matrix(tmp_path), *more, results=tmp_path / "results")
-    assert f"No Ray cluster can be joined at {address} (" in error
+    code, _, err = run_command("sweep", write_matrix(tmp_path), *more, results=tmp_path / "results")
+    assert f"No Ray cluster can be joined at {address} (" in err
+    assert (code, err.count("\n")) == (2, 1)

@@ -13,6 +13,7 @@ from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.comparisons import comparisons
 from jbench.sweeps.matrix import read_comparisons, read_matrix
 from tests.command_line import succeed
+from tests.store.store_rows import episodes
 
 MATRIX = """
 tasks = ["face_direction"]
@@ -43,45 +44,41 @@ algos = ["ddpg"]
 
 
 @pytest.fixture
-def matrix(tmp_path):
-    file = tmp_path / "small.toml"
-    file.write_text(MATRIX)
-    return str(file)
-
-
-@pytest.fixture
 def results(tmp_path):
     return Results(tmp_path / "results")
 
 
 @pytest.fixture
-def cells(matrix, results):
-    return matrix_cells(read_matrix(matrix, seeds=range(30)), results)
+def read(tmp_path, results):
+    """Returns a function: the cells of a matrix of 30 seeds, and its comparisons."""
+
+    def cells_and_comparisons(text=MATRIX):
+        file = tmp_path / "small.toml"
+        file.write_text(text)
+        cells = matrix_cells(read_matrix(str(file), seeds=range(30)), results)
+        return cells, comparisons(cells, read_comparisons(str(file)), (), 30)
+
+    return cells_and_comparisons
+
+
+@pytest.fixture
+def cells(read):
+    return read()[0]
 
 
 def finish(results, run, returns, evaluations=2):
     """Adds a finished run whose last evaluation has these returns."""
     record = results.create("run", run.id, run.model_dump(mode="json"))
     rows = [
-        {
-            "run": run.id,
-            "evaluation": which,
-            "control_steps": 500 * (which + 1),
-            "episode": episode,
-            "episode_return": value if which == evaluations - 1 else -1.0,
-            "length": 1000,
-        }
+        {"run": run.id, "evaluation": which, "control_steps": 500 * (which + 1), "length": 1000}
+        | {"episode": episode, "episode_return": value if which == evaluations - 1 else -1.0}
         for which in range(evaluations)
         for episode, value in enumerate(returns)
     ]
-    episodes = [
-        {"run": run.id, "episode": n, "control_steps": 1000 * (n + 1), "episode_return": 10.0 * n}
-        for n in range(8)
-    ]
-    tables = {"episodes": pa.Table.from_pylist(episodes, schema.EPISODES)}
+    tables = {"episodes": episodes(run.id, [10.0 * n for n in range(8)])}
     if rows:
         tables["evaluations"] = pa.Table.from_pylist(rows, schema.EVALUATIONS)
-    record.append(tables, {})
+    record.append(tables)
     record.finish({"wall_time": 1.0, "steps_done": run.steps})
     return record
 
@@ -95,9 +92,11 @@ def outcomes_of(results, cells, claims=(), most=30):
     return deciding.outcomes(comparisons(cells, (), claims, most), results, {})
 
 
-def test_final_return_is_mean_of_last_evaluation(results, cells):
-    run = cells[0].runs[0]
-    assert deciding.compared_return(finish(results, run, [400.0, 500.0])) == 450
+def seeds_of(cells):
+    return {cell.representation: [run.seed for run in cell.runs] for cell in cells}
+
+
+def test_run_without_an_evaluation_or_a_number(results, cells):
     # Without evaluations: the mean of the last quarter of the training episodes, 60 and 70.
     run = cells[0].runs[1]
     assert deciding.compared_return(finish(results, run, [], evaluations=0)) == 65
@@ -113,23 +112,12 @@ def test_representations_are_compared_with_full_observation(cells):
         "face_direction td3 random2 against full",
     ]
     assert [comparison.share for comparison in asked] == [0.025, 0.025]
-    assert [comparison.name for comparison in comparisons(cells, (), ["random2/full"], 30)] == [
-        asked[1].name
-    ]
+    (other,) = comparisons(cells, (), ["random2/full"], 30)
+    assert other.name == asked[1].name
     with pytest.raises(RequestError, match=r"Unknown comparison 'pca4'; did you mean pca3\?"):
         comparisons(cells, (), ["pca4"], 30)
     with pytest.raises(RequestError, match="there is nothing to decide"):
         comparisons(cells[3:], (), (), 30)
-
-
-def test_comparisons_of_question_matrix_share_the_error_rate(results):
-    cells = matrix_cells(read_matrix("question"), results)
-    asked = comparisons(cells, read_comparisons("question"), (), 30)
-    assert 0 < sum(comparison.share for comparison in asked) <= 0.05
-    names = {comparison.name for comparison in asked}
-    assert len(names) == len(asked)
-    assert "face_direction td3 dae12 against scaled" in names
-    assert "move_in_direction td3 planar against full" in names
 
 
 LISTED = """
@@ -150,23 +138,8 @@ claim = "c"
 """
 
 
-@pytest.fixture
-def listed(tmp_path, results):
-    """Returns a function that reads the comparisons of a matrix with these entries."""
-
-    def read(entries, content=MATRIX):
-        file = tmp_path / "listed.toml"
-        file.write_text(content + entries)
-        planned = read_comparisons(str(file))
-        return comparisons(
-            matrix_cells(read_matrix(str(file), seeds=range(30)), results), planned, (), 30
-        )
-
-    return read
-
-
-def test_listed_comparisons_replace_those_with_baselines(listed, results, cells):
-    asked = listed(LISTED)
+def test_listed_comparisons_replace_those_with_baselines(read, results):
+    cells, asked = read(MATRIX + LISTED)
     assert [comparison.name for comparison in asked] == [
         "face_direction td3 pca3 against random2",
         "face_direction td3 pca3 against full, over the run",
@@ -185,60 +158,40 @@ def test_listed_comparisons_replace_those_with_baselines(listed, results, cells)
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "max_seeds = 5",
-            "max_seed = 5",
-            "[[comparison]] has no key max_seed; did you mean max_seeds?",
-        ),
-        (
-            "max_seeds = 5",
-            "max_seeds = 7",
-            "max_seeds of [[comparison]] can't be 7: it should be a multiple of 5",
-        ),
+        ("max_seeds = 5", "max_seed = 5", "has no key max_seed; did you mean max_seeds?"),
+        ("max_seeds = 5", "max_seeds = 7", "can't be 7: it should be a multiple of 5"),
         ("share = 0.01", "share = 0.05", "add up to 0.05, and 1 without a share need a rest"),
         ('algo = "td3"\n', "", "the key algo of [[comparison]] is missing: give it a value."),
-        (
-            'algo = "td3"',
-            'algo = "td4"',
-            "has no pca3 and random2 of td4 on face_direction that differ",
-        ),
+        ('algo = "td3"', 'algo = "td4"', "has no pca3 and random2 of td4 on face_direction that"),
         ('algo = "td3"', 'algo = "ddpg"', "has no pca3 and random2 of ddpg on face_direction that"),
         ('"random2"', '"random3"', "has no pca3 and random3 of td3 on face_direction that"),
         ('"random2"', '"pca3"', "first and second are both pca3"),
         ('claim = "c"', "steps = 2e3", "with 2000 control steps that differ only"),
         ('second = "full"\nclaim = "c"', 'second = "random2"', "is listed twice"),
-        ("[[comparison]]", "[comparison]", "write [[comparison]] above each"),
+        (LISTED, "[comparison]\nshare = 1", "write [[comparison]] above each"),
     ],
 )
-def test_invalid_comparison_is_refused(old, new, message, listed):
-    entries = LISTED.replace(old, new, 1)
-    if old == "[[comparison]]":
-        entries = "[comparison]\nshare = 1"
+def test_invalid_comparison_is_refused(old, new, message, read):
     with pytest.raises(RequestError) as refused:
-        listed(entries)
+        read(MATRIX + LISTED.replace(old, new, 1))
     assert message in str(refused.value)
 
 
 def test_only_undecided_comparisons_get_more_seeds(results, cells):
     full, pca, random, _ = cells
     first = deciding.next_cells(outcomes_of(results, cells), ())
-    assert [[run.seed for run in cell.runs] for cell in first] == [[0, 1, 2, 3, 4]] * 3
-    assert [cell.representation for cell in first] == ["full", "pca3", "random2"]
-
+    assert seeds_of(first) == {name: [0, 1, 2, 3, 4] for name in ("full", "pca3", "random2")}
     fill(results, full, [500, 510, 520, 530, 540])
     fill(results, pca, [100, 110, 120, 130])  # one seed is missing
     fill(results, random, [501, 511, 521, 531, 541])
     outcomes = outcomes_of(results, cells)
-    assert [(outcome.decision.verdict, outcome.decision.seeds) for outcome in outcomes] == [
-        ("undecided", 0),
-        ("undecided", 5),
-    ]
-    needed = {
-        cell.representation: [run.seed for run in cell.runs]
-        for cell in deciding.next_cells(outcomes, ())
-    }
-    assert needed == {"full": [5, 6, 7, 8, 9], "pca3": [4], "random2": [5, 6, 7, 8, 9]}
+    assert [outcome.decision.seeds for outcome in outcomes] == [0, 5]
+    assert {outcome.decision.verdict for outcome in outcomes} == {"undecided"}
+    more = {"full": [5, 6, 7, 8, 9], "random2": [5, 6, 7, 8, 9]}
+    assert seeds_of(deciding.next_cells(outcomes, ())) == {**more, "pca3": [4]}
     assert outcomes_of(results, cells, ["pca3"])[0].needed == [pca.runs[4]]
+    # A run that was tried and failed stops only its comparisons.
+    assert seeds_of(deciding.next_cells(outcomes, {pca.runs[4].id})) == more
 
     finish(results, pca.runs[4], [140.0])
     for cell, start in ((full, 550), (random, 551)):
@@ -251,11 +204,9 @@ def test_only_undecided_comparisons_get_more_seeds(results, cells):
     assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", [])
 
 
-def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(tmp_path, results):
-    file = tmp_path / "draws.toml"
-    file.write_text(MATRIX.replace("[dataset]", '[encoder]\nseed = "each"\n\n[dataset]'))
-    cells = matrix_cells(read_matrix(str(file), seeds=range(10)), results)
-    runs = cells[1].runs
+def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(read, results):
+    cells, _ = read(MATRIX.replace("[dataset]", '[encoder]\nseed = "each"\n\n[dataset]'))
+    runs = cells[1].runs[:10]
     assert len({run.encoder for run in runs}) == 10
     for cell in cells:
         fill(results, cell, [100, 900, 200, 800, 500])
@@ -265,41 +216,19 @@ def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(tmp_path, results):
     # A sweep makes the encoders of the new seeds first.
     assert more.runs == runs[5:]
     assert {run.encoder for run in more.runs} <= {encoder.id for encoder in more.encoders}
-
-
-def test_failed_run_stops_only_its_comparisons(results, cells):
-    full, pca, random, _ = cells
-    for cell in (full, random):
-        fill(results, cell, [500, 510, 520, 530, 540])
-    bad = pca.runs[3]
-    results.create("run", bad.id, bad.model_dump(mode="json")).fail("no luck")
-    outcomes = outcomes_of(results, cells)
-    tried = {bad.id}
-    assert {cell.representation for cell in deciding.next_cells(outcomes, tried)} == {
-        "full",
-        "random2",
-    }
-    assert {cell.representation for cell in deciding.next_cells(outcomes, ())} == {
-        *("full", "random2", "pca3")
-    }
-
-
-def test_no_seed_is_added_beyond_maximum(results, cells):
-    full, pca, _, _ = cells
-    for cell in (full, pca):
-        fill(results, cell, [100, 900, 200, 800, 500])
-    (outcome,) = outcomes_of(results, cells, ["pca3"], most=5)
-    assert (outcome.decision.verdict, outcome.needed) == ("undecided", [])
-    assert outcome.decision.spent == pytest.approx(0.05)
-    assert len(outcomes_of(results, cells, ["pca3"], most=10)[0].needed) == 10
+    # No seed is added beyond the maximum.
+    (last,) = outcomes_of(results, cells, ["pca3/full"], most=5)
+    assert (last.decision.verdict, last.needed) == ("undecided", [])
+    assert last.decision.spent == pytest.approx(0.05)
 
 
 @pytest.mark.slow
-def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(matrix, results, cells):
+def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(results, cells):
     # One real run of a tiny agent, whose returns cannot reach those of full.
     fill(results, cells[0], [2000, 2100, 2200, 2300, 2400])
     fill(results, cells[2], [100, 110, 120, 130])
     arguments = ("--until-decided", "random2", "--max-seeds", "10", "--jobs", "1", "--json")
+    matrix = results.path.parent / "small.toml"
     typed = partial(succeed, "sweep", matrix, *arguments, results=results.path, short=True)
     document = json.loads(typed("--dry-run").stdout)
     assert document["needed"] == [cells[2].runs[4].id]

@@ -13,6 +13,7 @@ from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.listing import list_runs
+from tests.store import store_rows
 
 RUN = RunSettings(
     task="face_direction",
@@ -25,23 +26,12 @@ RUN = RunSettings(
 )
 
 
-@pytest.mark.parametrize(
-    ("episodes", "mean"),
-    [
-        (1, 0.0),
-        (3, 2.0),
-        (8, 6.5),  # a quarter: 6 and 7
-        (1000, 949.5),  # 100 at most: 900 to 999
-    ],
-)
+# A quarter is 6 and 7, and 100 at most, 900 to 999.
+@pytest.mark.parametrize(("episodes", "mean"), [(3, 2.0), (8, 6.5), (1000, 949.5)])
 def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tmp_path, capsys):
     returns = np.arange(float(episodes))
     record = Results(tmp_path).create("run", RUN.id, RUN.model_dump(mode="json"))
-    rows = [
-        {"run": RUN.id, "episode": n, "control_steps": 1000 * (n + 1), "episode_return": value}
-        for n, value in enumerate(returns)
-    ]
-    record.append({"episodes": pa.Table.from_pylist(rows, schema.EPISODES)})
+    record.append({"episodes": store_rows.episodes(RUN.id, returns)})
     assert final_return(returns) == mean
     (line,), _ = list_runs(Results(tmp_path), {}, returns=True)
     assert line["last_return"] == mean
@@ -61,13 +51,8 @@ def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
         for number, values in enumerate([(900.0, 900.0), (10.0, 20.0, 60.0)])
         for episode, value in enumerate(values)
     ]
-    episodes = [{"run": RUN.id, "episode": 0, "control_steps": 1000, "episode_return": 7.0}]
-    record.append(
-        {
-            "evaluations": pa.Table.from_pylist(rows, schema.EVALUATIONS),
-            "episodes": pa.Table.from_pylist(episodes, schema.EPISODES),
-        }
-    )
+    evaluations = pa.Table.from_pylist(rows, schema.EVALUATIONS)
+    record.append({"evaluations": evaluations, "episodes": store_rows.episodes(RUN.id, [7.0])})
     (line,), _ = list_runs(Results(tmp_path), {}, returns=True)
     assert (line["last_return"], line["evaluation_return"]) == (7, 30)
     assert main(["runs", "--returns", "--results", str(tmp_path)]) == 0
@@ -75,12 +60,7 @@ def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
     show_runs([RUN], Results(tmp_path), Output())
     printed = capsys.readouterr().out
     for text in (listed, printed):
-        (header,) = (
-            line
-            for line in text.splitlines()
-            if "training return" in line and "run" in line and "." not in line
-        )
-        assert header.index("training return") < header.index("evaluation return")
+        assert text.rindex("training return") < text.rindex("evaluation return")
         (row,) = (line for line in text.splitlines() if RUN.id in line)
         assert row.split()[-2:] == ["7", "30"]
     assert "Quote the evaluation return" in printed

@@ -83,31 +83,17 @@ def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
         assert "td3 full seed 0,1: 10,000 of 20,000 steps, ▁ training return 50\n" in printed.err
 
 
-def test_speed_of_resumed_run_counts_from_its_checkpoint(runs):
+def test_resumed_run_begins_at_its_checkpoint_without_a_speed(runs):
     with trained(runs[:1]) as view:
         view.show(Event("resumed", runs[0].id, steps=6000))
-        # There is no speed before the first step.
         assert "face_direction td3 full seed 0 6,000 of 10,000 steps" in shown(view)
-        view.show(episode(runs[0], 7000, 1.0))
-        view.show(episode(runs[0], 8000, 1.0))
-        task = view.tasks[1]
-        seconds = task._progress[-1].timestamp - task._progress[0].timestamp
-        assert task.speed * seconds == pytest.approx(2000)
 
 
-def test_many_seeds_are_shown_by_mean_and_extremes(tmp_path):
-    runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-7"), tmp_path)
-    with trained(runs) as view:
+def test_many_seeds_are_shown_by_mean_and_extremes_and_several_cells_by_their_number(tmp_path):
+    *runs, eighth, ninth = runs_of_matrix(write_matrix(tmp_path, seeds="0-9"), tmp_path)
+    other = [run.model_copy(update={"task": "move_to_pose"}) for run in (eighth, ninth)]
+    with trained(runs, [eighth, ninth, *other]) as view:
         for run in runs:
             view.show(episode(run, 1000, 10.0 * run.seed))
         assert any("mean 35 [0, 70]" in line for line in shown(view))
-
-
-def test_process_of_several_cells_shows_their_number(tmp_path):
-    runs = runs_of_matrix(write_matrix(tmp_path, steps=2_000_000), tmp_path)
-    other = [run.model_copy(update={"task": "move_to_pose"}) for run in runs]
-    with trained([*runs, *other]) as view:
-        view.show(episode(runs[0], 2_000_000, 12.4))
-        (line,) = (line for line in shown(view) if "td3" in line)
-    assert line.startswith("td3 4 runs of 2 configurations 2,000,000 of 8,000,000 steps ")
-    assert line.endswith(" 12")
+        assert any(line.startswith("td3 4 runs of 2 configurations ") for line in shown(view))

@@ -1,7 +1,5 @@
 """Tests of `--results reference`, the read-only results shipped with jbench."""
 
-import json
-
 import pytest
 
 from jbench.cli import main
@@ -18,38 +16,30 @@ def empty_directory(tmp_path, monkeypatch):
     assert sorted(shipped().rglob("*")) == before
 
 
-def test_shipped_runs_are_listed_and_queried(capsys):
+def test_shipped_runs_are_listed_and_queried(document):
     ids = {record.id for record in Results(shipped()).scan("run")[0]}
-    assert main(["runs", "--results", "reference", "--json"]) == 0
-    assert {run["run"] for run in json.loads(capsys.readouterr().out)["runs"]} == ids
+    assert {run["run"] for run in document("runs", results="reference")["runs"]} == ids
     sql = "SELECT count(*) AS n FROM runs"
-    assert main(["query", sql, "--results", "reference", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == [{"n": len(ids)}]
+    assert document("query", sql, results="reference") == [{"n": len(ids)}]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
+def test_messages_call_the_shipped_results_reference(refused, capsys):
+    for arguments, sentence in (
         (("runs", "--algo", "dpg"), "did you mean ddpg? Choose "),
         (("evaluate", "face_direction/x"), "Error: No policy is shipped as reference/"),
-        (
-            ("reproduce", "face_direction/x"),
-            "There is no run face_direction/x in reference; ",
-        ),
-    ],
-)
-def test_messages_call_the_shipped_results_reference(arguments, sentence, refused):
-    printed = refused(*arguments, results="reference")
-    assert sentence in printed
-    assert str(shipped()) not in printed
-
-
-def test_no_command_that_is_refused_is_suggested(capsys):
-    """A dataset is collected into results, not into the shipped ones."""
-    assert main(["datasets", "--results", "reference"]) == 0
-    assert capsys.readouterr().out == (
-        "No datasets in reference; jbench collect --steps 100000 makes a small one.\n"
-    )
+        (("reproduce", "face_direction/x"), "There is no run face_direction/x in reference; "),
+    ):
+        printed = refused(*arguments, results="reference")
+        assert sentence in printed
+        assert str(shipped()) not in printed
+    # A run of theirs is reproduced without a results directory.
+    several = refused("reproduce", "reference/face_direction/sac/full/s00")
+    assert ": face_direction/sac/full/s00-" in several
+    # A dataset is collected into results, not into the shipped ones.
+    for name, more in (("reference", ""), (".", " --results .")):
+        assert main(["datasets", "--results", name]) == 0
+        command = f"jbench collect --steps 100000{more}"
+        assert capsys.readouterr().out == f"No datasets in {name}; {command} makes a small one.\n"
 
 
 def test_report_is_written_to_working_directory(tmp_path, capsys):
@@ -65,35 +55,27 @@ def test_evaluation_is_saved_in_default_results(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    "typed",
     [
-        ("collect",),
-        ("train",),
-        ("train-dae",),
-        ("train-encoder",),
-        ("sweep", "smoke"),
-        ("repair",),
-        ("merge", "other"),
-        ("export",),
+        *("collect", "train", "train-dae", "train-encoder", "sweep smoke"),
+        *("repair", "merge other", "export"),
     ],
 )
-def test_writing_command_refuses_shipped_results(arguments, refused):
-    error = refused(*arguments, results="reference")
+def test_writing_command_refuses_shipped_results(typed, refused):
+    error = refused(*typed.split(), results="reference")
     assert "reference names the results shipped with jbench, which are read-only" in error
 
 
-def test_existing_directory_named_reference_takes_precedence(tmp_path, capsys):
+def test_existing_directory_named_reference_takes_precedence(tmp_path, document):
     (tmp_path / "reference").mkdir()
-    assert main(["runs", "--results", "reference", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["runs"] == []
+    assert document("runs", results="reference")["runs"] == []
     assert main(["evaluate", "--episodes", "1", "--results", "reference"]) == 0
     assert len(Results(tmp_path / "reference").scan("evaluation")[0]) == 1
     assert not (tmp_path / "results").exists()
 
 
-def test_shipped_runs_are_merged_into_other_results(tmp_path, capsys):
-    assert main(["merge", "reference", "--results", "mine", "--json"]) == 0
-    merged = json.loads(capsys.readouterr().out)["records"]
+def test_shipped_runs_are_merged_into_other_results(tmp_path, document):
+    merged = document("merge", "reference", results="mine")["records"]
     assert {record["outcome"] for record in merged} == {"copied"}
     mine = Results(tmp_path / "mine")
     assert len(mine.scan("run")[0]) + len(mine.scan("encoder")[0]) == len(merged)

@@ -35,11 +35,9 @@ def test_curves_of_each_representation_are_shown_in_few_lines(demo_results, monk
     # The means of the last evaluations of two seeds, and their median.
     for representation in ("full", "dae14"):
         low, high = sorted(RETURNS[representation, seed][1] for seed in (0, 1))
-        row = next(
-            line for line in printed.out.splitlines() if line.split()[:1] == [representation]
-        )
-        assert row.split()[2:] == [f"{(low + high) / 2:.0f}", "2", f"{low}", "and", f"{high}"]
-        curve = row.split()[1]
+        lines = [line.split() for line in printed.out.splitlines()]
+        (_, curve, *row) = next(line for line in lines if line[:1] == [representation])
+        assert row == [f"{(low + high) / 2:.0f}", "2", f"{low}", "and", f"{high}"]
         assert len(curve) == 10
         assert sorted(curve) == list(curve)  # the returns of these results rise
         assert curve[0] < curve[-1]

@@ -14,18 +14,15 @@ LONG = "SELECT * FROM published"
 FORMATS = ((), *(pytest.param((name,), marks=pytest.mark.slow) for name in ("--csv", "--json")))
 
 
-def start(*arguments, results, **streams):
-    return subprocess.Popen(
-        [sys.executable, "-m", "jbench", *arguments, "--results", str(results)], **streams
-    )
+def start(*arguments, results, stderr=subprocess.PIPE, **streams):
+    command = [sys.executable, "-m", "jbench", *arguments, "--results", str(results)]
+    return subprocess.Popen(command, stderr=stderr, **streams)
 
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_closed_pipe_is_no_error(format, tmp_path):
     # As after `| head`.
-    process = start(
-        "query", LONG, *format, results=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+    process = start("query", LONG, *format, results=tmp_path, stdout=subprocess.PIPE)
     process.stdout.close()
     assert process.stderr.read() == b""
     assert process.wait() == 0
@@ -34,9 +31,7 @@ def test_closed_pipe_is_no_error(format, tmp_path):
 @pytest.mark.parametrize("format", FORMATS)
 def test_output_to_full_disk_prints_one_error_line(format, tmp_path):
     with open("/dev/full", "w") as full:
-        process = start(
-            "query", LONG, *format, results=tmp_path, stdout=full, stderr=subprocess.PIPE
-        )
+        process = start("query", LONG, *format, results=tmp_path, stdout=full)
         printed = process.stderr.read().decode()
     assert printed == "Error: The output can't be written (No space left on device).\n"
     assert process.wait() == 1

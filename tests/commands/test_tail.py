@@ -3,11 +3,11 @@
 import json
 import signal
 import subprocess
+from functools import partial
 
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from jbench.cli import main
 from jbench.store import Results
 from tests.command_line import INTERRUPTIBLE, succeed, train, wait_until
 from tests.store.store_rows import listed
@@ -57,40 +57,36 @@ def results(tmp_path):
     return results
 
 
-def tail(results, *arguments):
-    return main(["tail", "--once", *arguments, "--results", str(results.path)])
+@pytest.fixture
+def tail(results, run_command):
+    """Returns a function that prints what is committed: exit code, output, errors."""
+    return partial(run_command, "tail", "--once", results=results.path)
 
 
-def test_tail_prints_line_per_episode_and_final_status(results, capsys):
-    assert tail(results, "--algo", "ddpg", "--last", "2") == 0
+def test_tail_prints_line_per_episode_and_final_status(results, tail):
     (run,) = (run.id for run in results.scan("run")[0] if run.settings["algo"] == "ddpg")
-    assert capsys.readouterr().out.splitlines() == [
+    code, out, _ = tail("--algo", "ddpg", "--last", "2")
+    assert code == 0
+    assert out.splitlines() == [
         f"{run}: episode 1, return 20.0, 2,000 control steps, 4 s",
         f"{run}: episode 2, return 60.0, 3,000 control steps, 6 s",
         f"{run}: finished",
     ]
-    assert tail(results, "--status", "unfinished") == 0
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line.endswith(": episode 0, return 5.0, 1,000 control steps, 2 s")
+    code, out, _ = tail("--status", "unfinished")
+    assert code == 0
+    assert out.endswith(": episode 0, return 5.0, 1,000 control steps, 2 s\n")
+    nothing = f"No such runs in {results.path}.\n"
+    assert tail("--algo", "ppo") == (0, nothing, "")
+    assert tail("--algo", "ppo", "--json") == (0, "", nothing)
 
 
-def test_tail_says_that_no_run_matches(results, capsys):
-    assert tail(results, "--algo", "ppo") == 0
-    assert capsys.readouterr().out == f"No such runs in {results.path}.\n"
-    assert tail(results, "--algo", "ppo", "--json") == 0
-    assert capsys.readouterr() == ("", f"No such runs in {results.path}.\n")
-
-
-def test_damaged_run_is_reported_and_others_are_printed(results, capsys):
+def test_damaged_run_is_reported_and_others_are_printed(results, tail):
     damaged = results.scan("run")[0][0]
     path = damaged.path / listed(damaged)[0]
     path.write_bytes(path.read_bytes()[:-1])
-    assert tail(results) == 1
-    printed = capsys.readouterr()
-    assert "sac" in printed.out
-    assert damaged.id not in printed.out
-    assert damaged.id in printed.err
-    assert "1 run is damaged" in printed.err
+    code, out, err = tail()
+    assert (code, "sac" in out, damaged.id in out, damaged.id in err) == (1, True, False, True)
+    assert "1 run is damaged" in err
 
 
 def test_missing_library_is_reported_before_training(tmp_path, refused, monkeypatch):

@@ -14,7 +14,6 @@ from jbench.policies.saved import WEIGHTS, has_policy
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
-from tests.agents.killed_run import stack_seeds
 from tests.command_line import SHORT, Process, jbench, succeed
 from tests.commands.distributions import install, make_importable
 from tests.training.small_runs import resumed, rows, shorten_episodes
@@ -39,11 +38,17 @@ ABOUT = {
 def matrix(settings):
     """The text of a matrix with settings by algorithm, whose runs have one short episode."""
     lines = ['tasks = ["face_direction"]', f"algos = {[*settings]}", 'seeds = "0-1"']
-    lines += [f"steps = {SHORT}", "[evaluation]", "episodes = 1"]
+    lines += [f"steps = {SHORT}", "evaluation.episodes = 1"]
     for algo, chosen in settings.items():
-        lines += [f"[hyperparameters.{json.dumps(algo)}]"]
-        lines += [f"{name} = {value}" for name, value in chosen.items()]
+        lines += [f"hyperparameters.{algo!r}.{name} = {value}" for name, value in chosen.items()]
     return "\n".join(lines)
+
+
+def typed(algo, settings, seeds):
+    """Arguments that train the same."""
+    where = ("--seeds", seeds, "--steps", SHORT, "--evaluate-episodes", "1")
+    chosen = [f"--set={name}={json.dumps(value)}" for name, value in settings.items()]
+    return ("train", "--algo", algo, *where, *chosen)
 
 
 @pytest.fixture(scope="module")
@@ -58,21 +63,17 @@ def installed(site, monkeypatch):
     make_importable(site, monkeypatch)
 
 
-def agent_run(algo="random-search", seed=0, **changes):
-    about = {"task": "face_direction", "algo": algo, "seed": seed, "steps": 400}
-    about |= {
-        "engine": "plugin",
-        "package": "random-search-agent",
-        "hyperparameters": {"noise": 0.5},
-    }
-    return RunSettings(**{**about, "evaluate_every": 150, "evaluate_episodes": 1, **changes})
+ABOUT_RUN = {"task": "face_direction", "seed": 0, "steps": 400, "evaluate_every": 150}
 
 
-def rule_run(algo="tqc", **changes):
-    """A run whose episodes have 50 control steps."""
-    about = {"task": "face_direction", "seed": 0, "steps": 400, "evaluate_every": 150}
+def agent_run(algo="random-search", package="random-search-agent"):
+    settings = {"engine": "plugin", "package": package, "hyperparameters": {"noise": 0.5}}
+    return RunSettings(**ABOUT_RUN, algo=algo, evaluate_episodes=1, **settings)
+
+
+def rule_run(algo="tqc"):
     fields = algorithm_fields(algo, overrides=SMALL)
-    return RunSettings(**{**about, **fields, "evaluate_episodes": 1, **changes})
+    return RunSettings(**ABOUT_RUN, evaluate_episodes=1, **fields)
 
 
 @pytest.fixture(scope="module")
@@ -83,10 +84,7 @@ def swept(site, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         make_importable(site, patch)
         for algo, chosen in SETTINGS.items():
-            typed = ["--algo", algo, "--evaluate-episodes", "1", "--seeds", "0", "--steps", SHORT]
-            for name, value in chosen.items():
-                typed += ["--set", f"{name}={json.dumps(value)}"]
-            succeed("train", *typed, results=place / "results", short=True)
+            succeed(*typed(algo, chosen, "0"), results=place / "results", short=True)
         succeed("sweep", place / "matrix.toml", results=place / "results", short=True)
     return Results(place / "results")
 
@@ -114,9 +112,10 @@ def test_train_and_sweep_make_same_runs(swept):
 
 def test_trained_policy_of_rule_is_evaluated_and_reevaluated(swept, installed):
     run = next(run for run in swept.scan("run")[0] if run.settings["algo"] == "tqc")
-    evaluate = ("evaluate", run.id, "--episodes", "1", "--json")
-    evaluated = succeed(*evaluate, results=swept.path, short=True)
-    assert json.loads(evaluated.stdout)["settings"]["task"] == "face_direction"
+    for policy, wanted in ((run.id, ""), ("bang-bang", "random-search-agent 1.0")):
+        command = ("evaluate", policy, "--task", "face_direction", "--episodes", "1", "--json")
+        done = succeed(*command, results=swept.path, short=True)
+        assert (json.loads(done.stdout)["settings"].get("code") or "") == wanted
     assert "equal" in succeed("verify", "--reevaluate", results=swept.path, short=True).stdout
     succeed("reproduce", run.id, "--episodes", "1", results=swept.path, short=True)
 
@@ -134,21 +133,17 @@ def test_runs_of_uninstalled_packages_are_listed_reported_and_verified(swept, ca
     for algo in SETTINGS:
         error = refused("train", "--algo", algo, results=swept.path)
         assert f"Unknown algorithm {algo!r}" in error
-    assert "install the package of another agent, or type MODULE:CLASS." in refused(
-        "train", "--algo", "random-search", results=swept.path
-    )
+        assert "install the package of another agent, or type MODULE:CLASS." in error
     assert sorted(swept.path.rglob("*")) == before
 
 
 @pytest.mark.parametrize(
-    ("typed", "sentence"),
+    ("arguments", "sentence"),
     [
         (("random-search", "--set", "noise=-1"), "noise of random-search can't be -1: .*greater"),
-        (
-            ("random-search", "--set", "nose=1"),
-            r"random-search has no setting nose; did you mean noise\?",
-        ),
+        (("random-search", "--set", "nose=1"), "has no setting nose; did you mean noise"),
         (("random-search", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
+        (("without-state", "--keep-state"), "has no state and restore; leave --keep-state out"),
         (("tqc", "--set", "quantiles=0"), "quantiles of tqc can't be 0: .*greater"),
         (("tqc", "--set", "quantile=9"), "tqc has no setting quantile; did you mean quantiles"),
         (("tqc", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
@@ -164,8 +159,9 @@ def test_runs_of_uninstalled_packages_are_listed_reported_and_verified(swept, ca
         (("math:cos",), r"no subclass of jbench\.Agent, jbench\.Rule or stable-b"),
     ],
 )
-def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refused):
-    assert re.search(sentence, refused("train", "--algo", *typed, results=tmp_path / "results"))
+def test_invalid_request_is_refused(installed, arguments, sentence, tmp_path, refused):
+    error = refused("train", "--algo", *arguments, results=tmp_path / "results")
+    assert re.search(sentence, error)
     assert not (tmp_path / "results").exists()
 
 
@@ -207,8 +203,7 @@ def test_faulty_class_fails_its_run(
 
 
 def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
-    typed = ("train", "--algo", "raises", "--seeds", "0-1", "--steps", SHORT)
-    done = jbench(*typed, results=tmp_path, short=True)
+    done = jbench(*typed("raises", {}, "0-1"), results=tmp_path, short=True)
     assert done.returncode == 1
     lines = [line for line in done.stderr.splitlines() if not line.startswith(" ")]
     error = "AttributeError: 'Raises' object has no attribute 'missing'"
@@ -220,17 +215,14 @@ def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
     assert "Next:" not in done.stdout
 
 
-@pytest.mark.parametrize(
-    ("name", "kills"), [pytest.param("random-search", 5, marks=pytest.mark.slow), (NAME, 2)]
-)
-def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, name, kills, tmp_path):
-    run = agent_run(name, package=None if name == NAME else "random-search-agent")
+def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, tmp_path):
+    run = agent_run(NAME, package=None)
     request = {"path": str(tmp_path), "runs": [run.model_dump(mode="json")]}
-    request |= {"at": "random", "kills": kills}
+    request |= {"at": "random", "kills": 2}
     done = Process("tests.training.kills:main", request, short=True).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
-    assert (answer["kills"], answer["problems"]) == (kills, [])
+    assert (answer["kills"], answer["problems"]) == (2, [])
     # Some kills were in the middle of the run.
     assert {steps for folder in answer["steps"] for (steps,) in folder} & set(range(50, 400, 50))
     whole = Results(tmp_path / "whole").find("run", run.id)
@@ -259,57 +251,27 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
     assert record.read("episodes")["episode"].to_pylist() == list(range(8))
 
 
-def test_run_of_agent_with_state_is_continued(installed, tmp_path, monkeypatch):
-    shorten_episodes(monkeypatch.setattr)
-    whole = agent_run()
-    short = whole.model_copy(update={"steps": 225})
-    assert run_batch([whole], Results(tmp_path / "once")) == {}
-    assert run_batch([short], Results(tmp_path), keep_state=True) == {}
-    events = []
-    run_batch([whole], Results(tmp_path), report=events.append)
-    assert resumed(events, [whole]) == [(whole.seed, 225, "", short.id)]
-    once, twice = (Results(path).find("run", whole.id) for path in (tmp_path / "once", tmp_path))
-    assert rows(twice) == rows(once)
-    assert twice.read_file(WEIGHTS) == once.read_file(WEIGHTS)
-
-
-def test_state_of_agent_without_it_is_refused(installed, tmp_path, refused):
-    error = refused("train", "--algo", "without-state", "--keep-state", "--results", str(tmp_path))
-    assert "the agent without-state has no state and restore; leave --keep-state out" in error
-
-
-def test_classes_are_named_without_entry_points(site, tmp_path):
-    for module in ("random_search.py", "other_agents.py"):
-        shutil.copy(site / module, tmp_path)
-    text = matrix({NAME: {"noise": 0.2}, "other_agents:WithoutState": {}})
-    (tmp_path / "two.toml").write_text(text)
+def test_class_of_working_directory_is_named_without_entry_point(site, tmp_path):
+    shutil.copy(site / "random_search.py", tmp_path)
+    (tmp_path / "one.toml").write_text(matrix({NAME: {"noise": 0.2}}))
     results = tmp_path / "results"
-    done = jbench("sweep", "two.toml", results=results, cwd=tmp_path, short=True)
+    done = jbench("sweep", "one.toml", results=results, cwd=tmp_path, short=True)
     assert done.returncode == 0, done.stderr
-    typed = ("train", "--algo", NAME, "--set", "noise=0.2", "--evaluate-episodes", "1")
-    typed += ("--seeds", "0-1", "--steps", SHORT)
-    again = jbench(*typed, results=results, cwd=tmp_path, short=True)
+    command = typed(NAME, {"noise": 0.2}, "0-1")
+    again = jbench(*command, results=results, cwd=tmp_path, short=True)
     assert "2 of 2 runs are already finished" in again.stdout
     runs, _ = Results(results).scan("run")
-    assert {(run.settings["algo"], run.settings["hyperparameters"]["noise"]) for run in runs} == {
-        *((NAME, 0.2), ("other_agents:WithoutState", 0.5))
-    }
     checksum = hashlib.sha256((tmp_path / "random_search.py").read_bytes()).hexdigest()
-    (run, _) = (run for run in runs if run.settings["algo"] == NAME)
-    assert run.id.startswith("face_direction/random_search.RandomSearch/full/s0")
-    assert run.manifest.provenance["source_sha256"] == checksum
-    assert (run.settings["engine"], run.settings.get("package")) == ("plugin", None)
-    report = ("report", "--json", "--format", "png")
-    rows = json.loads(succeed(*report, results=results, short=True).stdout)["configurations"]
-    assert {(row["algo"], row["seeds"]) for row in rows} == {
-        *((NAME, 2), ("other_agents:WithoutState", 2))
-    }
+    for run in runs:
+        assert run.id.startswith("face_direction/random_search.RandomSearch/full/s0")
+        assert (run.settings["algo"], run.settings["hyperparameters"]["noise"]) == (NAME, 0.2)
+        assert run.manifest.provenance["source_sha256"] == checksum
+        assert (run.settings["engine"], run.settings.get("package")) == ("plugin", None)
 
 
-def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
+def test_algorithms_are_listed_with_settings_and_packages(installed, document, run_command):
     # Some entry points of the packages can't be loaded.
-    assert main(["algorithms", "--json"]) == 1
-    printed = json.loads(capsys.readouterr().out)
+    printed = document("algorithms", code=1)
     listed = {entry["name"]: entry for entry in printed["algorithms"]}
     assert {"ddpg", "ppo", "sac", "td3", "random-search"} <= set(listed)
     assert listed["random-search"] == {
@@ -325,36 +287,15 @@ def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
     broken = {entry["name"] for entry in printed["broken"]}
     assert {"broken", "no-agent", "no-settings"} <= broken
     assert not broken & {"random-search", "tqc"}
-    assert main(["algorithms", "sb3_contrib:TQC"]) == 0
-    assert "top_quantiles_to_drop_per_net" in capsys.readouterr().out
+    code, out, _ = run_command("algorithms", "sb3_contrib:TQC")
+    assert (code, "top_quantiles_to_drop_per_net" in out) == (0, True)
 
 
-def test_installed_policy_is_evaluated(installed, tmp_path):
-    typed = ("evaluate", "bang-bang", "--task", "face_direction", "--episodes", "1")
-    printed = json.loads(succeed(*typed, "--json", results=tmp_path, short=True).stdout)
-    assert printed["settings"]["code"] == "random-search-agent 1.0"
-
-
-def test_rule_is_named_without_entry_point(installed, tmp_path, monkeypatch):
+def test_killed_run_of_rule_resumes_bit_for_bit(installed, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
-    run, results = rule_run("tqc:TQC"), Results(tmp_path)
+    run = rule_run("tqc:TQC")  # without its entry point
     assert (run.engine, run.package) == ("batched", None)
-    assert run_batch([run], results) == {}
-    record = results.find("run", run.id)
-    assert record.manifest.provenance["package"] == "tqc-rule 2.1"
-    same = Results(tmp_path / "installed")
-    assert run_batch([rule_run()], same) == {}
-    other = same.find("run", rule_run().id)
-    assert record.read_file(WEIGHTS) == other.read_file(WEIGHTS)
-
-
-@pytest.mark.parametrize("stacked", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_killed_run_of_rule_resumes_bit_for_bit(installed, stacked, tmp_path, monkeypatch):
-    shorten_episodes(monkeypatch.setattr)
-    if stacked:
-        stack_seeds(monkeypatch.setattr)
-    run = rule_run()
-    request = (str(tmp_path / "killed"), run.model_dump(mode="json"), "cpu", 200, stacked)
+    request = (str(tmp_path / "killed"), run.model_dump(mode="json"), "cpu", 200, False)
     done = Process("tests.agents.killed_run:main", *request, short=True).finished()
     assert done.returncode == -signal.SIGKILL
     events, records = [], []
@@ -365,4 +306,5 @@ def test_killed_run_of_rule_resumes_bit_for_bit(installed, stacked, tmp_path, mo
     assert [event.steps for event in events if event.kind == "resumed"] == [200]
     assert rows(records[0]) == rows(records[1])
     assert len(rows(records[0])) == 8 + 3
+    assert records[0].manifest.provenance["package"] == "tqc-rule 2.1"
     assert records[0].read_file(WEIGHTS) == records[1].read_file(WEIGHTS)

@@ -10,11 +10,9 @@ from pathlib import Path
 import pytest
 
 from jbench.store import Results
-from jbench.store.query import load
 from tests import command_line
 from tests.command_line import SHORT
 
-jbench = partial(command_line.jbench, short=True)
 succeed = partial(command_line.succeed, short=True)
 
 ALGOS = ("td3", "ppo")
@@ -30,7 +28,6 @@ def train(algo, encoder):
 
 
 def files(results):
-    """Content of every file except locks."""
     return {p: p.read_bytes() for p in results.rglob("*") if p.is_file() and p.name != "lock"}
 
 
@@ -46,26 +43,10 @@ def pipeline(tmp_path_factory):
     return results
 
 
-def test_pipeline_finishes_every_run(pipeline):
-    tables, problems = load(Results(pipeline))
-    runs = tables["runs"].to_pandas()
-    assert problems == []
-    assert len(runs) == 2 * 2 * 2
-    assert set(runs["status"]) == {"finished"}
-    assert set(runs["representation"]) == {"full", "dae5"}
-    assert set(runs["episodes"]) == {2}
-    assert (
-        runs.groupby(["algo", "representation"])["seed"]
-        .apply(list)
-        .map(sorted)
-        .eq([[0, 1]] * 4)
-        .all()
-    )
-
-
-def test_each_record_keeps_its_command_line(pipeline):
+def test_each_record_is_finished_and_keeps_its_command_line(pipeline):
     store = Results(pipeline)
     records = [record for kind in ("dataset", "encoder", "run") for record in store.scan(kind)[0]]
+    assert [record.status for record in records] == ["finished"] * (1 + 1 + 2 * 2 * 2)
     typed = {tuple(record.manifest.provenance["command"]) for record in records}
     where = ("--results", str(pipeline))
     trained = [train(algo, encoder) for algo in ALGOS for encoder in ("none", "5")]
@@ -87,25 +68,14 @@ def test_report_shows_every_cell(pipeline, tmp_path):
 
 def test_repeated_commands_change_nothing_and_report_it(pipeline):
     before = files(pipeline)
-    collected = succeed(*COLLECT, results=pipeline)
-    trained_dae = succeed(*TRAIN_DAE, results=pipeline)
-    trained = succeed(*train("td3", "5"), results=pipeline)
-    assert "already finished; nothing to do" in collected.stdout
-    assert "already finished; nothing to do" in trained_dae.stdout
-    assert "2 of 2 runs are already finished; nothing to do" in trained.stdout
-    assert files(pipeline) == before
-
-
-def test_train_agent_is_alias_of_train(pipeline):
-    done = succeed("train-agent", *train("td3", "none")[1:], results=pipeline)
-    assert "nothing to do" in done.stdout
-
-
-def test_json_is_only_standard_output(pipeline):
+    for command in (COLLECT, TRAIN_DAE, train("td3", "5"), ("train-agent", *train("td3", "5")[1:])):
+        assert "already finished; nothing to do" in succeed(*command, results=pipeline).stdout
+    # With --json, that is all of the standard output.
     collected = succeed(*COLLECT, "--json", results=pipeline)
     assert json.loads(collected.stdout)["settings"]["steps"] == 4 * SHORT
-    trained = json.loads(succeed(*train("td3", "none"), "--json", results=pipeline).stdout)
+    trained = json.loads(succeed(*train("td3", "5"), "--json", results=pipeline).stdout)
     assert trained["failures"] == {}
     assert [run.rsplit("/", 1)[1][:3] for run in trained["runs"]] == ["s00", "s01"]
-    encoders = json.loads(succeed(*TRAIN_DAE, "--json", results=pipeline).stdout)["encoders"]
-    assert encoders[0]["summary"]["test_mse"] > 0
+    (encoder,) = json.loads(succeed(*TRAIN_DAE, "--json", results=pipeline).stdout)["encoders"]
+    assert encoder["summary"]["test_mse"] > 0
+    assert files(pipeline) == before

@@ -6,7 +6,6 @@ import pytest
 
 import jbench as api
 from jbench import task_specs
-from jbench.cli import main
 from jbench.store import Results
 from tests.command_line import TRAINING, jbench, succeed, train
 from tests.commands.distributions import install, make_importable
@@ -48,60 +47,40 @@ def installed(site, monkeypatch):
     make_importable(site, monkeypatch)
 
 
-@pytest.fixture(scope="module")
-def trained(site, tmp_path_factory):
-    """Results of a run on the package's task, and of its evaluation."""
-    results = tmp_path_factory.mktemp("trained")
+@pytest.mark.slow
+def test_task_of_a_package_is_trained_and_its_runs_are_reported_without_it(site, tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         make_importable(site, patch)
-        succeed(*train("td3", "full", "--task", "two-poles"), results=results)
-        (run, _) = Results(results).scan("run")[0]
-        succeed("evaluate", run.id, "--episodes", "2", results=results)
-        succeed("evaluate", "random", "--task", "two-poles", "--episodes", "1", results=results)
-    return Results(results)
-
-
-@pytest.mark.slow
-def test_task_of_a_package_is_trained_and_evaluated(trained):
-    for run in trained.scan("run")[0]:
-        assert run.status == "finished"
-        assert run.id.startswith("two-poles/td3/full/s0")
-        assert run.settings["task"] == "two-poles"
-        assert run.settings["specs"]["parts"] == ["cart", "poles", "velocities"]
-        assert run.settings["specs"]["sizes"] == [1, 4, 3]
-        assert run.manifest.provenance["task_package"] == "two-poles-robot 1.2"
-    returns = {
-        record.settings["policy"]: record.read("policy_episodes")["episode_return"].to_pylist()
-        for record in trained.scan("evaluation")[0]
-    }
-    assert sorted(map(len, returns.values())) == [1, 2]
-    assert all(0 < value < 1000 for values in returns.values() for value in values)
-
-
-@pytest.mark.slow
-def test_runs_of_a_task_that_is_not_installed_are_listed_reported_and_verified(trained, capsys):
-    here = ("--results", str(trained.path))
-    assert main(["runs", *here]) == 0
-    assert "two-poles/td3/full/s00-" in capsys.readouterr().out
-    assert main(["verify", *here]) == 0
-    report = ("report", "--json", "--format", "png", "--out", trained.path / "out")
-    rows = json.loads(succeed(*report, results=trained.path).stdout)["configurations"]
+        succeed(*train("td3", "full", "--task", "two-poles"), results=tmp_path)
+        (run, _) = Results(tmp_path).scan("run")[0]
+        succeed("evaluate", run.id, "--episodes", "2", results=tmp_path)
+    assert (run.status, run.settings["task"]) == ("finished", "two-poles")
+    assert run.id.startswith("two-poles/td3/full/s00-")
+    assert run.settings["specs"]["parts"] == ["cart", "poles", "velocities"]
+    assert run.settings["specs"]["sizes"] == [1, 4, 3]
+    assert run.manifest.provenance["task_package"] == "two-poles-robot 1.2"
+    (evaluation,) = Results(tmp_path).scan("evaluation")[0]
+    returns = evaluation.read("policy_episodes")["episode_return"].to_pylist()
+    assert [0 < value < 1000 for value in returns] == [True, True]
+    # The package is installed no longer.
+    assert run.id in succeed("runs", results=tmp_path).stdout
+    succeed("verify", results=tmp_path)
+    report = ("report", "--json", "--format", "png")
+    rows = json.loads(succeed(*report, results=tmp_path).stdout)["configurations"]
     assert {(row["task"], row["seeds"]) for row in rows} == {("two-poles", 2)}
 
 
-def test_tasks_of_packages_are_listed(installed, monkeypatch, capsys):
+def test_tasks_of_packages_are_listed(installed, monkeypatch, document):
     monkeypatch.setattr(task_specs, "SUITE_TASKS", ("dmc:cheetah-run",))  # each of 49 is compiled
     # Four of the package's are no tasks, as their specifications or their modules show.
-    assert main(["tasks", "--json"]) == 1
-    printed = json.loads(capsys.readouterr().out)
+    printed = document("tasks", code=1)
     tasks = {entry["name"]: entry for entry in printed["tasks"]}
     assert (tasks["two-poles"]["observation_size"], tasks["two-poles"]["action_size"]) == (8, 1)
     assert {"not-finite", "ends-early", "dmc:cheetah-run", "face_direction"} <= set(tasks)
     broken = {entry["name"]: entry["error"] for entry in printed["broken"]}
     assert set(broken) == {"one-value", "unnamed", "same-names", "missing"}
     assert "The task missing can't be loaded from own_tasks:Missing" in broken["missing"]
-    assert main(["tasks", "two-poles", "--json"]) == 0
-    (task,) = json.loads(capsys.readouterr().out)["tasks"]
+    (task,) = document("tasks", "two-poles")["tasks"]
     assert task["parts"] == {"cart": 1, "poles": 4, "velocities": 3}
 
 

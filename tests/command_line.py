@@ -95,15 +95,9 @@ def kill_when(condition, process):
 
 
 SMALL = ("--set", "hidden_layers=[8]", "--set", "batch_size=8")
-OFF_POLICY = (
-    *("--set", "learning_starts=20", "--set", "train_freq=20", "--set", "gradient_steps=1"),
-)
-TRAINING = {
-    "ddpg": (*SMALL, *OFF_POLICY),
-    "td3": (*SMALL, *OFF_POLICY),
-    "sac": (*SMALL, *OFF_POLICY),
-    "ppo": (*SMALL, "--set", "n_envs=2", "--set", "n_steps=100"),
-}
+OFF_POLICY = ("--set", "learning_starts=20", "--set", "train_freq=20", "--set", "gradient_steps=1")
+TRAINING = dict.fromkeys(("ddpg", "td3", "sac"), (*SMALL, *OFF_POLICY))
+TRAINING["ppo"] = (*SMALL, "--set", "n_envs=2", "--set", "n_steps=100")
 
 
 def train(algo, encoder, *more):

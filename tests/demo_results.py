@@ -46,27 +46,17 @@ def _add_encoder(results):
     shapes = {"encoder.weight": (14, 16), "encoder.bias": (14,)}
     shapes |= {"decoder.weight": (16, 14), "decoder.bias": (16,)}
     weights = {name: random.normal(size=shape).astype("f4") for name, shape in shapes.items()}
-    description = {
-        "kind": settings.kind,
-        "options": settings.options,
-        "task": TASK,
-        "latents": 14,
-        "features": [f"feature {index}" for index in range(16)],
-        "minimum": [-1.0] * 16,
-        "maximum": [1.0] * 16,
-    }
+    description = {"kind": settings.kind, "options": settings.options, "task": TASK, "latents": 14}
+    description |= {"features": [f"feature {index}" for index in range(16)]}
+    description |= {"minimum": [-1.0] * 16, "maximum": [1.0] * 16}
     record = results.create("encoder", settings.id, settings.model_dump())
     errors = dict.fromkeys(encoder_schema.ENCODER_ERRORS.names, 0.5) | {"encoder": settings.id}
     errors |= {"test_states": 1000, "heuristic_states": 1000}
     errors |= {"test_explained": 0.959, "pca_explained": 0.976, "heuristic_explained": 0.977}
     record.append({"encoder_errors": pa.Table.from_pylist([errors], encoder_schema.ENCODER_ERRORS)})
-    record.finish(
-        {"test_mse": 0.00537, "test_explained": 0.959, "wall_time": 1.0},
-        {
-            saved.DESCRIPTION: json.dumps(description).encode(),
-            saved.WEIGHTS: safetensors.numpy.save(weights),
-        },
-    )
+    files = {saved.DESCRIPTION: json.dumps(description).encode()}
+    files |= {saved.WEIGHTS: safetensors.numpy.save(weights)}
+    record.finish({"test_mse": 0.00537, "test_explained": 0.959, "wall_time": 1.0}, files)
 
 
 def _add_run(results, representation, seed, training, evaluation):
@@ -98,21 +88,15 @@ def _add_run(results, representation, seed, training, evaluation):
         for number in range(10)
         for episode in range(2)
     ]
-    record.append(
-        {
-            "episodes": pa.Table.from_pylist(episodes, schema.EPISODES),
-            "evaluations": pa.Table.from_pylist(evaluations, schema.EVALUATIONS),
-        }
-    )
+    record.append({"episodes": pa.Table.from_pylist(episodes, schema.EPISODES)})
+    record.append({"evaluations": pa.Table.from_pylist(evaluations, schema.EVALUATIONS)})
     record.finish({"wall_time": 120.0, "steps_done": 20_000}, policy_files(_policy(representation)))
 
 
 def _policy(representation):
-    sizes = (16 if representation == "full" else 14, 8, 1)
     random = np.random.default_rng(1)
-    pairs = list(zip(sizes[1:], sizes[:-1], strict=True))
     linear = [
-        linear_layer(random.normal(size=pair).astype("f4"), np.zeros(pair[0], "f4"))
-        for pair in pairs
+        linear_layer(random.normal(size=shape).astype("f4"), np.zeros(shape[0], "f4"))
+        for shape in ((8, 16 if representation == "full" else 14), (1, 8))
     ]
     return SavedNetwork(relu_layers(linear, "tanh"))

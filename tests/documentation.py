@@ -23,21 +23,13 @@ LANGUAGES = ("python", "sh", "sql", "toml")
 
 @dataclass(frozen=True)
 class Block:
-    """A block of code.
-
-    Attributes:
-        page: name of its page.
-        line: of the page on which it begins, counted from 1.
-        kind: one of `LANGUAGES`, or "console" for a command and what it prints.
-        text: what it holds.
-        illustration: why it is not run, or None if it is.
-    """
+    """A block of code on the page with this name."""
 
     page: str
     line: int
-    kind: str | None
+    kind: str | None  # one of `LANGUAGES`, or "console" for a command and what it prints
     text: str
-    illustration: str | None
+    illustration: str | None  # why it is not run
 
     @property
     def commands(self):
@@ -139,14 +131,9 @@ class Session:
         return printed.getvalue()
 
     def _sh(self, block):
-        done = subprocess.run(
-            ["bash", "-e", "-c", block.commands],
-            cwd=self.directory,
-            env=self.environment,
-            capture_output=True,
-            text=True,
-            timeout=300,
-        )
+        command, where = ["bash", "-e", "-c", block.commands], {"cwd": self.directory}
+        where |= {"env": self.environment, "timeout": 300}
+        done = subprocess.run(command, **where, capture_output=True, text=True)
         assert done.returncode == 0, f"{block.page}:{block.line}: {done.stderr}"
         return done.stdout
 

@@ -47,7 +47,6 @@ class Forked:
             target: "module:function" that it calls; what that returns is its exit code.
             arguments: of the function, as JSON.
             streams: its standard input, output and error, as descriptors.
-            cwd: its working directory.
             session: whether it leads a session, and so a process group, of its own.
         """
         request = {"target": target, "arguments": arguments, "session": session}
@@ -96,7 +95,6 @@ class Piped(Forked):
     """A process without input, with a pipe from `stdout` and this process's standard error."""
 
     def __init__(self, target, arguments, **options):
-        """Starts the process; see `Forked`."""
         output, printed = os.pipe()
         with open(os.devnull) as nothing:
             streams = (nothing.fileno(), printed, 2)
@@ -143,8 +141,7 @@ def server(episode_steps):
     return ours
 
 
-def _channel():
-    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+_channel = partial(socket.socketpair, socket.AF_UNIX, socket.SOCK_SEQPACKET)
 
 
 def serve(channel):
@@ -171,11 +168,8 @@ def serve(channel):
                 pid = os.fork()
                 if pid == 0:
                     selector.close()
-                    _run_request(
-                        json.loads(message),
-                        streams,
-                        (channel.detach(), ended, wakeup, status, *children.values()),
-                    )
+                    others = (channel.detach(), ended, wakeup, status, *children.values())
+                    _run_request(json.loads(message), streams, others)
                 for handle in streams:
                     os.close(handle)
                 children[pid] = status
@@ -231,15 +225,15 @@ def _run_request(request, streams, others):
 
 def _call(target, arguments):
     """Calls the function of a request; returns its exit code."""
-    module, function = target.split(":")
+    workers = contextlib.nullcontext()
     if target == COMMAND:
         sys.argv = ["jbench", *arguments[0]]
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        with _forked_workers():
-            return getattr(importlib.import_module(module), function)(*arguments)
+        workers = _forked_workers()
     if target == WORKER:
         Path("/proc/self/comm").write_text(WORKER_NAME)
-    return getattr(importlib.import_module(module), function)(*arguments)
+    with workers:
+        return pkgutil.resolve_name(target)(*arguments)
 
 
 WORKER_NAME = "jbench-worker"
@@ -279,18 +273,14 @@ def import_all():
     gc.freeze()
 
 
-def shorten_measurements():
-    """Measures the speed of training on few steps, and evaluates encoders on few episodes."""
-    from jbench.encoders import evaluation
-    from jbench.training import speed
-
-    speed._STEPS, speed._UPDATES = 20, 2
-    evaluation._EPISODES = 2
-
-
 if __name__ == "__main__":
     names.EPISODE_STEPS = int(sys.argv[2])  # before other modules copy it
     import_all()
-    shorten_measurements()
+    from jbench.encoders import evaluation
+    from jbench.training import speed
+
+    # The speed of training is measured on few steps, encoders are evaluated on few episodes.
+    speed._STEPS, speed._UPDATES = 20, 2
+    evaluation._EPISODES = 2
     with contextlib.suppress(KeyboardInterrupt):
         serve(socket.socket(fileno=int(sys.argv[1])))

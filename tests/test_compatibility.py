@@ -13,14 +13,8 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.store.shipped import shipped
-from tests.fixtures.make_results import (
-    FINISHED,
-    INTERRUPTED,
-    TRAINING,
-    content,
-    this_processor,
-    train,
-)
+from tests.fixtures import make_results
+from tests.fixtures.make_results import FINISHED, INTERRUPTED, TRAINING, content, train
 from tests.training.small_runs import shorten_episodes
 
 FIXTURES = Path(__file__).parent / "fixtures"
@@ -46,12 +40,6 @@ def runs(results, status):
         for record in results.scan("run")[0]
         if record.status == status and record.settings["engine"] == "batched"
     }
-
-
-def test_fixture_has_finished_and_interrupted_run_per_algorithm(results):
-    assert set(runs(results, "finished")) == set(runs(results, "unfinished")) == set(TRAINING)
-    counts = {kind: len(results.scan(kind)[0]) for kind in SETTINGS}
-    assert counts == {"dataset": 1, "encoder": 2, "evaluation": 1, "run": 9}
 
 
 @pytest.mark.parametrize("kind", SETTINGS)
@@ -86,17 +74,14 @@ def test_finished_run_is_skipped(algo, results, capsys):
     record = runs(results, "finished")[algo]
     manifest = (record.path / "manifest.json").read_bytes()
     assert main([*train(algo, FINISHED), "--results", str(results.path)]) == 0
-    expected = f"The run {record.id} is already finished; nothing to do."
-    assert expected in capsys.readouterr().out
+    assert f"{record.id} is already finished; nothing to do." in capsys.readouterr().out
     assert (record.path / "manifest.json").read_bytes() == manifest
-
-
-SLOW = pytest.mark.slow
 
 
 @pytest.mark.usefixtures("forked_workers")
 @pytest.mark.parametrize(
-    "algo", [pytest.param(algo, marks=[] if algo in ("td3", "ppo") else SLOW) for algo in TRAINING]
+    "algo",
+    ["td3", "ppo", *(pytest.param(algo, marks=pytest.mark.slow) for algo in ("ddpg", "sac"))],
 )
 def test_interrupted_run_resumes_to_recorded_results(algo, results, monkeypatch, capsys):
     monkeypatch.setattr("jbench.sweeps.scheduler.forecasts", lambda *_: [])
@@ -104,9 +89,7 @@ def test_interrupted_run_resumes_to_recorded_results(algo, results, monkeypatch,
     before = interrupted.read("episodes").drop(TIMES).to_pylist()
     assert [row["control_steps"] for row in before] == [1000]
     assert main([*train(algo, INTERRUPTED), "--results", str(results.path)]) == 0
-    resumed = (
-        f"The run {interrupted.id} was interrupted or failed; it resumes at control step 1,000."
-    )
+    resumed = f"{interrupted.id} was interrupted or failed; it resumes at control step 1,000."
     assert resumed in capsys.readouterr().out
     now = results.find("run", interrupted.id)
     assert now.status == "finished"
@@ -115,7 +98,7 @@ def test_interrupted_run_resumes_to_recorded_results(algo, results, monkeypatch,
     assert rows[:1] == before
     # Other processors and libraries round differently.
     expected = json.loads((FIXTURES / "expected.json").read_text())
-    if expected["processor"] == this_processor():
+    if expected["processor"] == make_results.this_processor():
         wanted, found = expected["runs"][interrupted.id], content(results, interrupted.id)
         for row, old in zip(found["episodes"], wanted["episodes"], strict=True):
             # Columns that are newer than the fixture are empty.

@@ -72,26 +72,6 @@ def installed(wheel, tmp_path_factory):
     return place
 
 
-@pytest.fixture(scope="module")
-def jbench(installed):
-    """Returns a function that runs the installed command and returns its output."""
-    environment = {**os.environ, "PYTHONPATH": str(installed / "packages")}
-
-    def run(*arguments):
-        done = subprocess.run(
-            [sys.executable, "-m", "jbench", *arguments],
-            cwd=installed,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=900,
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    return run
-
-
 def test_sdist_contains_every_file_of_checkout(sdist):
     generated = {"PKG-INFO", "setup.cfg", *(name for name in files(sdist) if ".egg-info/" in name)}
     assert files(sdist) - generated == checkout() - generated - {".gitignore"}
@@ -114,20 +94,14 @@ def test_description_has_no_relative_links_or_images(wheel):
     assert "![" not in description
 
 
-def test_installed_command_prints_version(jbench, installed):
-    assert list((installed / "packages" / "bin").glob("jbench*"))
-    assert jbench("--version") == f"jbench {__version__}\n"
-
-
-@pytest.mark.slow
-def test_installed_package_runs_every_command(installed):
-    (installed / "short").mkdir()
-    (installed / "short" / "sitecustomize.py").write_text(
+def run(installed, *arguments):
+    """Runs Python with the installed package and short episodes; returns its output."""
+    (installed / "sitecustomize.py").write_text(
         f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"
     )
-    packages = os.pathsep.join(str(installed / name) for name in ("short", "packages"))
+    packages = os.pathsep.join([str(installed), str(installed / "packages")])
     done = subprocess.run(
-        [sys.executable, "-c", every_verb.PROGRAM, every_verb.command_lines(installed)],
+        [sys.executable, *arguments],
         cwd=installed,
         env={**os.environ, "PYTHONPATH": packages},
         capture_output=True,
@@ -135,7 +109,20 @@ def test_installed_package_runs_every_command(installed):
         timeout=900,
     )
     assert done.returncode == 0, done.stderr
-    ended = dict(zip(every_verb.PRINTED, json.loads(done.stdout), strict=True))
+    return done.stdout
+
+
+def test_installed_command_prints_version_and_shipped_runs(installed):
+    assert list((installed / "packages" / "bin").glob("jbench*"))
+    assert run(installed, "-m", "jbench", "--version") == f"jbench {__version__}\n"
+    printed = run(installed, "-m", "jbench", "runs", "--results", "reference")
+    assert "face_direction/td3/full/s00-" in printed
+
+
+@pytest.mark.slow
+def test_installed_package_runs_every_command(installed):
+    program = ("-c", every_verb.PROGRAM, every_verb.command_lines(installed))
+    ended = dict(zip(every_verb.PRINTED, json.loads(run(installed, *program)), strict=True))
     for verb in every_verb.PRINTED.keys() - every_verb.missing():
         code, printed = ended[verb]
         assert code == 0, verb
@@ -143,10 +130,3 @@ def test_installed_package_runs_every_command(installed):
     (manifest,) = installed.glob("results/runs/face_direction/td3/**/manifest.json")
     # The checkout's revision is not recorded: the installed package made the run.
     assert json.loads(manifest.read_text())["provenance"]["git_revision"] is None
-
-
-@pytest.mark.slow
-def test_installed_command_lists_shipped_runs(jbench):
-    assert "face_direction/td3/full/s00-" in jbench("runs", "--results", "reference")
-    printed = jbench("report", "--results", "reference", "--algo", "ddpg", "--format", "svg")
-    assert "index.html" in printed

@@ -13,6 +13,8 @@ import pytest
 from typer.main import get_command
 
 from jbench.cli import app
+from jbench.errors import WorkError
+from jbench.store import Results
 from tests import every_verb
 from tests.command_line import SHORT
 
@@ -43,23 +45,19 @@ importlib.metadata.version = version
 """
 
 
-def process(*arguments, customized, place, **environment):
-    """Runs Python with a sitecustomize module; returns the completed process."""
-    (place / "sitecustomize.py").write_text(customized)
+def customize(place, source):
+    """Returns the environment of Python processes that first import a module."""
+    (place / "sitecustomize.py").write_text(source)
     paths = [str(place), os.environ.get("PYTHONPATH", "")]
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=900,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), **environment},
-    )
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
 
 
-def answer(*arguments, **where):
-    done = process(*arguments, **where)
+def answer(program, *arguments, env):
+    """Runs a program; returns its output, and what it wrote to standard error."""
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900, env=env)
     assert done.returncode == 0, done.stderr
-    return done.stdout
+    return done.stdout, done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +65,8 @@ def without_linux(tmp_path_factory):
     """The exit code and the output of each command."""
     place = tmp_path_factory.mktemp("elsewhere")
     typed = (every_verb.PROGRAM, every_verb.command_lines(place))
-    ended = json.loads(answer("-c", *typed, customized=WITHOUT_LINUX, place=place))
-    return dict(zip(every_verb.PRINTED, ended, strict=True))
+    printed, _ = answer(*typed, env=customize(place, WITHOUT_LINUX))
+    return dict(zip(every_verb.PRINTED, json.loads(printed), strict=True))
 
 
 @pytest.mark.slow
@@ -84,29 +82,23 @@ def test_every_command_is_covered():
     assert {*every_verb.PRINTED, *every_verb.TESTED_ELSEWHERE} == shown
 
 
-HELD = """
+RUN = "face_direction/td3/full/s00-00000000"
+HELD = f"""
 import sys
 from pathlib import Path
 from jbench.store import Results
-with Results(Path(sys.argv[1])).record("run", "face_direction/td3/full/s00-00000000").lock():
+with Results(Path(sys.argv[1])).record("run", "{RUN}").lock():
     print("locked", flush=True)
     sys.stdin.read()
 """
 
 
 def test_lock_without_fcntl_is_released_when_holder_is_killed(tmp_path):
-    from jbench.errors import WorkError
-    from jbench.store import Results
-
-    (tmp_path / "sitecustomize.py").write_text(WITHOUT_LINUX)
-    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    record = Results(tmp_path / "results").record("run", "face_direction/td3/full/s00-00000000")
-    with subprocess.Popen(
-        [sys.executable, "-c", HELD, str(tmp_path / "results")],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": paths},
-    ) as holder:
+    record = Results(tmp_path / "results").record("run", RUN)
+    command = [sys.executable, "-c", HELD, str(tmp_path / "results")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    env = customize(tmp_path, WITHOUT_LINUX)
+    with subprocess.Popen(command, env=env, **pipes) as holder:
         assert holder.stdout.readline() == b"locked\n"
         with pytest.raises(WorkError, match="Another process is writing"):
             record.lock().__enter__()
@@ -135,8 +127,9 @@ sys.exit(main(["collect", "--steps", "1000", "--results", sys.argv[1]]))
 
 
 def test_without_dm_control_only_its_domain_is_refused(tmp_path):
-    program = ("-c", WITHOUT_THE_DOMAIN, tmp_path / "results")
-    lines = answer(*program, customized=WITHOUT_DM_CONTROL, place=tmp_path).splitlines()
+    program = (WITHOUT_THE_DOMAIN, tmp_path / "results")
+    printed, _ = answer(*program, env=customize(tmp_path, WITHOUT_DM_CONTROL))
+    lines = printed.splitlines()
     assert lines[:4] == [
         "(16,)",
         "15",
@@ -147,18 +140,14 @@ def test_without_dm_control_only_its_domain_is_refused(tmp_path):
     assert lines[4].startswith("Dataset random/s00-")
 
 
-def test_dm_control_domain_needs_no_labmaze(tmp_path):
-    printed = answer(
-        "-c",
-        "import jbench.tasks\nfrom dm_control import suite\n"
-        "print(suite.load('jitterbug', 'move_to_pose').action_spec().shape)",
-        customized="import sys\nsys.modules['labmaze'] = None\n",
-        place=tmp_path,
-    )
-    assert printed == "(1,)\n"
+DOMAIN = """
+from dm_control import suite
+print(suite.load("jitterbug", "move_to_pose").action_spec().shape)
+"""
 
 
-def test_importing_tasks_without_display_prints_no_warning(tmp_path):
-    unset = dict.fromkeys(("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"), "")
-    done = process("-c", "import jbench.tasks", customized="", place=tmp_path, **unset)
-    assert (done.returncode, done.stderr) == (0, "")
+def test_tasks_need_no_labmaze_and_warn_of_no_display(tmp_path):
+    env = customize(tmp_path, "import sys\nsys.modules['labmaze'] = None\n")
+    assert answer(f"import jbench.tasks{DOMAIN}", env=env)[0] == "(1,)\n"
+    env |= dict.fromkeys(("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"), "")
+    assert answer("import jbench.tasks", env=env) == ("", "")

@@ -133,7 +133,8 @@ def test_runs_of_uninstalled_packages_are_listed_reported_and_verified(swept, ca
     for algo in SETTINGS:
         error = refused("train", "--algo", algo, results=swept.path)
         assert f"Unknown algorithm {algo!r}" in error
-        assert "install the package of another agent, or type MODULE:CLASS." in error
+    error = refused("train", "--algo", "random-search", results=swept.path)
+    assert "install the package of another agent, or type MODULE:CLASS." in error
     assert sorted(swept.path.rglob("*")) == before
 
 

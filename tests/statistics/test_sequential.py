@@ -11,7 +11,6 @@ LOOKS = 6  # at 5, 10 ... 30 seeds
 
 
 def compare(ours, theirs, margin, rate, looks):
-    """Returns the decision on a single comparison."""
     (decision,) = decide([(ours, theirs)], [rate], [looks], margin)
     return decision
 
@@ -51,12 +50,9 @@ def test_rejection_agrees_with_hand_computed_p_value(ours, theirs, p):
         # If earlier looks reject no relabeling, the last one has the whole rate.
         return first_above(ours, theirs, rate, blocks, block=2) == blocks
 
-    if blocks == 1:
-        assert last_look_rejects(p + 0.01) == (p < 1)
-        assert not last_look_rejects(p - 0.01)
-    else:
-        assert last_look_rejects(p + 0.01)  # less than 2 / 6: the first look may reject none
-        assert not last_look_rejects(p - 0.01)
+    # With two blocks this is less than 2 / 6: the first look may reject none.
+    assert last_look_rejects(p + 0.01) == (p < 1)
+    assert not last_look_rejects(p - 0.01)
 
 
 def test_error_rate_spent_by_earlier_look_is_not_available():

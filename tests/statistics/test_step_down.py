@@ -78,19 +78,14 @@ def test_decisions_of_bonferroni_remain_and_others_are_added():
 def test_error_rate_of_correlated_comparisons():
     # Three of six comparisons with the same baseline have no difference; the others pass on.
     random, repetitions, looks, m = np.random.default_rng(1), 400, 2, 6
-    theirs = random.normal(0, 1, (repetitions, 10))
+    theirs = np.tile(random.normal(0, 1, (repetitions, 10)), (m, 1, 1))
     shifts = np.array([4, 4, 4, 0, 0, 0])
-    ours = random.normal(shifts[:, None, None], 1, (m, repetitions, 10))
-    at = {}
-    for parts in range(m + 1, 2 * m + 1):
-        for name, sign in (("larger", 1), ("smaller", -1)):
-            at[name, parts] = first_above(
-                sign * ours,
-                sign * np.broadcast_to(theirs, ours.shape),
-                0.05 / parts,
-                looks,
-                relabelings=500,
-            )
+    ours = random.normal(shifts[:, None, None], 1, theirs.shape)
+    at = {
+        (name, parts): first_above(sign * ours, sign * theirs, 0.05 / parts, looks, relabelings=500)
+        for parts in range(m + 1, 2 * m + 1)
+        for name, sign in (("larger", 1), ("smaller", -1))
+    }
     wrong = right = 0
     for r in range(repetitions):
 

@@ -1,6 +1,5 @@
 """A real browser for the tests of the report's page."""
 
-import re
 import shutil
 
 import pytest
@@ -18,6 +17,8 @@ ARGUMENTS = (
     "--disable-component-update",
 )
 DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 360, "height": 740}
+HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>"
+SIDEWAYS = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
 class BrowserPage:
@@ -43,12 +44,6 @@ class BrowserPage:
         assert self.page.evaluate("window.violations") == []
         assert self.page.evaluate("window.hacked") is None
         assert [u for u in self.requests if u != self.own and not u.startswith("data:")] == []
-
-    def color(self, selector, name):
-        """Returns a color of an element, as red, green and blue."""
-        element = self.page.locator(selector).first
-        text = element.evaluate(f"(element) => getComputedStyle(element)['{name}']")
-        return tuple(int(part) for part in re.findall(r"\d+", text)[:3])
 
 
 def launch():

@@ -1,7 +1,5 @@
 """Fixtures of the report tests: fabricated results and a browser."""
 
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +11,7 @@ from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
 from jbench.store import Results, parquet, query, schema
 from tests.report import browser
-from tests.training.small_runs import shorten_episodes
+from tests.store.store_rows import alter_manifest
 
 SETTINGS = {
     "task": "face_direction",
@@ -26,69 +24,43 @@ SETTINGS = {
 }
 
 
-def episodes(run, returns, environments=1, seconds=None):
-    """Returns rows of the table `episodes`; parallel environments end theirs together, as in PPO.
-
-    Args:
-        run: id of the run.
-        returns: episode returns.
-        environments: number of parallel environments.
-        seconds: processor time per episode; None: not recorded.
-    """
+def episodes(run, returns):
+    """Returns rows of the table `episodes`, each of 1000 control steps."""
     index = np.arange(len(returns))
-    steps = (index // environments + 1) * environments * 1000
-    columns = {"run": run, "episode": index, "control_steps": steps, "length": 1000}
+    columns = {"run": run, "episode": index, "control_steps": 1000 * (index + 1), "length": 1000}
     columns |= {"episode_return": np.asarray(returns, float), "wall_time": index * 1.0}
-    if seconds is not None:
-        columns["processor_time"] = (index + 1) * float(seconds)
     return parquet.to_table(pd.DataFrame(columns), schema.EPISODES)
 
 
-def evaluations(run, means, seconds=None):
-    """Returns rows of the table `evaluations`: two episodes each, 5 above and below their mean.
-
-    Args:
-        run: id of the run.
-        means: mean return of each evaluation, by the control steps of the run.
-        seconds: processor time per 1000 control steps; None: not recorded.
-    """
+def evaluations(run, means):
+    """Returns rows of the table `evaluations`: two episodes each, 5 above and below their mean."""
     steps, index = np.repeat([*means], 2), np.arange(2 * len(means))
     columns = {"run": run, "evaluation": index // 2, "episode": index % 2, "control_steps": steps}
     columns["episode_return"] = np.repeat([*means.values()], 2) + np.where(index % 2, 5.0, -5.0)
-    if seconds is not None:
-        columns["processor_time"] = steps / 1000 * seconds
     return parquet.to_table(pd.DataFrame({**columns, "length": 1000}), schema.EVALUATIONS)
 
 
 class FabricatedResults:
-    """Adds runs to a results directory."""
-
     def __init__(self, path):
         self.results = Results(path)
         self.count = 0
 
-    def run(self, returns, seed=0, *, status="finished", environments=1, **changes):
+    def run(self, returns, seed=0, *, status="finished", **changes):
         """Adds a run with these episode returns and settings; returns its record.
 
-        Args:
-            returns: returns of its training episodes.
-            seed: seed of the run.
-            status: status of the run.
-            environments: number of parallel environments.
-            changes: settings, and `evaluated` (mean returns of its evaluations by control steps),
-                `seconds` (processor time per episode), `metrics` (values at two steps by name) and
-                `diverged` (control step of divergence).
+        `changes` may have `evaluated` (mean returns of its evaluations by control steps), `metrics`
+        (values at two steps by name) and `diverged` (control step of divergence).
         """
         steps = changes.pop("steps", len(returns) * 1000)
-        evaluated, seconds = changes.pop("evaluated", {}), changes.pop("seconds", None)
-        diverged, metrics = changes.pop("diverged", None), changes.pop("metrics", {})
+        evaluated, metrics = changes.pop("evaluated", {}), changes.pop("metrics", {})
+        diverged = changes.pop("diverged", None)
         settings = {**SETTINGS, **changes, "seed": seed, "steps": steps}
         self.count += 1
         id = f"face_direction/r{self.count:04d}"
         record = self.results.create("run", id, settings)
-        tables = {"episodes": episodes(id, returns, environments, seconds)}
+        tables = {"episodes": episodes(id, returns)}
         if evaluated:
-            tables["evaluations"] = evaluations(id, evaluated, seconds)
+            tables["evaluations"] = evaluations(id, evaluated)
         if metrics:
             values = pd.DataFrame(metrics, index=[1000, 2000]).rename_axis("control_steps")
             values = values.melt(var_name="name", ignore_index=False).reset_index().assign(run=id)
@@ -96,7 +68,9 @@ class FabricatedResults:
         record.append(tables)
         if diverged is not None:
             record.fail("its critic_loss is not finite")
-            self._record_divergence(record, diverged)
+            divergence = {"update": 7, "control_steps": diverged, "what": "critic_loss"}
+            summary = {**record.manifest.summary, "diverged": divergence}
+            alter_manifest(record, summary=summary)
         elif status == "finished":
             record.finish({"wall_time": 1.0})
         elif status == "failed":
@@ -108,13 +82,21 @@ class FabricatedResults:
         for seed, final in enumerate(finals):
             self.run(np.repeat([0.0, final], episodes // 2), seed, **settings)
 
-    def _record_divergence(self, record, control_steps):
-        """Writes the control step of a divergence into the manifest of a run."""
-        path = record.path / "manifest.json"
-        manifest = json.loads(path.read_text())
-        diverged = {"update": 7, "control_steps": control_steps, "what": "critic_loss"}
-        summary = {**manifest["summary"], "diverged": diverged}
-        path.write_text(json.dumps({**manifest, "summary": summary}))
+    def evaluation(self, policy, returns, **settings):
+        """Adds an evaluation of a policy on face_direction, with these episode returns."""
+        self.count += 1
+        id = f"face_direction/policy/e{self.count:04d}"
+        settings |= {"task": "face_direction", "policy": policy, "episodes": len(returns)}
+        record = self.results.create("evaluation", id, settings)
+        columns = {"evaluation": id, "episode": range(len(returns)), "episode_return": returns}
+        rows = pd.DataFrame({**columns, "length": 1000})
+        record.append({"policy_episodes": parquet.to_table(rows, schema.POLICY_EPISODES)})
+        record.finish({"median": float(np.median(returns))})
+
+    def flat(self, finals, episodes=40, **settings):
+        """Adds a run per seed, whose episodes all have its final return."""
+        for seed, final in enumerate(finals):
+            self.run(np.full(episodes, float(final)), seed, **settings)
 
     def configurations(self, kind=TRAINING):
         """Returns the configurations of all runs, and notes on runs that belong to none."""
@@ -124,19 +106,11 @@ class FabricatedResults:
         return with_returns(cells, kind), notes
 
     def curves(self, order="quantile-first", window=100, kind=TRAINING):
-        """Returns the curves of all runs."""
         return [cell.curve(order, window) for cell in self.configurations(kind)[0]]
 
 
 def import_curves(results, algo, curves, *more):
-    """Imports curves of an algorithm on face_direction, the returns of each seed every 1000 steps.
-
-    Args:
-        results: path of the results.
-        algo: label of the curves.
-        curves: returns by seed.
-        more: options of `jbench import`.
-    """
+    """Imports curves on face_direction: by seed, the returns after 1000, 2000, … control steps."""
     file = results.parent / f"{algo}.csv"
     rows = [
         (seed, 1000 * (i + 1), value)
@@ -159,11 +133,6 @@ def out(tmp_path):
     return tmp_path / "report"
 
 
-@pytest.fixture
-def short_episodes(monkeypatch):
-    shorten_episodes(monkeypatch.setattr)
-
-
 @pytest.fixture(scope="session")
 def published():
     return read_published(query.published())
@@ -171,7 +140,6 @@ def published():
 
 @pytest.fixture(scope="session")
 def chromium():
-    """A browser; tests that need it are skipped where none is installed."""
     yield from browser.launch()
 
 

@@ -29,17 +29,11 @@ WHITENED = "dae12-observation-whitened"
 
 
 class Returns(NamedTuple):
-    """Numbers (seeds,) of a configuration by one kind of return.
-
-    Attributes:
-        final: final returns.
-        area: mean returns over the run.
-        error: squared standard errors of the final returns, from their episodes.
-    """
+    """Numbers (seeds,) of a configuration by one kind of return."""
 
     final: np.ndarray
-    area: np.ndarray
-    error: np.ndarray
+    area: np.ndarray  # mean returns over the run
+    error: np.ndarray  # squared standard errors of the final returns, from their episodes
 
 
 WHICH = "FROM {table} JOIN runs USING (run) WHERE engine = 'batched' AND algo IN ('td3', 'ddpg') "
@@ -72,6 +66,12 @@ def returns(evaluations):
     return found
 
 
+@pytest.fixture(scope="module")
+def finals(returns):
+    """Returns a function: the final evaluation returns with TD3 of representations on a task."""
+    return lambda task, *names: [returns["evaluation", "td3", task, n].final for n in names]
+
+
 def named(frame):
     """Adds the names of the pages: kinds whose size follows from the task have no number."""
     kinds = [(kind_in(r), r) for r in frame.representation]
@@ -80,7 +80,6 @@ def named(frame):
 
 
 def chosen_from(frame, **wanted):
-    """Returns the rows whose columns have the given values."""
     return frame[(frame[[*wanted]] == [*wanted.values()]).all(axis=1)]
 
 
@@ -166,14 +165,8 @@ def test_all_differences(returns):
     assert [row[-1] for row in rows] == [
         f"{p:.3f}" if p >= 0.001 else "< 0.001" for p in holm(p_values)
     ]
-
-
-def test_planar_against_scaled_is_not_decided():
-    rows = table("docs/answer-details.md", "at the end")
-    (p,) = (
-        float(r[-1]) for r in rows if r[0].startswith(TASKS[0]) and r[1:3] == ["planar", "scaled"]
-    )
-    assert f"p is {p:.2f}, corrected" in text_of("answer")
+    (p,) = (r[-1] for r in rows if r[0].startswith(TASKS[0]) and r[1:3] == ["planar", "scaled"])
+    assert f"p is {float(p):.2f}, corrected" in text_of("answer")
 
 
 def p_value(ours, theirs):
@@ -196,10 +189,8 @@ def holm(p_values):
     return np.minimum(adjusted, 1)
 
 
-def test_forward_is_similar_to_scaled(returns):
-    forward, scaled = (
-        returns["evaluation", "td3", TASKS[0], name].final for name in ("forward12", "scaled")
-    )
+def test_forward_is_similar_to_scaled(finals):
+    forward, scaled = finals(TASKS[0], "forward12", "scaled")
     assert np.abs(interval(iqm, forward, scaled, confidence=0.9)).max() < 50
 
 
@@ -223,22 +214,19 @@ def shipped():
     return Frames(shipped_results())
 
 
-def decision(task, representation, against):
-    """Returns the text of a "lower" verdict of the sequential test, such as `-20 [-30, -10]`."""
+def decision(task, representation, against, verdict="lower"):
+    """Returns the text of a verdict of the sequential test, such as `-20 [-30, -10]`."""
     chosen = {"task": task, "representation": representation, "against": against}
     (row,) = chosen_from(shipped().decisions, **chosen).itertuples()
-    assert row.verdict == "lower"
-    return f"{row.difference:.0f} [{row.low:.0f}, {row.high:.0f}]"
+    assert row.verdict == verdict
+    return f"{row.difference:+.0f} [{row.low:+.0f}, {row.high:+.0f}]"
 
 
-def test_whitened_latents_are_between_plain_ones_and_the_observation(returns):
-    plain, whitened = (
-        returns["evaluation", "td3", TASKS[0], f"dae12-observation{name}"].final
-        for name in ("", "-whitened")
-    )
+def test_whitened_latents_are_between_plain_ones_and_the_observation(finals):
+    plain, whitened = finals(TASKS[0], "dae12-observation", WHITENED)
     assert (len(plain), len(whitened), (whitened > plain.max()).sum()) == (10, 10, 9)
-    for finals in (plain, whitened):
-        assert f"({finals.min():.0f} to {finals.max():.0f})" in text_of("answer")
+    for ends in (plain, whitened):
+        assert f"({ends.min():.0f} to {ends.max():.0f})" in text_of("answer")
     tested = decision(TASKS[0], WHITENED, "scaled")
     assert f"lower than with `scaled`: {tested} by" in text_of("answer")
     verdicts = chosen_from(shipped().verdicts, returns="evaluation", claim="b")
@@ -248,39 +236,29 @@ def test_whitened_latents_are_between_plain_ones_and_the_observation(returns):
     assert f"between agents is higher by {low} to {high} than with `scaled`" in text_of("answer")
 
 
-def test_planar_coordinates_help_by_what_they_leave_out(returns):
-    planar, heading, full = (
-        returns["evaluation", "td3", TASKS[1], name].final for name in ("planar", "heading", "full")
-    )
+def test_planar_coordinates_help_by_what_they_leave_out(finals):
+    planar, heading, full = finals(TASKS[1], "planar", "heading", "full")
     assert (len(heading), (planar > heading.max()).sum()) == (10, 7)
     assert abs(iqm(heading) - iqm(full)) < 50
     tested = decision(TASKS[1], "heading", "planar")
     assert f"less than with `planar`: {tested} by the sequential test" in text_of("answer")
 
 
-def test_heading_of_the_easier_task(returns):
-    heading, scaled = (
-        returns["evaluation", "td3", TASKS[0], name].final for name in ("heading", "scaled")
-    )
+def test_heading_of_the_easier_task(finals):
+    heading, scaled = finals(TASKS[0], "heading", "scaled")
     assert abs(iqm(heading) - iqm(scaled)) < 20
-    chosen = {"task": TASKS[0], "representation": "heading", "against": "planar"}
-    (row,) = chosen_from(shipped().decisions, **chosen).itertuples()
-    assert row.verdict == "undecided"
-    tested = f"{row.difference:.0f} [{row.low:.0f}, +{row.high:.0f}]"
+    tested = decision(TASKS[0], "heading", "planar", "undecided")
     assert f"less than with `planar` is undecided: {tested}" in text_of("answer")
 
 
-def test_planar_without_the_yaw_rate(returns):
-    without, planar = (
-        returns["evaluation", "td3", TASKS[0], name].final for name in ("planar-no-yaw11", "planar")
-    )
+def test_planar_without_the_yaw_rate(finals):
+    without, planar = finals(TASKS[0], "planar-no-yaw11", "planar")
     *lower, last = (f"{final:.0f}" for final in sorted(without))
     said = f"have {', '.join(lower)} and {last}, and the ten with `planar` {planar.min():.0f} or"
     assert said in text_of("answer")
 
 
 def text_of(page):
-    """Returns the words of a page of docs/."""
     return " ".join((ROOT / "docs" / f"{page}.md").read_text().split())
 
 

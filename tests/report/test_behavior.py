@@ -1,14 +1,10 @@
 """Tests of Figures 4 and 5: motor velocities and positions of saved states."""
 
-import math
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.policies.evaluate import evaluate
 from jbench.report.policies import behavior
-from jbench.settings.records import EvaluationSettings
 from jbench.store import Results, parquet, schema
 
 STATES = {
@@ -18,31 +14,27 @@ STATES = {
 }
 
 
-def add(results, policy, median=100.0, states=STATES):
-    """Adds a finished evaluation with these states."""
-    settings = {"task": "face_direction", "policy": policy, "episodes": 2, "states": True}
+def add(results, policy, median=100.0, states=STATES, **more):
+    """Adds a finished evaluation with these states, or without any saved."""
+    settings = {"task": "face_direction", "policy": policy, "episodes": 2, **more}
+    settings["states"] = states is not None
     record = results.create("evaluation", f"face_direction/{policy}", settings)
-    count = len(states["motor_velocity"])
-    columns = {name: [0.0] * count for name in schema.POLICY_STATES.names} | states
-    rows = parquet.to_table(pd.DataFrame(columns), schema.POLICY_STATES)
-    record.append({"policy_states": rows})
+    if states is not None:
+        columns = {name: [0.0] * len(states["x"]) for name in schema.POLICY_STATES.names} | states
+        rows = parquet.to_table(pd.DataFrame(columns), schema.POLICY_STATES)
+        record.append({"policy_states": rows})
     record.finish({"median": median})
 
 
-def test_motor_frame_has_density_of_observed_velocities(tmp_path):
+def test_frames_have_densities_of_velocities_and_shares_of_squares(tmp_path):
     add(Results(tmp_path), "random")
-    motor, _, problems = behavior(Results(tmp_path))
+    motor, positions, problems = behavior(Results(tmp_path))
     assert problems == []
     # In half of the states the motor turns at 90 rad/s, observed as 0.5; bins are 0.02 wide.
     highest = motor.loc[motor["density"].idxmax()]
     assert highest["density"] == pytest.approx(0.5 / 0.02)
     assert abs(highest["velocity"] - 0.5) <= 0.011
     assert set(motor["label"]) == {"random (median return 100, 2 episodes)"}
-
-
-def test_position_frame_has_share_of_states_per_square(tmp_path):
-    add(Results(tmp_path), "random")
-    _, positions, _ = behavior(Results(tmp_path))
     assert sorted(positions["share"]) == pytest.approx([0.25, 0.25, 0.5])
     # Two of four states are at the origin, a corner of the squares in the middle.
     (middle,) = positions[positions["share"] == 0.5].to_dict("records")
@@ -58,22 +50,13 @@ def test_worst_and_three_best_policies_are_shown(tmp_path):
     assert positions["policy"].unique().tolist() == ["a", "d", "e", "f"]
 
 
-def test_only_evaluations_with_saved_states_are_drawn(short_episodes, tmp_path):
-    results = Results(tmp_path)
-    for states in (False, True):
-        settings = EvaluationSettings(
-            task="move_in_direction",
-            policy="constant:0.5",
-            episodes=1,
-            states=states,
-            target_yaw=math.pi / 4,
-        )
-        evaluate(settings, results, threads=1)
-    _, positions, problems = behavior(results)
+def test_only_evaluations_with_saved_states_are_drawn(tmp_path):
+    add(Results(tmp_path), "without", states=None)
+    add(Results(tmp_path), "with", target_yaw=0.5)
+    motor, positions, problems = behavior(Results(tmp_path))
     assert problems == []
-    assert set(positions["policy"]) == {"constant:0.5"}
-    assert set(positions["target_yaw"]) == {math.pi / 4}
-    assert positions["share"].sum() == pytest.approx(1)
+    assert set(motor["policy"]) == set(positions["policy"]) == {"with"}
+    assert set(positions["target_yaw"]) == {0.5}
 
 
 def test_damaged_evaluation_is_reported(tmp_path):

@@ -13,11 +13,10 @@ from jbench.cli import main
 from jbench.importing.curve_file import read_curves, to_json
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from tests.report.browser import HOSTILE, SIDEWAYS
 
 ORACLE = Path(__file__).parents[1] / "statistics" / "rliable_oracle" / "made.json"
 HEAD = "method,task,seed,steps,return\n"
-HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>"
-SIDEWAYS = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
 def write_csv(path, curves):
@@ -48,9 +47,6 @@ def two_methods(tmp_path_factory):
         for seed in range(5)
     }
     return write_csv(tmp_path_factory.mktemp("two") / "two.csv", curves)
-
-
-# Numbers.
 
 
 def test_numbers_over_tasks_equal_rliable(tmp_path):
@@ -132,10 +128,6 @@ def test_report_has_the_files_of_results(two_methods, tmp_path, monkeypatch, cap
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "out"
     assert main(["report", "--curves", str(two_methods), "--out", str(out), "--format", "svg"]) == 0
-    for table in ("final_returns", "comparisons"):
-        assert {(out / "tables" / f"{table}.{end}").exists() for end in ("csv", "md", "tex")} == {
-            True
-        }
     assert "\n| task | method | seeds |" in (out / "tables" / "final_returns.md").read_text()
     drawn = {path.stem for path in (out / "figures").iterdir()}
     assert drawn == {"algorithms", "comparisons", "profiles", "returns"}
@@ -145,9 +137,6 @@ def test_report_has_the_files_of_results(two_methods, tmp_path, monkeypatch, cap
     for word in ("Jitterbug", "reach 900", "solved", "hand-written", "random actions", "the paper"):
         assert word not in page, word
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-# The page.
 
 
 @pytest.mark.slow
@@ -182,23 +171,16 @@ def test_smallest_files_are_reported(curve, tmp_path, opened):
     assert text.startswith("PPO reaches a median return of ")
 
 
-# Bad files.
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         ("method,task,seed,steps\nPPO,walk,0,1\n", "has no column 'return'"),
         (HEAD + "PPO,walk,0,1,nan\n", "line 2: return is 'nan', which is not a finite number"),
-        (HEAD + "PPO,walk,0,1,high\n", "line 2: return is 'high', which is not a finite number"),
-        (HEAD + "PPO,walk,0,1,\n", "line 2: return is ''"),
         (HEAD + "PPO,walk,0,0.5,1\n", "'PPO' on 'walk', seed 0: 0.5 is no number of steps"),
         (HEAD + "PPO,walk,-1,1,1\n", "line 2: seed is '-1'"),
         (HEAD + "PPO,walk,0,1,1\nPPO,walk,0,1,2\n", "seed 0: two returns at 1 steps"),
         (HEAD + ",walk,0,1,1\n", "'' is no name of a method"),
         (HEAD + '"a\nb",walk,0,1,1\n', "is no name of a method"),
-        (HEAD + "PPO,walk,0,1\n", "line 2: 4 fields, but the header has 5"),
-        (HEAD, "has a header, but no rows"),
         ("", "is empty"),
         (b"\xff\xfe" + HEAD.encode(), "it is not text (UTF-8)"),
         ('{"walk": {"PPO": {"seed_0": {"million_steps": [1], "return": []}}}}', "finite numbers"),
@@ -234,9 +216,6 @@ def test_bad_request_is_refused(typed, says, two_methods, monkeypatch, capsys):
     assert says in capsys.readouterr().err
 
 
-# Export.
-
-
 def test_file_of_humanoidbench_is_read(tmp_path):
     path = tmp_path / "logs.json"
     # A cut of logs/hand_ablation.json of carlosferrazza/humanoid-bench.
@@ -245,13 +224,8 @@ def test_file_of_humanoidbench_is_read(tmp_path):
     points = read_curves(path)
     assert points["steps"].tolist() == [0, 10_000, 350_000]
     assert points["return"].tolist() == curve["return"]
-    assert json.loads(to_json(points)) == {
-        "push": {
-            "Blocked DreamerV3": {
-                "seed_0": {"million_steps": [0.0, 0.01, 0.35], "return": curve["return"]}
-            }
-        }
-    }
+    curve["million_steps"] = [0.0, 0.01, 0.35]
+    assert json.loads(to_json(points)) == {"push": {"Blocked DreamerV3": {"seed_0": curve}}}
 
 
 def test_exported_curves_are_those_of_the_runs(fabric, tmp_path, capsys):

@@ -14,26 +14,20 @@ def test_diverged_seed_counts_with_zero_until_end_of_others(fabric):
     fabric.run(FLAT, 0, evaluated=LAST)
     fabric.run(FLAT[:12], 1, steps=40_000, diverged=12_400)
     fabric.run(FLAT, 2, evaluated=LAST)
+    fabric.run(FLAT[:30], 3, steps=40_000, diverged=30_000, evaluated={20_000: 400.0})
     (cell,), _ = fabric.configurations()
     assert cell.returns[1].tolist() == [500.0] * 12 + [0.0] * 28
-    assert cell.lengths.tolist() == [40] * 3
-    assert cell.steps.tolist() == [40_000] * 3
-    assert cell.diverged.tolist() == [False, True, False]
-    assert seed_scores(cell).final.tolist() == [500, 0, 500]
+    assert cell.lengths.tolist() == [40] * 4
+    assert cell.steps.tolist() == [40_000] * 4
+    assert cell.diverged.tolist() == [False, True, False, True]
+    assert seed_scores(cell).final.tolist() == [500, 0, 500, 0]
     assert seed_scores(cell).area[1] == 500 * 12 / 40
-    assert seed_scores(cell, 12_000).final.tolist() == [500] * 3
+    assert seed_scores(cell, 12_000).final.tolist() == [500] * 4
     (curve,) = fabric.curves(window=1)
-    assert curve.quantile(10)[-1] == 100  # of 0, 500 and 500
-    assert curve.seeds.tolist() == [3] * 40
+    assert curve.quantile(50)[-1] == 250  # of 0, 0, 500 and 500
+    assert curve.seeds.tolist() == [4] * 40
     (cell,), _ = fabric.configurations(EVALUATION)
-    assert cell.returns.tolist() == [[400, 600], [0, 0], [400, 600]]
-
-
-def test_evaluations_before_divergence_are_kept(fabric):
-    fabric.run(FLAT, 0, evaluated=LAST)
-    fabric.run(FLAT[:30], 1, steps=40_000, diverged=30_000, evaluated={20_000: 400.0})
-    (cell,), _ = fabric.configurations(EVALUATION)
-    assert cell.returns.tolist() == [[400, 600], [400, 0]]
+    assert cell.returns.tolist() == [[400, 600], [0, 0], [400, 600], [400, 0]]
 
 
 def test_cell_whose_seeds_all_diverged_counts_until_requested_steps(fabric):

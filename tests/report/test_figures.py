@@ -1,5 +1,6 @@
 """Figures: what is drawn of a frame, how series look, and the files."""
 
+import itertools
 import re
 from xml.etree import ElementTree
 
@@ -26,11 +27,11 @@ NAMES = [
 STEPS = [10_000, 20_000, 30_000, 40_000, 50_000]
 
 
-def add_runs(fabric, seeds=3, points=5, **changes):
+def add_runs(fabric, *names, seeds=3, points=5, **changes):
     """Adds runs whose evaluation return is 100 for each evaluation, and 10 more for each seed."""
-    for seed in range(seeds):
+    for name, seed in itertools.product(names or ("full",), range(seeds)):
         evaluated = {steps: 100.0 * (i + 1) + 10 * seed for i, steps in enumerate(STEPS[:points])}
-        fabric.run([50.0 + seed] * 50, seed, evaluated=evaluated, **changes)
+        fabric.run([50.0 + seed] * 50, seed, evaluated=evaluated, representation=name, **changes)
 
 
 def chart_of(fabric, name, request=Request()):  # noqa: B008
@@ -38,7 +39,6 @@ def chart_of(fabric, name, request=Request()):  # noqa: B008
 
 
 def drawn(panel, version=None):
-    """Returns the axes of a panel after drawing."""
     draw = panel.versions[version] if version else next(iter(panel.versions.values()))
     axes = Figure().subplots()
     draw(axes)
@@ -86,8 +86,7 @@ def test_the_color_blind_can_tell_the_main_representations_apart():
 @pytest.mark.parametrize(("other", "lines"), [("move_in_direction", 3), ("cartpole.swingup", 1)])
 def test_profiles_have_the_return_of_a_solved_task_where_all_tasks_have_one(fabric, other, lines):
     for task in ("face_direction", other):
-        add_runs(fabric, task=task)
-        add_runs(fabric, task=task, representation="dae12")
+        add_runs(fabric, "full", "dae12", task=task)
     panels = chart_of(fabric, "profiles").panels
     assert [panel.title for panel in panels] == ["face_direction", other, "all tasks"]
     levels = [line.get_xdata() for panel in panels for line in drawn(panel).lines]
@@ -95,8 +94,7 @@ def test_profiles_have_the_return_of_a_solved_task_where_all_tasks_have_one(fabr
 
 
 def test_curves_by_representation_are_the_medians_of_evaluations(fabric):
-    add_runs(fabric)
-    add_runs(fabric, representation="dae12")
+    add_runs(fabric, "full", "dae12")
     add_runs(fabric, algo="ppo")
     chart = chart_of(fabric, "representations")
     assert [panel.title for panel in chart.panels] == ["face_direction, TD3"]
@@ -111,49 +109,35 @@ def test_curves_by_representation_are_the_medians_of_evaluations(fabric):
 
 
 def test_long_curves_are_drawn_with_200_points_of_each():
-    parts = [
-        pd.DataFrame({"configuration": name, "returns": "training", "steps": range(5000)})
-        for name in ("b", "a")
-    ]
-    drawn_rows = drawn_points(pd.concat(parts, ignore_index=True))
-    assert drawn_rows["configuration"].unique().tolist() == ["b", "a"]
-    for _, curve in drawn_rows.groupby("configuration"):
+    names = pd.DataFrame({"configuration": ["b", "a"], "returns": "training"})
+    rows = drawn_points(names.merge(pd.DataFrame({"steps": range(5000)}), how="cross"))
+    assert rows["configuration"].unique().tolist() == ["b", "a"]
+    for _, curve in rows.groupby("configuration"):
         assert curve["steps"].is_monotonic_increasing
         assert 150 < len(curve) <= 200
         assert (curve["steps"].min(), curve["steps"].max()) == (0, 4999)
 
 
-def test_training_returns_come_first_where_evaluations_are_few(fabric):
-    add_runs(fabric, points=4)
-    add_runs(fabric, points=4, representation="dae12")
+def test_few_evaluations_come_after_training_returns_and_two_seeds_are_lines_and_no_band(fabric):
+    add_runs(fabric, "full", "dae12", seeds=2, points=4)
     chart = chart_of(fabric, "representations")
     assert chart.switches[0] == ["training", "evaluation"]
     assert next(iter(chart.panels[0].versions)).startswith("training")
-
-
-def test_two_seeds_are_drawn_as_lines_instead_of_a_band(fabric):
-    add_runs(fabric, seeds=2)
-    add_runs(fabric, seeds=2, representation="dae12")
-    axes = drawn(chart_of(fabric, "representations").panels[0], "evaluation linear")
+    axes = drawn(chart.panels[0], "evaluation linear")
     mine = [line.get_ydata()[-1] for line in axes.lines if line.get_gid() == "series-0"]
-    assert sorted(mine)[:3] == [500, 505, 510]
+    assert sorted(mine)[:3] == [400, 405, 410]
 
 
-def test_a_single_configuration_has_its_curve_and_nothing_else(fabric):
-    add_runs(fabric, representation="dae12")
-    assert [chart.name for chart in charts(Frames(fabric.results))] == ["algorithms"]
-    assert chart_of(fabric, "algorithms").title == "Learning curves"
-
-
-def test_a_curve_is_not_drawn_twice(fabric):
-    add_runs(fabric)
-    add_runs(fabric, representation="dae12")
+def test_a_single_configuration_has_its_curve_and_nothing_else_and_none_is_drawn_twice(fabric):
+    add_runs(fabric, "dae12")
+    (only,) = charts(Frames(fabric.results))
+    assert (only.name, only.title) == ("algorithms", "Learning curves")
+    add_runs(fabric, "full")
     assert chart_of(fabric, "algorithms") is None
 
 
 def test_the_forest_has_each_seed_and_the_policies(fabric):
-    add_runs(fabric)
-    add_runs(fabric, representation="dae12")
+    add_runs(fabric, "full", "dae12")
     axes = drawn(chart_of(fabric, "returns").panels[0])
     rows = [label.get_text() for label in axes.get_yticklabels()]
     assert rows == ["TD3 full", "TD3 dae12", "random actions", "hand-written policy"]
@@ -184,7 +168,7 @@ def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
     mesh = drawn(made["positions"].panels[0]).collections[0].get_array()
     assert sorted(mesh.compressed()) == [0.01]
     lines = drawn(made["sequences"].panels[0]).lines
-    assert sum(line.get_gid() == "series-0" for line in lines) == 1
+    assert [line.get_gid() for line in lines].count("series-0") == 1
     for name in ("motor", "encoders"):
         axes = drawn(made[name].panels[0])
         axes.figure.canvas.draw()
@@ -197,27 +181,20 @@ def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
 
 @pytest.mark.parametrize(("columns", "width"), [(1, 3.5), (2, 7.15)])
 def test_files_have_the_width_of_a_column_and_the_same_bytes(fabric, columns, width):
-    add_runs(fabric)
-    add_runs(fabric, representation="dae12")
+    add_runs(fabric, "full", "dae12")
     draw = chart_of(fabric, "representations").figure
     assert draw(columns).get_size_inches()[0] == pytest.approx(width)
     for ending in ("svg", "pdf", "png"):
         content = style.image(draw(columns), ending)
         assert content == style.image(draw(columns), ending)
-        assert b"xlink:href=&quot;full at" not in content
-    assert b"n = 3" not in style.image(draw(columns), "svg")  # no tips
-
-
-def test_fonts_in_a_pdf_are_truetype(fabric):
-    add_runs(fabric)
-    content = style.image(chart_of(fabric, "algorithms").figure(1), "pdf")
-    assert b"/Type3" not in content
-    assert b"/CIDFontType2" in content or b"/TrueType" in content
+        assert b"n = 3" not in content  # no tips
+        if ending == "pdf":
+            assert b"/Type3" not in content
+            assert b"/CIDFontType2" in content or b"/TrueType" in content
 
 
 def test_svg_of_a_page_has_no_style_no_double_id_and_a_title_for_each_mark(fabric):
-    add_runs(fabric)
-    add_runs(fabric, representation="dae12")
+    add_runs(fabric, "full", "dae12")
     panels = chart_of(fabric, "representations").panels
     root = ElementTree.fromstring(f"<x>{panel_svgs(panels[0], 'label', 'name')}</x>")
     elements = list(root.iter())
@@ -233,8 +210,7 @@ def test_svg_of_a_page_has_no_style_no_double_id_and_a_title_for_each_mark(fabri
 
 
 def test_names_are_drawn_as_they_are_but_for_control_characters(fabric):
-    add_runs(fabric)
-    add_runs(fabric, representation="dae12")
+    add_runs(fabric, "full", "dae12")
     found = Frames(fabric.results)
     found.curves["representation"] = found.curves["representation"].replace("dae12", '"$x^2$<\a')
     found.clean()

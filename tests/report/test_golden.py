@@ -11,7 +11,6 @@ from tests.report.golden import cases
 
 @pytest.fixture(scope="module", params=[*cases.CASES])
 def case(request, tmp_path_factory):
-    """The name of a case and its frames."""
     return request.param, cases.frames(request.param, tmp_path_factory.mktemp(request.param))
 
 

@@ -24,16 +24,13 @@ RETURNS = {
 
 
 def add(results, algo, returns, *more, episodes=8):
-    """Imports curves of constant returns."""
     curves = {seed: [value] * episodes for seed, value in returns.items()}
     import_curves(results, algo, curves, *more)
 
 
 @pytest.fixture
 def demo(demo_results, tmp_path):
-    """A copy of results with runs."""
-    shutil.copytree(demo_results.path, tmp_path / "demo")
-    return tmp_path / "demo"
+    return shutil.copytree(demo_results.path, tmp_path / "demo")
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +43,6 @@ def two_imported(tmp_path_factory):
 
 @pytest.fixture
 def imported(two_imported, tmp_path):
-    """Results with two imported algorithms and no runs."""
     return shutil.copytree(two_imported, tmp_path / "imported")
 
 
@@ -99,10 +95,9 @@ def test_longest_import_of_seed_is_used(tmp_path):
 
 def test_seeds_with_points_at_different_control_steps_are_noted(tmp_path):
     path, file = tmp_path / "imported", tmp_path / "curves.csv"
-    file.write_text("seed,at,value\n0,1000,10\n0,2000,20\n1,1300,30\n1,2200,40\n")
-    typed = ("--from", "csv", "--task", "face_direction", "--algo", "td3", "--seed-column", "seed")
-    columns = ("--steps-column", "at", "--return-column", "value")
-    assert main(["import", *typed, *columns, "--results", str(path), str(file)]) == 0
+    file.write_text("seed,steps,return\n0,1000,10\n0,2000,20\n1,1300,30\n1,2200,40\n")
+    typed = ("--from", "csv", "--task", "face_direction", "--algo", "td3")
+    assert main(["import", *typed, "--results", str(path), str(file)]) == 0
     (row,) = Frames(Results(path)).configurations.to_dict("records")
     assert "the points of its seeds are up to 300 control steps apart" in row["note"]
 
@@ -145,22 +140,16 @@ def test_requests_without_curves_are_refused(typed, says, imported, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_damaged_imports_are_skipped_and_reported(imported):
-    part = sorted(imported.rglob("import_points-*.parquet"))[0]
+def test_imports_that_are_damaged_or_lack_their_length_are_skipped_and_reported(imported):
+    part = min(imported.rglob("import_points-*.parquet"))
     part.write_bytes(b"cut")
-    found = Frames(Results(imported))
-    assert [problem for problem in found.problems if str(part) in problem] == found.problems
-    assert len(found.problems) == 1
-    assert sorted(found.configurations["seeds"]) == [5, 6]
-
-
-def test_imports_without_length_are_skipped_and_reported(imported):
-    manifest = sorted(imported.rglob("manifest.json"))[0]
+    manifest = max(imported.rglob("manifest.json"))
     manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "summary": {}}))
     found = Frames(Results(imported))
-    (problem,) = found.problems
-    assert "lacks a label, a seed, its kind of return or its length" in problem
-    assert sorted(found.configurations["seeds"]) == [5, 6]
+    assert len(found.problems) == 2
+    for says in (str(part), "lacks a label, a seed, its kind of return or its length"):
+        assert sum(says in problem for problem in found.problems) == 1
+    assert found.configurations["seeds"].tolist() == [5, 5]
 
 
 def test_curves_of_opened_results_include_imports(imported):

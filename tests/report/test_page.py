@@ -1,5 +1,6 @@
 """The page in a real browser, and its size, policy and words."""
 
+import itertools
 import re
 
 import numpy as np
@@ -12,17 +13,14 @@ from jbench.report.figures import charts
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store.shipped import shipped_results
-from tests.report.browser import PHONE
+from tests.report.browser import HOSTILE, PHONE, SIDEWAYS
 
-HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>\x07"
 WORDS = """() => {
   const body = document.body.cloneNode(true);
   const parts = "table, script, svg, dialog, .filters, .tools";
   body.querySelectorAll(parts).forEach((e) => e.remove());
   return body.textContent.split(/\\s+/).filter((word) => word).length;
 }"""
-FILLS = "(e) => [...e.querySelectorAll('.legend path')].map((mark) => mark.getAttribute('fill'))"
-SIDEWAYS = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +35,11 @@ def shipped_page(shipped, tmp_path_factory):
     return path
 
 
-def add_runs(fabric, seeds=2, **changes):
+def add_runs(fabric, *names, seeds=2):
     """Adds young runs, as those of the demo."""
-    for seed in range(seeds):
+    for name, seed in itertools.product(names, range(seeds)):
         returns = np.linspace(100, 400 + 50 * seed, 25)
-        fabric.run(returns, seed, evaluated={25_000: float(returns[-1])}, **changes)
+        fabric.run(returns, seed, evaluated={25_000: float(returns[-1])}, representation=name)
 
 
 def written(found, tmp_path):
@@ -52,12 +50,13 @@ def written(found, tmp_path):
 
 def hostile(found):
     """Returns frames in which names are those of an enemy."""
-    found.headline, found.notes, found.problems = f"{HOSTILE} wins.", [HOSTILE], [HOSTILE]
+    name = HOSTILE + "\x07"
+    found.headline, found.notes, found.problems = f"{name} wins.", [name], [name]
     for frame in vars(found).values():
         if isinstance(frame, pd.DataFrame):
-            for name in frame.select_dtypes(["object", "str"]):
-                frame[name] = frame[name].map(
-                    lambda text: text.replace("dae12", HOSTILE) if isinstance(text, str) else text
+            for column in frame.select_dtypes(["object", "str"]):
+                frame[column] = frame[column].map(
+                    lambda text: text.replace("dae12", name) if isinstance(text, str) else text
                 )
     found.clean()
     return found
@@ -72,6 +71,8 @@ def test_shipped_page_is_accessible_and_short(shipped_page, opened, scheme):
     for fold in shown.locator("details.fold > summary").all():
         fold.click()
     assert Axe().run(shown).response["violations"] == []
+    cut = "(boxes) => boxes.filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.ariaLabel)"
+    assert shown.locator(".scroll").evaluate_all(cut) == []
 
 
 def test_same_frames_give_the_same_bytes_and_nothing_but_its_own_script_may_run(
@@ -131,12 +132,8 @@ def test_tips_name_the_nearest_mark(shipped_page, opened):
     shown = opened(shipped_page).page
     panel = shown.locator("#representations .panel").nth(1)
     panel.scroll_into_view_if_needed()
-    box = (
-        panel.locator("svg")
-        .first.locator("[data-series='2']")
-        .last.locator("path")
-        .last.bounding_box()
-    )
+    line = panel.locator("svg").first.locator("[data-series='2']").last
+    box = line.locator("path").last.bounding_box()
     shown.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert re.match(r"planar at 100,000: \d+ \[\d+, \d+\], n = 10", shown.inner_text(".tip"))
 
@@ -205,13 +202,9 @@ def test_metrics_of_a_run_are_curves_in_its_dialog(fabric, tmp_path, opened):
 def test_everything_that_a_mouse_can_do_a_keyboard_can(shipped_page, opened):
     shown = opened(shipped_page).page
     selector = "button, a[href], select, input, summary, .scroll"
-    assert shown.evaluate(
-        f"[...document.querySelectorAll('{selector}')].every(e => e.tabIndex >= 0)"
-    )
-    row = (
-        "[...document.querySelectorAll('tr[data-run]')].every((row) => row.querySelector('button'))"
-    )
-    assert shown.evaluate(row)
+    assert shown.locator(selector).evaluate_all("(all) => all.every((e) => e.tabIndex >= 0)")
+    row = "(rows) => rows.every((row) => row.querySelector('button'))"
+    assert shown.locator("tr[data-run]").evaluate_all(row)
 
 
 def test_page_is_readable_without_scripts(shipped_page, opened):
@@ -225,9 +218,8 @@ def test_page_is_readable_without_scripts(shipped_page, opened):
 def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, case, shipped_page):
     path = shipped_page
     if case != "shipped":
-        add_runs(fabric, seeds=1 if case == "one run" else 2)
-        if case != "one run":
-            add_runs(fabric, representation="dae12")
+        names = ["full"] if case == "one run" else ["full", "dae12"]
+        add_runs(fabric, *names, seeds=len(names))
         found = Frames(fabric.results)
         path = written(hostile(found) if case == "hostile" else found, tmp_path)
     shown = opened(path, viewport=PHONE).page
@@ -237,15 +229,14 @@ def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, ca
     assert not any(shown.locator("#reduction .scroll").evaluate_all(boxes))
     if case == "hostile":
         legend = shown.locator("#representations .legend").inner_text()
-        assert HOSTILE[:-1] in legend
+        assert HOSTILE in legend
     if case == "one run":
         assert shown.locator("main > section").count() <= 5
         assert not shown.locator("#returns, #reduction, #pairs").count()
 
 
 def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path):
-    add_runs(fabric)
-    add_runs(fabric, representation="dae12")
+    add_runs(fabric, "full", "dae12")
     path = written(Frames(fabric.results), tmp_path)
     shown = opened(path).page
     first = shown.locator("main > section").first
@@ -260,24 +251,17 @@ def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path)
 
 
 def test_watched_page_reloads_itself_and_links_no_files(fabric, opened, tmp_path):
-    add_runs(fabric)
+    add_runs(fabric, "full")
     shown = opened(written(Frames(fabric.results, Request(watched=True)), tmp_path)).page
     assert shown.locator("meta[http-equiv=refresh]").count() == 1
     assert shown.locator("a[download]").count() == 0
 
 
-def test_no_table_is_cut_at_the_side(shipped_page, opened):
-    shown = opened(shipped_page).page
-    for fold in shown.locator("details.fold > summary").all():
-        fold.click()
-    cut = "(boxes) => boxes.filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.ariaLabel)"
-    assert shown.locator(".scroll").evaluate_all(cut) == []
-
-
 def test_legends_have_the_marks_that_are_drawn(shipped_page, opened):
     figure = opened(shipped_page).page.locator("#predictions")
-    marks = "(e) => [...e.querySelectorAll('.legend path')].map((mark) => mark.getAttribute('d'))"
-    pairs = list(zip(figure.evaluate(marks), figure.evaluate(FILLS), strict=True))
+    pairs = figure.locator(".legend path").evaluate_all(
+        "(marks) => marks.map((mark) => mark.getAttribute('d') + mark.getAttribute('fill'))"
+    )
     assert len(set(pairs)) == len(pairs) > 8
 
 

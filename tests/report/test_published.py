@@ -42,9 +42,7 @@ def test_median_is_interpolated_between_points(published):
     x, y = first["steps"].tolist(), first["median"].tolist()
     found, _ = best_median(published, TASKS[1], "td3", "full", x[0] + 0.25 * (x[1] - x[0]))
     assert found == pytest.approx(0.75 * y[0] + 0.25 * y[1])
-
-
-def test_no_median_beyond_ends_of_curve(published):
+    # There is none beyond the ends of the curve.
     args = (published, "face_direction", "td3", "full")
     assert best_median(*args, 40_000) is None
     assert best_median(*args, 6e6) is None

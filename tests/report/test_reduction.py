@@ -20,7 +20,6 @@ FINALS = {
 
 
 def learn(fabric, finals=FINALS, **more):
-    """Adds runs of each representation that learn its final returns."""
     for representation, numbers in finals.items():
         fabric.learn(numbers, representation=representation, **more)
 
@@ -60,9 +59,8 @@ def test_verdict_on_return_says_by_how_much(fabric):
     found = verdicts(fabric)
     assert found["planar", "full", "a"]["text"] == "higher by 190 to 210; by more than 50: yes"
     assert found["scaled", "full", "a"]["text"].startswith("similar: higher by 1")
-    assert found["planar", "full", "c"]["text"].startswith(
-        "faster: mean return over the run higher"
-    )
+    faster = "faster: mean return over the run higher"
+    assert found["planar", "full", "c"]["text"].startswith(faster)
 
 
 def test_difference_that_excludes_zero_but_not_margin_is_higher(fabric):
@@ -114,9 +112,8 @@ def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):
                 fabric.run([final] * 100, seed, **steps, **more)
         found = Frames(fabric.results)
         (decision,) = found.decisions.to_dict("records")
-        row = found.verdicts[
-            (found.verdicts["claim"] == "a") & (found.verdicts["returns"] == "evaluation")
-        ].iloc[0]
+        shown = found.verdicts.query("claim == 'a' and returns == 'evaluation'")
+        row = shown.iloc[0]
         assert decision["seeds"] == seeds
         # All ten labels of a block have to be right: 1 / 252 is more than the share of 0.001.
         assert decision["verdict"] == row["verdict"] == verdict
@@ -162,18 +159,11 @@ def test_final_returns_are_those_at_common_step(fabric):
 def test_returns_stand_beside_r2_of_predictions(fabric):
     learn(fabric)
     r2 = {"planar": 0.9, "dae12": 0.4, "pca4": -0.2, "vae8": 0.5}
-    table = pd.DataFrame(
-        [
-            {"task": "face_direction", "representation": name, "yaw_rate": value}
-            | {"forward_speed": 0.7, "tilt_rate": 0.6, "reward": 0.5}
-            for name, value in r2.items()
-        ]
-    )
+    table = pd.DataFrame({"representation": [*r2], "yaw_rate": [*r2.values()]})
+    table = table.assign(task="face_direction", forward_speed=0.7, tilt_rate=0.6, reward=0.5)
     cells = fabric.configurations()[0]
     found = prediction_frame(cells, table)
-    assert found["quantity"].unique().tolist() == [
-        *("yaw rate", "forward speed", "tilt rate", "reward")
-    ]
+    assert [*found["quantity"].unique()] == ["yaw rate", "forward speed", "tilt rate", "reward"]
     yaw = found[found["quantity"] == "yaw rate"].set_index("representation")
     assert yaw["r2"].to_dict() == {"planar": 0.9, "dae12": 0.4, "pca4": -0.2}
     assert yaw["iqm"].to_dict() == pytest.approx({"planar": 800, "dae12": 400, "pca4": 610})
@@ -184,10 +174,10 @@ def test_returns_stand_beside_r2_of_predictions(fabric):
 
 def test_headline_names_what_was_decided(fabric):
     learn(fabric)
-    found = Frames(fabric.results)
-    assert "planar" in found.headline
-    assert "dae12" in found.headline
-    assert len(found.headline.split()) <= 30
+    headline = Frames(fabric.results).headline
+    assert "planar" in headline
+    assert "dae12" in headline
+    assert len(headline.split()) <= 30
 
 
 def test_headline_of_few_seeds_says_that_it_is_too_early(fabric):

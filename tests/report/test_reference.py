@@ -24,9 +24,7 @@ def test_they_are_intact(runs):
     assert found.records == len(runs) + len(encoders)
     assert runs
     assert {record.status for record in runs} == {"finished"}
-
-
-def test_no_directory_of_the_machine_that_made_them_is_named(runs):
+    # No directory of the machine that made them is named.
     assert all("command" not in record.manifest.provenance for record in runs)
 
 

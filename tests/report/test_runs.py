@@ -45,6 +45,7 @@ def test_settings_are_named_by_path_and_include_omitted_ones(found):
 def test_run_without_episodes_is_in_no_configuration(found):
     runs = found.runs.set_index("seed")
     assert runs.loc[3, "configuration"] == ""
+    assert "The run face_direction/r0004 (unfinished) has no episodes yet." in found.notes
     assert runs.loc[0, "configuration"] == runs.loc[1, "configuration"] != ""
     assert runs["final"].isna().to_dict() == {0: False, 1: True, 2: True, 3: True}
 

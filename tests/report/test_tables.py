@@ -10,27 +10,14 @@ import pytest
 
 from jbench.report.data import returns as words
 from jbench.report.frames import Frames
-from jbench.report.table import (
-    Table,
-    estimate,
-    number,
-    plain,
-    to_csv,
-    to_latex,
-    to_markdown,
-)
+from jbench.report.table import Table, estimate, number, plain, to_csv, to_latex, to_markdown
 from jbench.report.tables import tables
 
 
 def table(columns=None, **values):
     frame = pd.DataFrame(values)
-    return Table(
-        "final_returns",
-        "Final & last",
-        "50% of_them.",
-        frame,
-        tuple(columns or map(plain, frame)),
-    )
+    shown = tuple(columns or map(plain, frame))
+    return Table("final_returns", "Final & last", "50% of_them.", frame, shown)
 
 
 PLAIN = table(
@@ -104,59 +91,51 @@ def test_variability_is_that_of_three_seeds_or_more(fabric, seeds, shown):
     assert ("Detectable: " in table.caption) == bool(shown)
 
 
-class TestReport:
-    @pytest.fixture
-    def found(self, fabric):
-        for seed in range(3):
-            fabric.run(np.full(40, 500.0), seed, evaluated={40_000: 899.6})
-            fabric.run(np.full(40, 500.0), seed, algo="TD3", engine="external")
-        return Frames(fabric.results)
-
-    def test_policies_stand_beside_agents(self, found):
-        texts = next(one for one in tables(found) if one.name == "final_returns").texts()
-        assert texts["algorithm"].tolist() == [*("TD3", "random actions", "hand-written")]
-        # 899.6 must not read 900.
-        assert texts["median"].tolist()[0] == "899.6 [899.6, 899.6]"
-        assert texts["median"].tolist()[1].startswith("220 [")
-        assert texts["seeds"].tolist() == ["3", "", ""]
-
-    def test_label_that_reads_like_algorithm_of_paper_has_own_name(self, found):
-        assert set(found.configurations["algo"]) == {"TD3", "TD3 (label)"}
+def test_policies_stand_beside_agents_and_labels_apart_from_algorithms_of_the_paper(fabric):
+    fabric.flat([500] * 3, evaluated={40_000: 899.6})
+    fabric.flat([500] * 3, algo="TD3", engine="external")
+    found = Frames(fabric.results)
+    texts = next(one for one in tables(found) if one.name == "final_returns").texts()
+    assert texts["algorithm"].tolist() == [*("TD3", "random actions", "hand-written")]
+    # 899.6 must not read 900.
+    assert texts["median"].tolist()[0] == "899.6 [899.6, 899.6]"
+    assert texts["median"].tolist()[1].startswith("220 [")
+    assert texts["seeds"].tolist() == ["3", "", ""]
+    assert set(found.configurations["algo"]) == {"TD3", "TD3 (label)"}
 
 
-class TestWords:
-    @pytest.mark.parametrize(
-        ("row", "printed"),
-        [
-            ((668.4, 640.2, 690.6), "668 [640, 691]"),
-            ((668.4, math.nan, math.nan), "668"),
-            ((1234567.0, 10.0, math.inf), "1,234,567 [10, infinite]"),
-            ((math.nan, math.nan, math.nan), ""),
-        ],
-    )
-    def test_number_is_written_with_interval(self, row, printed):
-        column = estimate("x", "x")
-        values = dict(zip(("x", "x_low", "x_high"), row, strict=True))
-        assert column.text(values) == printed
+@pytest.mark.parametrize(
+    ("row", "printed"),
+    [
+        ((668.4, 640.2, 690.6), "668 [640, 691]"),
+        ((668.4, math.nan, math.nan), "668"),
+        ((1234567.0, 10.0, math.inf), "1,234,567 [10, infinite]"),
+        ((math.nan, math.nan, math.nan), ""),
+    ],
+)
+def test_number_is_written_with_interval(row, printed):
+    values = dict(zip(("x", "x_low", "x_high"), row, strict=True))
+    assert estimate("x", "x").text(values) == printed
 
-    def test_steps_that_are_not_reached_are_named(self):
-        values = {"x": 123_456.0, "x_low": 9000.0, "x_high": math.inf}
-        assert estimate("x", "x", words.steps).text(values) == "123k [9k, not reached]"
 
-    def test_differences_have_sign_and_no_minus_zero(self):
-        assert [words.signed(x) for x in (12.4, -12.4, 1e-9, -1e-9)] == ["+12", "-12", "0", "0"]
-        assert words.whole(-1e-9) == "0"
-        assert [words.rounded(x) for x in (12.4, -0.16, 0.4, -0.6)] == ["+12", "0", "0", "-1"]
-        assert words.ratio(-0.001) == "0.00"
+def test_differences_have_sign_and_no_minus_zero():
+    assert [words.signed(x) for x in (12.4, -12.4, 1e-9, -1e-9)] == ["+12", "-12", "0", "0"]
+    assert words.whole(-1e-9) == "0"
+    assert [words.rounded(x) for x in (12.4, -0.16, 0.4, -0.6)] == ["+12", "0", "0", "-1"]
+    assert words.ratio(-0.001) == "0.00"
 
-    def test_small_numbers_have_two_digits(self):
-        # Returns of other environments may be from 0 to 1.
-        assert [words.signed(x) for x in (0.234, -9.94, 9.96)] == ["+0.23", "-9.9", "+10"]
-        assert [words.whole(x) for x in (0.234, -9.94, 9.96)] == ["0.23", "-9.9", "10"]
 
-    @pytest.mark.parametrize(
-        ("steps", "printed"),
-        [(500, "500"), (22_500, "22.5k"), (300_000, "300k"), (999_900, "1M"), (2_154_321, "2.15M")],
-    )
-    def test_steps_are_abbreviated(self, steps, printed):
-        assert words.steps(steps) == printed
+def test_small_numbers_have_two_digits():
+    # Returns of other environments may be from 0 to 1.
+    assert [words.signed(x) for x in (0.234, -9.94, 9.96)] == ["+0.23", "-9.9", "+10"]
+    assert [words.whole(x) for x in (0.234, -9.94, 9.96)] == ["0.23", "-9.9", "10"]
+
+
+@pytest.mark.parametrize(
+    ("steps", "printed"),
+    [(500, "500"), (22_500, "22.5k"), (300_000, "300k"), (999_900, "1M"), (2_154_321, "2.15M")],
+)
+def test_steps_are_abbreviated(steps, printed):
+    assert words.steps(steps) == printed
+    values = {"x": steps, "x_low": steps, "x_high": math.inf}
+    assert estimate("x", "x", words.steps).text(values) == f"{printed} [{printed}, not reached]"

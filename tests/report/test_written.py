@@ -18,9 +18,8 @@ SVG = Request(formats=("svg",))
 
 @pytest.fixture
 def filled(fabric):
-    for seed in range(3):
-        fabric.run(FLAT + seed, seed, algo="ddpg")
-        fabric.run(FLAT + 50 + seed, seed, algo="ddpg", representation="dae12")
+    fabric.flat([500, 501, 502], algo="ddpg")
+    fabric.flat([550, 551, 552], algo="ddpg", representation="dae12")
     return fabric.results
 
 
@@ -85,62 +84,50 @@ def test_only_damaged_runs_are_refused(fabric, out):
     assert not out.exists()
 
 
-class TestRequests:
-    def test_runs_without_episodes_are_refused(self, fabric, out):
-        fabric.run([], status="unfinished", steps=1000)
-        with pytest.raises(RequestError, match=r"No run has an episode yet.*r0001"):
-            write_report(fabric.results, out)
-
-    @pytest.mark.parametrize(
-        ("filters", "asked"),
-        [
-            ({"task": "dance"}, "task 'dance'"),
-            ({"algo": "dqn"}, "algo 'dqn'"),
-            ({"task": "face_direction", "algo": "ddpg"}, "task 'face_direction' and algo 'ddpg'"),
-        ],
-    )
-    def test_filter_without_match_lists_existing_runs(self, fabric, filters, asked):
-        fabric.run(FLAT, algo="td3")
-        fabric.run(FLAT, task="move_to_pose", algo="ddpg")
-        with pytest.raises(RequestError) as error:
-            Frames(fabric.results, Request(**filters))
-        assert asked in str(error.value)
-        assert "face_direction with td3; move_to_pose with ddpg" in str(error.value)
-
-    def test_order_and_window_are_those_of_curves(self, fabric):
-        turns = np.tile([0.0, 10.0], 4)
-        for seed, returns in enumerate((turns, 10 - turns, np.full(8, 4.0))):
-            fabric.run(returns, seed=seed)
-        for order, median in (("quantile-first", 4), ("smooth-first", 5)):
-            curves = Frames(fabric.results, Request(order=order, window=2)).curves
-            assert curves["median"].tolist()[1:-1] == [median] * 7
+def test_runs_without_episodes_are_refused(fabric, out):
+    fabric.run([], status="unfinished", steps=1000)
+    with pytest.raises(RequestError, match=r"No run has an episode yet.*r0001"):
+        write_report(fabric.results, out)
 
 
-def names(out):
-    return {path.name for path in out.iterdir()}
+@pytest.mark.parametrize(
+    ("filters", "asked"),
+    [
+        ({"task": "dance"}, "task 'dance'"),
+        ({"task": "face_direction", "algo": "ddpg"}, "task 'face_direction' and algo 'ddpg'"),
+    ],
+)
+def test_filter_without_match_lists_existing_runs(fabric, filters, asked):
+    fabric.run(FLAT, algo="td3")
+    fabric.run(FLAT, task="move_to_pose", algo="ddpg")
+    with pytest.raises(RequestError) as error:
+        Frames(fabric.results, Request(**filters))
+    assert asked in str(error.value)
+    assert "face_direction with td3; move_to_pose with ddpg" in str(error.value)
 
 
-def test_files_missing_from_new_report_are_removed(out):
+def test_order_and_window_are_those_of_curves(fabric):
+    turns = np.tile([0.0, 10.0], 4)
+    for seed, returns in enumerate((turns, 10 - turns, np.full(8, 4.0))):
+        fabric.run(returns, seed=seed)
+    for order, median in (("quantile-first", 4), ("smooth-first", 5)):
+        curves = Frames(fabric.results, Request(order=order, window=2)).curves
+        assert curves["median"].tolist()[1:-1] == [median] * 7
+
+
+def test_files_missing_from_new_report_are_removed_but_foreign_and_changed_ones_are_kept(out):
     out.mkdir()
-    _write(out, {"a.png": b"1", "b.png": b"2"})
-    paths, notes = _write(out, {"b.png": b"3", "c.png": b"4"})
-    assert names(out) == {"b.png", "c.png", LISTING}
-    assert sorted(paths) == sorted(out.iterdir())
-    assert notes == []
-    assert (out / "b.png").read_bytes() == b"3"
-
-
-def test_foreign_and_changed_files_are_kept(out):
-    out.mkdir()
-    _write(out, {"a.png": b"1", "b.png": b"2", "gone.png": b"3"})
+    _write(out, {"a.png": b"1", "b.png": b"2", "c.png": b"3", "gone.png": b"4"})
     (out / "notes.txt").write_text("mine")
     (out / "a.png").write_bytes(b"mine")
     (out / "gone.png").unlink()
-    _, (note,) = _write(out, {"c.png": b"4"})
-    assert names(out) == {"a.png", "c.png", "notes.txt", LISTING}
+    paths, (note,) = _write(out, {"c.png": b"5"})
+    assert {path.name for path in out.iterdir()} == {"a.png", "c.png", "notes.txt", LISTING}
+    assert (out / "c.png").read_bytes() == b"5"
+    assert sorted(path.name for path in paths) == ["c.png", LISTING]
     assert note.startswith("a.png in ")
     # The file is kept and not reported again.
-    assert _write(out, {"c.png": b"4"})[1] == []
+    assert _write(out, {"c.png": b"5"})[1] == []
 
 
 def test_file_in_place_of_directory_is_refused_before_drawing(fabric, out, monkeypatch):

@@ -59,7 +59,6 @@ def imported(fabric):
 
 
 def shipped(fabric):
-    """The runs and encoders that jbench ships."""
     return shipped_results(), Request(claims=True)
 
 
@@ -78,7 +77,6 @@ KEYS = {
 
 
 def frames(case, directory):
-    """Returns the frames of a case."""
     return Frames(*CASES[case](FabricatedResults(directory / "results")))
 
 

@@ -26,24 +26,10 @@ def sb3_files(tmp_path_factory):
 
     environments = DummyVecEnv([lambda: monitored("0"), lambda: monitored("1")])
     evaluated = DummyVecEnv([lambda: monitored(None)])
-    callback = EvalCallback(
-        evaluated,
-        n_eval_episodes=2,
-        eval_freq=20,
-        log_path=str(place),
-        deterministic=True,
-        verbose=0,
-    )
-    network = {"net_arch": [4]}
-    model = PPO(
-        "MlpPolicy",
-        environments,
-        n_steps=10,
-        n_epochs=1,
-        batch_size=20,
-        policy_kwargs=network,
-        seed=3,
-    )
+    typed = {"n_eval_episodes": 2, "eval_freq": 20, "log_path": str(place), "verbose": 0}
+    callback = EvalCallback(evaluated, **typed)
+    short = {"n_steps": 10, "n_epochs": 1, "batch_size": 20, "policy_kwargs": {"net_arch": [4]}}
+    model = PPO("MlpPolicy", environments, seed=3, **short)
     model.learn(80, callback=callback)
     return place
 
@@ -120,8 +106,6 @@ def imports(tmp_path, capsys):
 
 @pytest.fixture
 def import_error(imports, tmp_path):
-    """Returns a function that runs an import that must be refused; it returns the error."""
-
     def run(form, *files, **options):
         code, out, err = imports(form, *files, **options)
         assert (code, out, err.count("\n")) == (2, "", 1)
@@ -133,7 +117,6 @@ def import_error(imports, tmp_path):
 
 @pytest.fixture
 def rows(tmp_path):
-    """Returns a function that reads the rows of imported curves by seed."""
     from jbench.store import Results, query
 
     def read(name="import_points"):

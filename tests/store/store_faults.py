@@ -11,6 +11,7 @@ import sys
 
 import pytest
 
+from jbench.cli import main
 from tests.forking import Piped
 
 PREAMBLE = """
@@ -19,7 +20,7 @@ from pathlib import Path
 from tests.store import store_faults
 from jbench.errors import RequestError, WorkError
 from jbench.store import Record, Results, schema
-from tests.store.store_rows import ROWS, incompressible, numbers, read
+from tests.store.store_rows import ROWS, numbers, read
 results = Results(Path(sys.argv[1]))
 """
 
@@ -65,3 +66,9 @@ def limit_file_size(largest):
     """Limits the size of files in bytes: a larger write fails as on a full disk."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
+
+
+def run_limited(largest, *arguments):
+    """Runs a command with a limit on the size of files; returns its exit code."""
+    limit_file_size(largest)
+    return main([*arguments])

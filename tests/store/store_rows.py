@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pyarrow as pa
 
 from jbench.store import schema
@@ -24,7 +23,6 @@ RUN_SETTINGS = {
 
 
 def numbers(*values):
-    """A table of one column."""
     return pa.table({"n": pa.array(values, pa.int64())}, schema=ROWS)
 
 
@@ -33,14 +31,7 @@ def read(record, table="t"):
     return record.read(table, ROWS)["n"].to_pylist()
 
 
-def incompressible(rows):
-    """A table of about 8 bytes a row on the disk."""
-    random = np.random.default_rng(0)
-    return pa.table({"n": random.integers(-(2**62), 2**62, rows)}, schema=ROWS)
-
-
 def manifest_of(record):
-    """The manifest on the disk."""
     return json.loads((record.path / "manifest.json").read_text())
 
 
@@ -64,7 +55,6 @@ def listed(record):
 
 
 def names(directory):
-    """The names of all files in a directory, including hidden files."""
     return {path.name for path in directory.iterdir()}
 
 
@@ -85,7 +75,6 @@ def episodes(run, returns):
 
 
 def add_run(results, id, returns=(), **settings):
-    """A run with these episode returns."""
     record = results.create("run", id, {**RUN_SETTINGS, **settings})
     record.append({"episodes": episodes(id, returns)})
     return record

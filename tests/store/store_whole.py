@@ -1,7 +1,5 @@
 """Builds valid records whose ids are derived from their settings."""
 
-import os
-
 import pyarrow as pa
 
 from jbench.settings.base import settings_hash
@@ -11,7 +9,6 @@ from tests.store.store_rows import RUN_SETTINGS, episodes
 
 
 def add(results, kind, name, settings, tables=None, files=None, finish=True):
-    """A record whose id is derived from its settings."""
     id = f"{name}/s{settings['seed']:02d}-{settings_hash(settings)}"
     record = results.create(kind, id, settings)
     record.append({name: rows(id) for name, rows in (tables or {}).items()})
@@ -21,7 +18,6 @@ def add(results, kind, name, settings, tables=None, files=None, finish=True):
 
 
 def add_whole_run(results, returns=(10.0, 20.0, 60.0), finish=True, **settings):
-    """A run, finished or not."""
     values = {**RUN_SETTINGS, **settings}
     name = f"{values['task']}/{values['algo']}/{values['representation']}"
     tables = {"episodes": lambda id: episodes(id, returns)}
@@ -57,10 +53,7 @@ def add_chain(results):
 def snapshot(directory):
     """The files below a directory: path to content."""
     return {
-        os.path.relpath(os.path.join(folder, name), directory): open(
-            os.path.join(folder, name), "rb"
-        ).read()
-        for folder, _, found in os.walk(directory)
-        for name in found
-        if not os.path.islink(os.path.join(folder, name))
+        str(path.relative_to(directory)): path.read_bytes()
+        for path in directory.rglob("*")
+        if path.is_file() and not path.is_symlink()
     }

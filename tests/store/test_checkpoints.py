@@ -7,21 +7,15 @@ ROLE = "checkpoint.safetensors"
 
 def test_new_checkpoint_replaces_older_one_of_its_role(results, record):
     assert ROLE not in record.roles()
+    record.append({}, {"other.json": b"first"})
     for n in range(3):
         record.append({"t": numbers(n)}, {ROLE: b"after %d" % n})
     again = results.find("run", "a/b")
     assert ROLE in again.roles()
     assert (again.read_file(ROLE), read(again)) == (b"after 2", [0, 1, 2])
+    assert again.read_file("other.json") == b"first"
     assert names(record.path) == {"manifest.json", *listed(record)}
     assert len([name for name in listed(record) if name.endswith(".safetensors")]) == 1
-
-
-def test_checkpoint_is_kept_until_its_role_has_another(results, record):
-    record.append({}, {"a.json": b"1", "b.json": b"2"})
-    record.append({"t": numbers(1)}, {"b.json": b"2"})
-    record.append({"t": numbers(2)}, {"a.json": b"3"})
-    again = results.find("run", "a/b")
-    assert (again.read_file("a.json"), again.read_file("b.json")) == (b"3", b"2")
 
 
 def test_dropped_roles_are_removed_with_their_files(results, record):

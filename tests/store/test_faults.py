@@ -3,24 +3,9 @@
 import pytest
 
 from jbench.errors import RequestError, WorkError
+from jbench.store.files import write_atomic
 from tests.store.store_faults import run_script
-from tests.store.store_rows import add_run, alter_manifest, listed, names, numbers, read
-
-
-def test_full_disk_while_writing_manifest_keeps_committed_rows(results, record):
-    record.append({"t": numbers(1)})
-    # The settings make a manifest that is larger than a part, so that only it has no room.
-    alter_manifest(record, settings={"long": ["x" * 200] * 100})
-    script = """
-store_faults.limit_file_size(8192)
-try:
-    results.find("run", "a/b").append({"t": numbers(2)})
-except WorkError as error:
-    print(error)
-"""
-    (printed,) = run_script(results, script)
-    assert printed.startswith(f"No room left to write manifest.json in {record.path}; what was ")
-    assert read(results.find("run", "a/b")) == [1]
+from tests.store.store_rows import add_run, listed, names, numbers, read
 
 
 def test_record_can_finish_after_finish_failed_on_full_disk(results, record):
@@ -74,6 +59,18 @@ except RequestError as error:
         f"{results.path}/runs/a/b can't be made (Permission denied); name a dir"
     )
     assert list(results.path.iterdir()) == []
+
+
+def test_written_file_is_readable_by_other_users(tmp_path):
+    write_atomic(tmp_path / "file", b"new")
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
+
+
+def test_write_over_directory_is_refused_and_leaves_no_temporary(tmp_path):
+    (tmp_path / "there").mkdir()
+    with pytest.raises(WorkError, match="there can't be written"):
+        write_atomic(tmp_path / "there", b"new")
+    assert names(tmp_path) == {"there"}
 
 
 def test_lock_that_is_directory_is_refused(record):

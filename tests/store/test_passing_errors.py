@@ -8,13 +8,14 @@ import pytest
 
 from jbench.cli import main
 from jbench.errors import WorkError
-from jbench.settings.run import RunSettings
-from jbench.store import Results, locks
+from jbench.store import Results
 from jbench.store.repair import repair
 from jbench.store.verify import verify
 from jbench.training.status import plan
 from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run, snapshot
+from tests.store.test_damage import truncate
+from tests.training.small_runs import small_run
 
 PASSING = ("EMFILE", "ENFILE", "EIO", "EROFS", "EDQUOT", "ESTALE", "EACCES", "EINTR")
 
@@ -59,7 +60,7 @@ def test_record_that_cannot_be_opened_is_kept_and_reported(
 def test_damaged_record_that_becomes_unreadable_is_kept(results, fail):
     run = add_whole_run(results)
     broken, other = (run.path / name for name in listed(run))
-    broken.write_bytes(broken.read_bytes()[:-1])
+    truncate(broken)
     findings = verify(results, 1).findings
     assert [finding.sort for finding in findings] == ["damaged"]
     before = snapshot(results.path)
@@ -88,21 +89,6 @@ def test_directory_that_cannot_be_listed_is_reported(results, fail, code, capsys
         assert found.id == run.id
 
 
-def test_lock_is_released_although_close_is_interrupted(record, monkeypatch):
-    real = os.close
-
-    def interrupted(handle):
-        real(handle)
-        raise InterruptedError(errno.EINTR, os.strerror(errno.EINTR))
-
-    monkeypatch.setattr(os, "close", interrupted)
-    with record.lock():
-        assert locks.is_held(record.path)
-    assert not locks.is_held(record.path)
-    with locks.share(record.path):
-        pass
-
-
 def test_file_system_without_locks_is_reported(record, monkeypatch):
     def unlockable(handle, operation):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
@@ -122,15 +108,7 @@ def test_unreadable_results_directory_is_reported(results, monkeypatch):
 
 
 def test_planning_removes_leftover_of_finished_run(results):
-    settings = RunSettings(
-        task="face_direction",
-        algo="td3",
-        seed=0,
-        steps=1000,
-        evaluate_every=1000,
-        evaluate_episodes=1,
-        hyperparameters={},
-    )
+    settings = small_run("td3", {}, steps=1000, evaluate_every=1000, evaluate_episodes=1)
     record = results.create("run", settings.id, settings.model_dump(mode="json"))
     record.finish({})
     left = record.path / ".writing-abc"

@@ -1,6 +1,5 @@
 """Tests of killed and concurrent writers: exactly the committed rows are read."""
 
-import contextlib
 import random
 import signal
 import subprocess
@@ -44,19 +43,9 @@ with results.record("run", "a/b").lock():
 """
 
 
-@contextlib.contextmanager
-def process_of(results, script):
-    """Runs a script until the block ends, also by an exception."""
-    with Script(results, script) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
 def killed_at_random(results, script, seed):
     """Kills a script at a random time after its first line; returns the numbers it printed."""
-    with process_of(results, script) as process:
+    with Script(results, script) as process:
         first = process.stdout.readline()
         time.sleep(random.Random(seed).uniform(0, 0.1))
         process.send_signal(signal.SIGKILL)
@@ -100,12 +89,13 @@ def test_record_is_consistent_after_kill_at_any_time(results):
 
 def test_lock_is_exclusive_and_released_when_its_holder_is_killed(results):
     record = results.record("run", "a/b")
-    with process_of(results, HOLDING) as process:
+    with Script(results, HOLDING) as process:
         assert process.stdout.readline() == "held\n"
         with pytest.raises(WorkError, match="Another process is writing the run a/b; wait"):
             record.lock().__enter__()
         with results.record("run", "a/c").lock():
             pass  # another record's lock is another lock
+        process.kill()
     with record.lock(), pytest.raises(WorkError, match="Another process"):
         record.lock().__enter__()
 

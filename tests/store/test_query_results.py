@@ -5,7 +5,6 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.store import query
-from tests.store.store_faults import Script
 from tests.store.store_rows import add_run, listed
 from tests.store.test_damage import truncate
 
@@ -52,28 +51,6 @@ def test_files_of_unused_tables_are_not_read(filled):
     sql = "SELECT run, count(*) FROM episodes JOIN runs USING (run) GROUP BY 1"
     found, problems = query.query_results(filled, sql)
     assert (found.to_numpy().tolist(), len(problems)) == ([["b", 1]], 1)
-
-
-WRITING = """
-from tests.store.store_rows import add_run
-while True:
-    for returns in ([1.0], [1.0, 2.0]):
-        record = add_run(results, "c", returns)
-        record.append({"episodes": record.read("episodes").slice(0, 1)})
-        record.finish({})
-        print("finished", flush=True)
-"""
-
-
-@pytest.mark.slow
-def test_query_during_writing_sees_consistent_runs(filled):
-    with Script(filled, WRITING) as writer:
-        assert writer.stdout.readline() == "finished\n"
-        found = [rows(filled, "SELECT run, count(*) FROM episodes GROUP BY 1") for _ in range(20)]
-        assert writer.poll() is None
-        writer.kill()
-    assert {count for answer in found for run, count in answer if run == "c"} <= {1, 2, 3}
-    assert all(answer.count(["a", 2]) == answer.count(["b", 1]) == 1 for answer in found)
 
 
 NETWORK = [

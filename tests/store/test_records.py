@@ -13,14 +13,7 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results
-from tests.store.store_rows import (
-    alter_manifest,
-    listed,
-    manifest_of,
-    names,
-    numbers,
-    read,
-)
+from tests.store.store_rows import alter_manifest, listed, manifest_of, names, numbers, read
 
 
 def test_rows_are_read_in_order_of_appends(results, record):
@@ -78,15 +71,6 @@ def test_finish_compacts_each_table_into_one_file(results, record):
     assert (again.roles(), again.read_file("policy.json")) == ([], b"{}")
 
 
-def test_finish_without_compaction_keeps_files(results, record):
-    for n in range(3):
-        record.append({"t": numbers(n)})
-    before = listed(record)
-    record.finish({}, compact=False)
-    assert listed(record) == before
-    assert read(results.find("run", "a/b")) == [0, 1, 2]
-
-
 def test_uncommitted_file_cannot_be_read(record):
     (record.path / "policy.json").write_bytes(b"{}")
     with pytest.raises(WorkError, match=r"The run a/b has no file policy.json"):
@@ -123,12 +107,6 @@ def test_scan_returns_records_of_kind_oldest_first(results):
     records, problems = results.scan("run")
     assert [record.id for record in records] == ["b", "c/y/z", "a/x"]
     assert problems == []
-
-
-def test_results_path_that_is_file_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RequestError, match="is a file; name a directory with --results"):
-        Results(tmp_path / "file")
 
 
 def test_missing_results_directory_reads_as_empty(tmp_path):

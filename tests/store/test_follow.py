@@ -6,6 +6,7 @@ from jbench.store import schema
 from jbench.store.follow import Follower
 from tests.store.store_rows import episodes, listed
 from tests.store.store_whole import add_whole_run, restart
+from tests.store.test_damage import truncate
 
 
 def append(record, *returns, first):
@@ -75,8 +76,7 @@ def test_only_matching_runs_are_followed_until_finished(results):
 
 def test_damaged_run_is_reported_once_and_others_are_followed(results):
     damaged = add_whole_run(results, [1.0])
-    path = damaged.path / listed(damaged)[0]
-    path.write_bytes(path.read_bytes()[:-1])
+    truncate(damaged.path / listed(damaged)[0])
     other = add_whole_run(results, [2.0], finish=False, seed=1)
     follower = Follower(results, {})
     sentence, change = follower.look()

@@ -6,12 +6,7 @@ import pytest
 import torch
 
 from jbench.store import provenance
-from jbench.store.provenance import (
-    describe_changes,
-    device_provenance,
-    differences,
-    shell_command,
-)
+from jbench.store.provenance import describe_changes, device_provenance, differences, shell_command
 
 H100 = {
     "device": "cuda",

@@ -8,6 +8,7 @@ import pytest
 from jbench.settings.alike import variant
 from jbench.store import query, schema
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed
+from tests.store.test_damage import truncate
 
 ENCODER = "face_direction/dae12/s00-0000abcd"
 DAE = {"representation": "dae12", "encoder": ENCODER}
@@ -77,11 +78,6 @@ def test_dataset_row_counts_control_steps_not_states(results):
     assert fetch(results, sql) == [("random/s07", 7, 3000, 2000, "unfinished", size)]
 
 
-def cut(record):
-    path = record.path / listed(record)[0]
-    path.write_bytes(path.read_bytes()[:-1])
-
-
 def settings_with(**changes):
     """Returns a function that alters a record's settings."""
     return lambda record: alter_manifest(record, settings={**record.settings, **changes})
@@ -90,7 +86,7 @@ def settings_with(**changes):
 @pytest.mark.parametrize(
     "damage",
     [
-        cut,
+        lambda record: truncate(record.path / listed(record)[0]),
         lambda record: (record.path / "manifest.json").write_bytes(b"{"),
         settings_with(seed="one"),
         settings_with(seed=2**64),

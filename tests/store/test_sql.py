@@ -1,8 +1,6 @@
 """Tests of the SQL sandbox and its output: one SELECT on the tables, no files or variables."""
 
 import json
-import subprocess
-import sys
 
 import duckdb
 import pyarrow as pa
@@ -108,8 +106,12 @@ def test_error_says_what_to_type_instead(sql, hint):
 def test_json_is_list_of_objects_with_null_for_missing_values():
     sql = """
         select 1 as whole, null::int as none, 'a' as text, null::varchar as no_text,
-               1.5::double as real, 'nan'::double as nan, 'inf'::double as infinite
-        union all select 9007199254740993, 7, 'b', 'c', null, 2, 3 order by 1
+               1.5::double as real, 'nan'::double as nan, 'inf'::double as infinite,
+               [1.5::double, 'nan'::double, null] as list, [[1], [2, 3]] as nested,
+               {'a': 'inf'::double, 'b': [null, 4]} as struct, map {1: 'nan'::float} as map,
+               '75e6f7ab-b270-4aa0-9b11-47858b540e74'::uuid as id, date '200000-01-02' as day
+        union all select 9007199254740993, 7, 'b', 'c', null, 2, 3, [], [], null, null, null, null
+        order by 1
     """
     first, second = json.loads(to_json(run_sql(sql, TABLES)))
     assert first["real"] == 1.5
@@ -118,21 +120,11 @@ def test_json_is_list_of_objects_with_null_for_missing_values():
     # An integer beyond float64's precision, and a column with a null, remain integers.
     assert (second["whole"], second["none"]) == (2**53 + 1, 7)
     assert isinstance(second["none"], int)
-
-
-def test_json_of_lists_and_structs_has_null_for_missing_values():
-    sql = """
-        select [1.5::double, 'nan'::double, null] as list, [[1], [2, 3]] as nested,
-               {'a': 'inf'::double, 'b': [null, 4]} as struct, map {1: 'nan'::float} as map
-    """
-    assert json.loads(to_json(run_sql(sql, TABLES))) == [
-        {
-            "list": [1.5, None, None],
-            "nested": [[1], [2, 3]],
-            "struct": {"a": None, "b": [None, 4]},
-            "map": {"1": None},
-        }
-    ]
+    assert (first["list"], first["nested"]) == ([1.5, None, None], [[1], [2, 3]])
+    assert (first["struct"], first["map"]) == ({"a": None, "b": [None, 4]}, {"1": None})
+    # pandas would read memory outside of the text of a UUID, and has no year after 9999.
+    assert first["id"] == "75e6f7ab-b270-4aa0-9b11-47858b540e74"
+    assert first["day"].startswith("200000-01-02")
 
 
 def test_sums_of_integers_and_dates_keep_their_types():
@@ -150,21 +142,3 @@ def test_sums_of_integers_and_dates_keep_their_types():
     assert first["large"] == 16100000 * 2.0**60
     assert (first["day"], second["no_day"]) == ("2020-01-02", "2020-01-03")
     assert (second["gap"], second["day"], first["no_day"]) == (None, None, None)
-
-
-def test_date_after_year_9999_is_its_text():
-    frame = run_sql("select date '200000-01-02' as day", TABLES)
-    assert json.loads(to_json(frame))[0]["day"].startswith("200000-01-02")
-
-
-# In a child process, because pandas reads memory outside of the UUID's text.
-UUID = """
-from jbench.store.query import run_sql, to_json
-print(to_json(run_sql("select '75e6f7ab-b270-4aa0-9b11-47858b540e74'::uuid as id", {})))
-"""
-
-
-def test_json_of_uuid_is_its_text():
-    done = subprocess.run([sys.executable, "-c", UUID], capture_output=True, check=False)
-    assert done.returncode == 0
-    assert json.loads(done.stdout) == [{"id": "75e6f7ab-b270-4aa0-9b11-47858b540e74"}]

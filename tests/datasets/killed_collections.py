@@ -29,7 +29,7 @@ SETTINGS = DatasetSettings(seed=3, steps=30 * 20)
 
 
 def begin(path: Path, threads: int) -> int:
-    """Returns the id of a process that collects; forked, since imports take seconds."""
+    """Returns the id of a process that collects."""
     process = os.fork()
     if process == 0:
         try:
@@ -52,7 +52,8 @@ def finished(process: int) -> bool:
 def kill(process: int, path: Path, moments: random.Random) -> None:
     """Kills a process a random short time after a random number of new files."""
     expected = files(path) + moments.randrange(7)
-    while files(path) < expected and not has_ended(process):
+    if_ended = os.WEXITED | os.WNOHANG | os.WNOWAIT
+    while files(path) < expected and os.waitid(os.P_PID, process, if_ended) is None:
         time.sleep(0.001)
     time.sleep(moments.uniform(0, 0.03))
     os.kill(process, signal.SIGKILL)
@@ -60,10 +61,6 @@ def kill(process: int, path: Path, moments: random.Random) -> None:
 
 def files(path: Path) -> int:
     return sum(1 for _ in path.rglob("*.parquet"))
-
-
-def has_ended(process: int) -> bool:
-    return os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
 def check(path: Path) -> int:
@@ -84,12 +81,15 @@ def main(directory: str, expected: int) -> None:
     committed: list[int] = []
     while len(committed) < expected:
         paths.append(root / f"killed-{len(paths)}")
+        before = 0
         while True:
             process = begin(paths[-1], moments.choice([1, 2, 3]))
             kill(process, paths[-1], moments)
             if finished(process):
                 break
             committed.append(check(paths[-1]))
+            assert committed[-1] >= before, "it started over"
+            before = committed[-1]
     print(json.dumps({"committed": committed, "paths": [str(path) for path in paths]}))
 
 

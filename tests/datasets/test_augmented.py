@@ -29,18 +29,10 @@ def _short_episodes(shorten_datasets):
         yield
 
 
-def collected(path, **settings):
-    return collect(DatasetSettings(seed=SEED, steps=STEPS, **settings), Results(path), 2)
-
-
 @pytest.fixture(scope="module")
 def augmented(tmp_path_factory):
-    return collected(tmp_path_factory.mktemp("augmented"), augment=AUGMENT)
-
-
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory):
-    return collected(tmp_path_factory.mktemp("plain"))
+    settings = DatasetSettings(seed=SEED, steps=STEPS, augment=AUGMENT)
+    return collect(settings, Results(tmp_path_factory.mktemp("augmented")), 2)
 
 
 def simulate_again(robot, episodes):
@@ -64,28 +56,22 @@ def simulate_again(robot, episodes):
     return model.read_state(*states, model.torso_offset(robot)), np.stack(actions)
 
 
-def kept_state(record):
-    return layout.read_state(record.read("steps"), EPISODE)
-
-
-def test_id_of_plain_dataset_ignores_augment_setting(plain):
+def test_robot_is_part_of_settings_and_id_only_if_augmented(augmented):
+    plain = DatasetSettings(seed=SEED, steps=STEPS)
     # The documented example, and the JSON that is hashed.
     assert DatasetSettings(steps=100_000).id == "random/s00-d4a8116b"
     kept = {"policy": "random", "robot": "jitterbug", "seed": SEED, "steps": STEPS}
     text = json.dumps(kept, sort_keys=True, separators=(",", ":"))
     assert plain.id == f"random/s03-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
-    assert plain.settings == kept
-
-
-def test_augmented_robot_is_part_of_settings_and_id(plain, augmented):
-    assert augmented.settings == {**plain.settings, "augment": AUGMENT}
+    assert plain.model_dump(mode="json") == kept
+    assert augmented.settings == {**kept, "augment": AUGMENT}
     ids = {plain.id, augmented.id, DatasetSettings(seed=SEED, steps=STEPS, augment=0).id}
     assert len(ids) == 3
 
 
 def test_states_equal_simulation_of_augmented_robot(augmented):
     expected, actions = simulate_again(load_model(AUGMENT), 2)
-    found = kept_state(augmented)
+    found = layout.read_state(augmented.read("steps"), EPISODE)
     for name in ("position", "velocity", "motor_velocity", "torso_velocity"):
         np.testing.assert_allclose(
             getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-6, err_msg=name

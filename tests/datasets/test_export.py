@@ -106,18 +106,21 @@ def test_dataset_of_another_robot_is_exported_with_its_own_task(tmp_path, root, 
     assert env.action_space == loaded.action_space
 
 
-def test_existing_export_is_not_overwritten(dataset, root):
-    export_minari(dataset, "face_direction", root)
+def test_killed_export_is_repeated_and_finished_one_not_overwritten(dataset, root):
+    path = root / minari_id(dataset, "face_direction")
+    left = path.with_name(f".writing-{path.name}") / "data"
+    left.mkdir(parents=True)
+    (left / "metadata.json").write_text("{}")
+    assert export_minari(dataset, "face_direction", root).path == path
+    assert len(minari.load_dataset(path.relative_to(root).as_posix())) == 6
     before = files(root)
     # As after an export that could not remove its temporary directory.
-    path = root / minari_id(dataset, "face_direction")
-    leftover = path.with_name(f".writing-{path.name}")
-    leftover.mkdir()
-    (leftover / "lock").touch()
+    left.mkdir(parents=True)
+    (left.parent / "lock").touch()
     with pytest.raises(RequestError, match="exists already and is not overwritten; name another"):
         export_minari(dataset, "face_direction", root)
     assert files(root) == before
-    assert not leftover.exists()
+    assert not left.parent.exists()
 
 
 def test_export_of_damaged_dataset_leaves_no_files(copied, root):
@@ -130,18 +133,9 @@ def test_export_of_damaged_dataset_leaves_no_files(copied, root):
     assert minari.list_local_datasets() == {}
 
 
-def test_killed_export_is_repeated(dataset, root):
-    path = root / minari_id(dataset, "face_direction")
-    left = path.with_name(f".writing-{path.name}") / "data"
-    left.mkdir(parents=True)
-    (left / "metadata.json").write_text("{}")
-    assert export_minari(dataset, "face_direction", root).path == path
-    assert len(minari.load_dataset(path.relative_to(root).as_posix())) == 6
-
-
 def test_full_disk_is_reported_and_leaves_no_files(copied, tmp_path):
     arguments = ("export", "--results", str(copied), "--out", str(tmp_path / "out"))
-    done = Process("tests.datasets.limited:main", 100_000, *arguments).finished()
+    done = Process("tests.store.store_faults:run_limited", 100_000, *arguments).finished()
     assert done.returncode == 1
     assert done.stderr.startswith(f"Error: {tmp_path / 'out'}")
     # 6 episodes of 1001 rows of 74 bytes, and half of that for the format.

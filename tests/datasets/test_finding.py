@@ -1,12 +1,11 @@
 """Tests of `find_dataset`: the default, ids, error messages and damaged files."""
 
 import json
-import shutil
 
 import pytest
 
 from jbench.datasets import find_dataset
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError
 from jbench.store import Results
 
 
@@ -22,13 +21,6 @@ def add(results, id, updated="2020", finished=True, **settings):
 @pytest.fixture
 def results(tmp_path):
     return Results(tmp_path)
-
-
-@pytest.fixture
-def copied(tmp_path, six_episodes):
-    """A copy of the six episodes, which tests may damage."""
-    shutil.copytree(six_episodes.path.parents[2], tmp_path, dirs_exist_ok=True)
-    return find_dataset(Results(tmp_path))
 
 
 def refusal(results, id=None):
@@ -83,11 +75,3 @@ def test_only_dataset_with_damaged_manifest_is_reported(results):
     path = results.path / "datasets" / "random" / "a" / "manifest.json"
     path.write_text("{")
     assert f"({path} is not a manifest" in refusal(results)
-
-
-def test_missing_file_is_reported_when_it_is_read(copied):
-    (copied.record.path / copied.record.parts("steps")[1].name).unlink()
-    blocks = copied.blocks("move_to_pose")
-    assert next(blocks).rewards.shape == (2, 1000)
-    with pytest.raises(WorkError, match="No such file"):
-        next(blocks)

@@ -1,17 +1,12 @@
-"""Tests that collections interrupted by kills or a full disk resume bit for bit."""
+"""Tests that collections interrupted by kills resume bit for bit."""
 
-import importlib
 import json
 from pathlib import Path
 
 import pytest
 
-from jbench.datasets import collect
-from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 from tests.command_line import Process
-
-SETTINGS = DatasetSettings(seed=3, steps=2000)
 
 
 def checksums(record):
@@ -28,15 +23,6 @@ def finished_dataset(path):
     return record
 
 
-@pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        collecting = importlib.import_module("jbench.datasets.collect")
-        patch.setattr(collecting, "_PART_EPISODES", 1)
-        patch.setattr(collecting, "EPISODE_STEPS", 100)
-        return collect(SETTINGS, Results(tmp_path_factory.mktemp("uninterrupted")), 2)
-
-
 @pytest.mark.parametrize("kills", [8, pytest.param(20, marks=pytest.mark.slow)])
 def test_collection_killed_at_random_moments_resumes_bit_for_bit(tmp_path, kills):
     done = Process("tests.datasets.killed_collections:main", str(tmp_path), kills).finished()
@@ -48,23 +34,3 @@ def test_collection_killed_at_random_moments_resumes_bit_for_bit(tmp_path, kills
     assert uninterrupted.rows("steps") == 30 * 21
     for record in killed:
         assert checksums(record) == checksums(uninterrupted)
-
-
-def error_line(text):
-    """The only line that is not progress."""
-    (line,) = [line for line in text.splitlines() if not line.startswith("collect: ")]
-    return line
-
-
-def test_collection_resumes_after_a_file_size_limit(tmp_path, uninterrupted):
-    stopped = Process("tests.datasets.limited:collect", 10_000, str(tmp_path)).finished()
-    assert stopped.returncode == 1
-    printed = error_line(stopped.stderr)
-    assert printed.startswith("Error: No room left to write steps-00000-")
-    assert printed.endswith(
-        "what was finished is kept: free some space and type the command again."
-    )
-    assert Results(tmp_path).find("dataset", SETTINGS.id).status == "unfinished"
-    again = Process("tests.datasets.limited:collect", -1, str(tmp_path)).finished()
-    assert again.returncode == 0, again.stderr
-    assert checksums(finished_dataset(tmp_path)) == checksums(uninterrupted)

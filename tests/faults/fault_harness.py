@@ -81,15 +81,10 @@ def _digest(record, table):
     return hashlib.sha256(repr(rows.to_pylist()).encode()).hexdigest()
 
 
-def problems(verb, fault, ended, path, expected):
+def problems(verb, ended, path, expected):
     """Yields a message for each guarantee that a command with a fault violated.
 
-    Args:
-        verb: name of the command.
-        fault: the fault.
-        ended: its exit code and output.
-        path: of the results, which change: the command is repeated.
-        expected: `content` of the results without a fault.
+    The command is repeated, and `expected` is then the `content` of the results.
     """
     errors = [line for line in ended.output.splitlines() if line.startswith("Error: ")]
     if "Traceback" in ended.output or ended.code not in (0, 1, 2):
@@ -187,14 +182,8 @@ def run(request):
         for name, fault, expected in cases(request["verbs"], calls, every_error, Path(folder)):
             path = prepared(name, Path(folder))
             ended = run_command(VERBS[name].command, path, fault)
-            found = list(problems(name, fault, ended, path, expected))
-            yield {
-                "verb": name,
-                "call": fault.call,
-                "fault": str(fault),
-                "code": ended.code,
-                "problems": found,
-            }
+            about = {"verb": name, "call": fault.call, "fault": str(fault), "code": ended.code}
+            yield {**about, "problems": list(problems(name, ended, path, expected))}
 
 
 if __name__ == "__main__":

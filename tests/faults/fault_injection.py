@@ -34,14 +34,9 @@ _EVENTS = {
 
 
 class Fault(NamedTuple):
-    """One failing call.
+    """The `number`-th call of a kind, counted from 1 over a command and its workers, that fails.
 
-    Attributes:
-        call: one of `CALLS`.
-        number: of the call that fails, counted from 1 over a command and its workers.
-        code: its errno.
-        lasting: whether all later calls of the same kind fail as well, as on a disk that stays
-            full.
+    With `lasting`, all later calls of this kind fail as well, as on a disk that stays full.
     """
 
     call: str
@@ -58,12 +53,7 @@ class Injector:
     """Counts the calls below a directory and makes one fail, in this process and its children."""
 
     def __init__(self, root, fault=None):
-        """Installs the hooks in this process, permanently.
-
-        Args:
-            root: directory; calls outside of it are not counted and do not fail.
-            fault: the call that fails; None to count only.
-        """
+        """Installs the hooks in this process, permanently; calls outside of `root` do not fail."""
         self._root, self._fault = str(Path(root).resolve()), fault
         # Shared with the processes that are forked from this one.
         self._counts = mmap.mmap(-1, 8 * len(CALLS))

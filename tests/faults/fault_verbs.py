@@ -55,13 +55,7 @@ FILES = {"small.toml": SWEEP, "curves.csv": CURVES}
 
 
 class Verb(NamedTuple):
-    """A command to test.
-
-    Attributes:
-        command: arguments without --results; `resume` is `train` with a checkpoint.
-        before: commands, or a function of the path, that make the results that it starts from.
-        again: options that are added when it is repeated after a fault.
-    """
+    """A command, what makes the results that it starts from, and options when it is repeated."""
 
     command: tuple[str, ...]
     before: tuple = ()

@@ -5,7 +5,9 @@ import pytest
 from tests.training.small_runs import shorten_episodes
 
 
-@pytest.fixture
-def short_episodes(monkeypatch):
-    """Makes the batched engine's episodes 50 control steps long."""
-    shorten_episodes(monkeypatch.setattr)
+@pytest.fixture(scope="module")
+def short_episodes():
+    """Makes the episodes of all tests of a file 50 control steps long."""
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_episodes(patch.setattr)
+        yield

@@ -25,12 +25,7 @@ EPISODE = 50
 
 
 def shorten_episodes(set_attribute=setattr, steps=EPISODE):
-    """Makes the episodes of training, of evaluations and of Gymnasium's environments shorter.
-
-    Args:
-        set_attribute: for example that of pytest's `monkeypatch`, which reverts it.
-        steps: control steps per episode.
-    """
+    """Makes the episodes of training, of evaluations and of Gymnasium's environments shorter."""
     # Each module has its own constant for the length.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package exports a function
     for module in (engines, evaluate, log, repeat, request, rollout, run, status):
@@ -41,13 +36,7 @@ def shorten_episodes(set_attribute=setattr, steps=EPISODE):
 
 
 def small_run(algo, overrides, **changes):
-    """Returns settings with networks of eight units.
-
-    Args:
-        algo: the algorithm.
-        overrides: changes of its published settings.
-        changes: other settings of the run; the engine and the numbers of steps have no default.
-    """
+    """Returns settings with networks of eight units; `overrides` are of the published settings."""
     overrides = {"hidden_layers": [8], **overrides}
     chosen = algorithm_settings(algo, overrides=overrides).model_dump(mode="json")
     about = {"task": "face_direction", "algo": algo, "seed": 0}

@@ -1,6 +1,5 @@
 """Tests of diverging runs: they fail, keep their rows, and do not affect other runs."""
 
-import functools
 import math
 
 import pytest
@@ -15,6 +14,8 @@ from tests.training.small_runs import train as train_one
 from tests.training.test_checkpoints import only
 from tests.training.test_resume import outcome, settings
 from tests.training.test_sb3_engine import settings as sb3_settings
+
+pytestmark = pytest.mark.usefixtures("short_episodes")
 
 HUGE = {"learning_rate": 1e30}
 
@@ -31,7 +32,6 @@ def engines(monkeypatch):
     """The engines in the order of their creation."""
     made, make = [], jbench.training.engines.make_engine
 
-    @functools.wraps(make)
     def remembered(*arguments, **options):
         made.append(make(*arguments, **options))
         return made[-1]
@@ -48,9 +48,8 @@ def train(path, runs, **more):
     return failures, resumed(events, runs)
 
 
-@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
-@pytest.mark.usefixtures("short_episodes")
-def test_diverged_run_fails_with_its_rows_and_ends_batch(algo, tmp_path, engines):
+@pytest.mark.parametrize("algo", ["td3", "ppo"])
+def test_diverged_run_fails_with_its_rows_and_ends_batch(algo, tmp_path):
     run = diverging(algo)
     failures, _ = train(tmp_path, [run])
     record = only(tmp_path, run)
@@ -59,30 +58,18 @@ def test_diverged_run_fails_with_its_rows_and_ends_batch(algo, tmp_path, engines
     assert isinstance(error, DivergedError)
     diverged = record.manifest.summary["diverged"]
     assert diverged == error.divergence._asdict()
-    assert {*diverged} == {"update", "control_steps", "what"}
     assert record.manifest.summary["error"] == str(error)
     assert str(error).startswith("The agent diverged: its ")
     assert f"after update {diverged['update']:,}, at control step" in str(error)
-    # When all runs have failed, the engine stops after at most one step of each environment.
-    (engine,) = engines
-    last = engine.control_steps
-    assert last - engine.environments.observations.shape[1] <= diverged["control_steps"] <= last
-    assert 0 < diverged["update"] == engine.updates
-    reached = [row["control_steps"] for row in rows(record)]
+    reached = record.read("episodes")["control_steps"].to_pylist()
     assert max(reached, default=0) <= diverged["control_steps"]
-    if algo != "ppo":
-        assert [row["control_steps"] for row in rows(record) if row["length"] == 50][:3] == [
-            50,
-            100,
-            150,
-        ]
+    assert algo == "ppo" or reached[:3] == [50, 100, 150]
     for role in record.roles():
         if role.startswith("checkpoint-"):
             tensors = safetensors.torch.load(record.read_file(role))
             assert all(bool(tensor.isfinite().all()) for tensor in tensors.values())
 
 
-@pytest.mark.usefixtures("short_episodes")
 def test_retried_run_resumes_at_last_finite_checkpoint_and_diverges(tmp_path):
     run = diverging("td3")
     train(tmp_path, [run])
@@ -95,7 +82,6 @@ def test_retried_run_resumes_at_last_finite_checkpoint_and_diverges(tmp_path):
     assert rows(again) == rows(record)
 
 
-@pytest.mark.usefixtures("short_episodes")
 def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
     runs = [settings("td3", seed, steps=250) for seed in (0, 3)]
     assert train(tmp_path / "alone", runs[1:]) == ({}, [])
@@ -117,7 +103,6 @@ def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
     assert positions == [100, 150]
 
 
-@pytest.mark.usefixtures("short_episodes")
 def test_final_weights_are_checked_before_policy_is_saved(tmp_path, engines):
     run = settings("ddpg", 0, steps=100, evaluate_every=1000)
 
@@ -133,7 +118,6 @@ def test_final_weights_are_checked_before_policy_is_saved(tmp_path, engines):
 
 
 @pytest.mark.parametrize("algo", ["td3", "ppo"])
-@pytest.mark.usefixtures("short_episodes")
 def test_diverging_stable_baselines3_agent_fails(algo, tmp_path):
     first = {
         "td3": {"learning_starts": EPISODE},
@@ -153,7 +137,6 @@ def test_diverging_stable_baselines3_agent_fails(algo, tmp_path):
     assert episodes["control_steps"][-1].as_py() <= diverged["control_steps"]
 
 
-@pytest.mark.usefixtures("short_episodes")
 def test_later_error_does_not_hide_divergence(tmp_path, engines):
     runs = [settings("ddpg", seed, steps=200, evaluate_episodes=0) for seed in (0, 3)]
 

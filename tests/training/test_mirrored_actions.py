@@ -4,7 +4,6 @@ saved and exported policies, Gymnasium's environment, and recorded runs."""
 from types import SimpleNamespace
 
 import gymnasium
-import mujoco
 import numpy as np
 import onnxruntime
 import pytest
@@ -18,18 +17,17 @@ from jbench.encoders.registry import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.encoders.wrapper import EncodedObservation
+from jbench.errors import RequestError
 from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import TrainedAgent, load_agent
 from jbench.registration import environment_id
 from jbench.store import Results
-from jbench.tasks import geometry
 from jbench.tasks.features import mirrored
 from jbench.training.evaluation import derive_seeds, evaluate_policies
-from jbench.training.repeat import reevaluate
+from jbench.training.repeat import reevaluate, retrain
 from tests.agents.test_batched_engine import build_engine
 from tests.agents.test_plugin_engine import build_engine as plugin_engine_of
 from tests.encoders.encoder_data import make_dataset, planar_encoder
-from tests.tasks.test_mirror import mirror_image
 from tests.training.small_runs import EPISODE, shorten_episodes, small_run, train
 
 TASK = "face_direction"
@@ -105,36 +103,23 @@ def test_saved_and_exported_policies_act_as_in_training(policy, tmp_path):
     np.testing.assert_allclose(exported, policy.actions, atol=2e-5)
 
 
-def test_wrapped_environments_of_robot_and_mirror_image_stay_alike(policy):
-    envs = [
-        EncodedObservation(gymnasium.make(environment_id(TASK)), policy.agent.encoder)
-        for _ in range(2)
-    ]
-    for env in envs:
-        # With exact inertias of constraints, the simulator's mirror is exact.
-        env.unwrapped.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
-        env.reset(seed=4, options={"target": 1.0})
-    one, other = (env.unwrapped for env in envs)
-    other.data.qpos[:], other.data.qvel[:] = mirror_image(one.data.qpos, one.data.qvel)
-    other._target = other._target._replace(yaw=np.pi - one._target.yaw)
-    # The first action is that of the observation at reset; both start on the same side.
-    actions, seen = [np.array([0.8]), np.array([0.8])], [[], []]
-    actions[1] *= -1
-    for _ in range(20):
-        for env, action, latents in zip(envs, actions, seen, strict=True):
-            latents.append(env.step(action)[0])
-        actions = [policy.agent.policy.act(latents[-1]) for latents in seen]
-    np.testing.assert_allclose(*seen, atol=1e-3)
-    headings = [float(geometry.heading(env.unwrapped.state)) for env in envs]
-    assert np.sin(headings[0]) == pytest.approx(np.sin(headings[1]), abs=1e-6)
-    assert np.cos(headings[0]) == pytest.approx(-np.cos(headings[1]), abs=1e-6)
+def test_wrapped_environment_negates_actions_where_target_is_on_right(policy):
+    plain = gymnasium.make(environment_id(TASK))
+    wrapped = EncodedObservation(gymnasium.make(environment_id(TASK)), policy.agent.encoder)
+    signs = []
+    for target in (1.0, -1.0):
+        seen, _ = plain.reset(seed=4, options={"target": target})
+        wrapped.reset(seed=4, options={"target": target})
+        for step in range(30):
+            action = np.array([np.sin(1 + step)])
+            signs.append(np.sign(seen[15]))
+            seen, expected, *_ = plain.step(signs[-1] * action)
+            assert wrapped.step(action)[1] == expected
+    assert set(signs) == {-1, 1}
 
 
 def test_agent_of_other_package_acts_for_robot(policy):
-    with (
-        plugin_engine_of(encoder=policy.agent.encoder) as engine,
-        engine.environments,
-    ):
+    with plugin_engine_of(encoder=policy.agent.encoder) as engine, engine.environments:
         images = mirrored(TASK, policy.observations)
         actions = engine.act(policy.observations[None])
         assert np.abs(actions).max() > 0.1
@@ -160,19 +145,15 @@ def test_last_evaluation_of_run_is_repeated(engine, results):
 def test_recorded_runs_on_mirrored_observations(results):
     results, encoder = results
     actor = nn.Sequential(nn.Linear(12, 1), nn.Tanh())
-    with jbench.record(
-        TASK,
-        algo="mine",
-        seed=7,
-        hyperparameters={},
-        encoder=encoder,
-        results=results.path,
-        **LENGTHS,
-    ) as recording:
+    about = {"algo": "mine", "seed": 7, "hyperparameters": {}, "encoder": encoder, **LENGTHS}
+    with jbench.record(TASK, results=results.path, **about) as recording:
         env = recording.env()
         for _ in range(2):
             env.reset()
             for step in range(EPISODE):
                 env.step(np.array([np.sin(step / 5)], np.float32))
         recording.keep_policy(actor)
-    assert reevaluate(results, results.find("run", recording.id)).verdict == "equal"
+    record = results.find("run", recording.id)
+    assert reevaluate(results, record).verdict == "equal"
+    with pytest.raises(RequestError, match="only its evaluation can be repeated; type --episodes"):
+        retrain(results, record, 1)

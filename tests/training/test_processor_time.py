@@ -71,6 +71,8 @@ def test_run_of_version_2_resumes_without_processor_time(tmp_path):
     rows = record.read("episodes")
     assert rows["control_steps"].to_pylist() == [50, 100, 150, 200]
     assert rows.slice(0, 2).equals(kept)
+    # Version 2 kept no paths; of the first evaluation there is none, of the last one there is.
+    assert set(record.read("paths")["evaluation"].to_pylist()) == {4}
     # The fifth evaluation is at 210, the end of a rollout.
     assert times(record) == [[None] * 4, [None] * 5]
     assert verify(Results(tmp_path / "old"), 1).faults == []

@@ -5,11 +5,12 @@ import pytest
 
 from jbench.policies.saved import load_agent
 from jbench.store import Results
-from jbench.store.merge import TIMES
+from jbench.tasks import geometry
 from jbench.training.environment import make_env
-from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
-from tests.training.small_runs import EPISODE, paths, shorten_episodes, small_run, train
+from tests.training.small_runs import EPISODE, paths, small_run, train
+
+pytestmark = pytest.mark.usefixtures("short_episodes")
 
 TD3 = {"learning_starts": 75, "train_freq": 25, "gradient_steps": 5}
 
@@ -20,17 +21,15 @@ def settings(algo="td3", overrides=None, **changes):
     return small_run(algo, chosen, **{"engine": "sb3", **lengths, **changes})
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _short_episodes():
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_episodes(patch.setattr)
-        yield
-
-
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     results = Results(tmp_path_factory.mktemp("results"))
-    return results, train(settings(), results)
+    return results, train(settings(task="move_to_pose"), results)
+
+
+def pose(env):
+    """Returns x, y and heading of the robot."""
+    return [*env.unwrapped.data.qpos[:2], geometry.heading(env.unwrapped.state)]
 
 
 def test_episodes_and_evaluations_are_rows(finished):
@@ -52,58 +51,37 @@ def test_episodes_and_evaluations_are_rows(finished):
     assert np.all(np.diff([*times, record.manifest.summary["processor_time"]]) > 0)
 
 
-@pytest.mark.slow
-def test_same_settings_give_same_rows(finished, tmp_path):
-    _, record = finished
-    # Measuring the speed before the run, as the command line does, does not change the run.
-    assert seconds_per_step([settings()]) > 0
-    again = train(settings(), Results(tmp_path))
-    for table in ("episodes", "evaluations"):
-        first, second = (r.read(table).drop(TIMES) for r in (record, again))
-        assert first.equals(second)
-    assert record.read_file("policy.safetensors") == again.read_file("policy.safetensors")
-
-
 def test_saved_agent_reproduces_evaluation(finished):
     results, record = finished
     agent = load_agent(results, record.id)
-    assert agent.task == "face_direction"
+    assert agent.task == "move_to_pose"
     # The generator of the evaluation environment is seeded once per run.
     evaluation_seed = int(np.random.SeedSequence(0).generate_state(2)[1])
-    env = make_env(settings(), None)
+    env = make_env(settings(task="move_to_pose"), None)
     env.reset(seed=evaluation_seed)
-    returns, positions = [], []
+    returns, poses, targets = [], [], []
     for _ in range(4):
         observation, _ = env.reset()
         total, ended = 0.0, False
-        positions.append([env.unwrapped.data.qpos[:2].copy()])
+        poses.append([pose(env)])
+        targets.append(env.unwrapped._target)
         while not ended:
             observation, reward, _, ended, _ = env.step(agent.act(observation))
             total += reward
-            positions[-1].append(env.unwrapped.data.qpos[:2].copy())
+            poses[-1].append(pose(env))
         returns.append(total)
     rows = record.read("evaluations").to_pylist()
     # The last two episodes are of the final policy, the first two of an earlier one.
     assert returns[2:] == [row["episode_return"] for row in rows[2:]]
     # Points at control steps 0, 20 and 40.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}
-    found = record.read("paths").slice(3).select(["x", "y"]).to_pandas()
-    np.testing.assert_array_equal(found, np.array(positions[2][::20], np.float32))
-
-
-def test_ppo_counts_steps_of_all_environments(tmp_path):
-    ppo = settings(
-        "ppo",
-        task="move_from_origin",
-        steps=4 * EPISODE,
-        evaluate_episodes=0,
-        overrides={"n_envs": 4, "n_steps": 10, "batch_size": 20, "n_epochs": 1},
-    )
-    rows = train(ppo, Results(tmp_path)).read("episodes").to_pylist()
-    # Four environments end their first episodes together, at step 50 of each.
-    assert [row["control_steps"] for row in rows] == 4 * [200]
-    assert len({row["episode_return"] for row in rows}) == 4
-    assert all(row["value_loss"] is not None for row in rows)
+    found = record.read("paths").slice(3).to_pandas()
+    expected = np.array(poses[2][::20], np.float32)
+    np.testing.assert_array_equal(found[["x", "y"]], expected[:, :2])
+    turn = np.exp(1j * found["heading"]) / np.exp(1j * expected[:, 2])
+    np.testing.assert_allclose(turn, 1, atol=1e-5)
+    target = [*targets[2].position[:2], targets[2].yaw]
+    np.testing.assert_allclose(found[["target_x", "target_y", "target_yaw"]], [target] * 3)
 
 
 @pytest.mark.parametrize(

@@ -13,15 +13,15 @@ from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from jbench.training.continuation import check_state_can_be_kept
+from jbench.training.log import POLICY_EVALUATION
 from jbench.training.repeat import reevaluate, retrain
-from tests.training.small_runs import EPISODE, rows, train
+from tests.training.small_runs import EPISODE, rows, shorten_episodes, train
 from tests.training.test_resume import kill
 
 SMALL = {"hidden_layers": [8], "batch_size": 16, "learning_starts": 50, "train_freq": 30}
 
 
 def settings(algo, task, seed=0, **changes):
-    """Settings of a run with networks of eight units."""
     overrides = {**SMALL, "gradient_steps": 2}
     algorithm = algorithm_settings(algo, "suite", overrides).model_dump(mode="json")
     about = {
@@ -34,13 +34,7 @@ def settings(algo, task, seed=0, **changes):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("algo", "task"),
-    [
-        ("td3", "dmc:cheetah-run"),
-        ("sac", "dmc:cartpole-swingup"),
-        ("sac", "dmc:cheetah-run"),
-        ("td3", "dmc:cartpole-swingup"),
-    ],
+    ("algo", "task"), [("td3", "dmc:cheetah-run"), ("sac", "dmc:cartpole-swingup")]
 )
 def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, task, tmp_path):
     runs = [settings(algo, task, seed) for seed in (0, 3)]
@@ -50,8 +44,8 @@ def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, task, tmp_path):
     assert {steps for folder in answer["steps"] for both in folder for steps in both} != {0}
 
 
-@pytest.mark.usefixtures("short_episodes")
-def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path):
+def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
     run, results = settings("sac", "dmc:cheetah-run"), Results(tmp_path)
     assert run_batch([run], results) == {}
     record = results.find("run", run.id)
@@ -63,14 +57,15 @@ def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path):
     assert all(0 <= row["episode_return"] <= EPISODE for row in rows(record))
 
 
-@pytest.mark.usefixtures("short_episodes")
 def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
     run = settings("td3", "dmc:cheetah-run", engine="sb3", steps=4 * EPISODE)
     monkeypatch.setattr(registry[environment_id(run.task)], "max_episode_steps", EPISODE)
     results = Results(tmp_path)
     record = train(run, results)
     assert record.rows("episodes") == 4
     assert record.rows("paths") == 0
+    assert record.manifest.summary[POLICY_EVALUATION] == 1
     changed = run.specs.model_copy(update={"model": "0" * 64})
     with pytest.raises(RequestError, match="has changed since it was recorded"):
         train(run.model_copy(update={"specs": changed}), results)
@@ -98,13 +93,3 @@ def test_state_within_an_episode_is_refused_before_the_training(
     check_state_can_be_kept([run.model_copy(update={"steps": enough})])
     plain = {"task": "face_direction", "specs": None}
     check_state_can_be_kept([run.model_copy(update=plain)])
-
-
-def test_state_within_an_episode_is_refused_in_one_sentence(tmp_path, refused):
-    typed = ("--task", "dmc:cartpole-swingup", "--algo", "td3", "--steps", "1500", "--keep-state")
-    assert refused("train", *typed, results=tmp_path / "results") == (
-        "Error: A finished run of td3 can't be continued: dmc:cartpole-swingup has a state between "
-        "two episodes only, and the run's last control step is the 1,500th; type --steps 2000, or "
-        "leave --keep-state out.\n"
-    )
-    assert not (tmp_path / "results").exists()

@@ -38,13 +38,13 @@ from tests.training.small_runs import TanhEncoder, shorten_episodes
 
 
 class KillingModule:
-    """Wraps a module, and kills this process at one of the write points."""
+    """Wraps `os`, and kills this process at one of the write points."""
 
-    def __init__(self, module, at):
-        self._module, self._left = module, at
+    def __init__(self, at):
+        self._left = at
 
     def __getattr__(self, name):
-        return getattr(self._module, name)
+        return getattr(os, name)
 
     def point(self):
         self._left -= 1
@@ -53,42 +53,34 @@ class KillingModule:
 
     def fsync(self, handle):
         self.point()
-        self._module.fsync(handle)
+        os.fsync(handle)
         self.point()
 
     def replace(self, source, target):
         self.point()
-        self._module.replace(source, target)
+        os.replace(source, target)
         self.point()
 
-    def fdopen(self, handle, *mode):
-        file = self._module.fdopen(handle, *mode)
-        return KillingFile(file, self) if mode == ("wb",) else file
+    def fdopen(self, handle, mode):
+        file = os.fdopen(handle, mode, buffering=0 if mode == "wb" else -1)
+        return KillingFile(file, self.point) if mode == "wb" else file
 
 
 class KillingFile:
     """Wraps a file, and kills this process at one of the write points."""
 
-    def __init__(self, file, points):
-        self._file, self._points = file, points
+    def __init__(self, file, point):
+        self._file, self._point = file, point
 
     def __getattr__(self, name):
         return getattr(self._file, name)
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        self._file.close()
-
     def write(self, content):
-        self._points.point()
-        self._file.write(content[: len(content) // 2])
-        self._file.flush()
-        self._points.point()
-        self._file.write(content[len(content) // 2 :])
-        self._file.flush()
-        self._points.point()
+        half = len(content) // 2
+        for part in (content[:half], content[half:]):
+            self._point()
+            self._file.write(part)
+        self._point()
 
 
 class Killer:
@@ -98,11 +90,8 @@ class Killer:
         self._path, self._at = Path(request["path"]), request["at"]
         self._wanted, self._every = request.get("kills", 0), request.get("every", 1)
         self._runs = [RunSettings(**run) for run in request["runs"]]
-        self._shorter = [
-            run.model_copy(update={"steps": request["shorter"]})
-            for run in self._runs
-            if "shorter" in request
-        ]
+        shorter = request.get("shorter")
+        self._shorter = [run.model_copy(update={"steps": shorter}) for run in self._runs if shorter]
         self._encoder = TanhEncoder(request["encoder"]) if request.get("encoder") else None
         self._draw, self._longest = random.Random(0), 0.0
         self.kills, self.steps, self.problems = 0, [], []
@@ -114,7 +103,6 @@ class Killer:
         self._longest = 0.7 * (time.perf_counter() - began)
 
     def until_done(self, folder):
-        """Trains the batch with kills."""
         path = self._path / folder
         self.steps.append([])
         if self._shorter:
@@ -146,12 +134,9 @@ class Killer:
             if self._encoder is not None:
                 batched_run.load_run_encoder = lambda *_: self._encoder
             if write_point is not None:
-                files.os = KillingModule(os, write_point)
+                files.os = KillingModule(write_point)
             failures = run_batch(
-                runs or self._runs,
-                Results(path),
-                checkpoint_every=0,
-                keep_state=keep_state,
+                runs or self._runs, Results(path), checkpoint_every=0, keep_state=keep_state
             )
             code = 3 if failures else 0
         except BaseException:
@@ -178,7 +163,6 @@ def committed_steps(run, results):
 
 
 def main(request):
-    """Processes a request; prints the answer."""
     torch.set_num_threads(1)
     shorten_episodes()
     killer = Killer(request)

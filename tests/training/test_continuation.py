@@ -168,9 +168,8 @@ def test_new_beginning_is_explained_in_one_sentence(tmp_path):
         "the state was not kept, as --keep-state does."
     ]
     # A finished run is never shortened.
-    assert (
-        list(new_beginnings([run.model_copy(update={"steps": 50}) for run in short], results)) == []
-    )
+    shorter = [run.model_copy(update={"steps": 50}) for run in short]
+    assert list(new_beginnings(shorter, results)) == []
 
 
 def test_kept_state_with_other_evaluations_is_named_with_the_option_to_type(tmp_path):

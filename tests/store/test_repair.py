@@ -26,20 +26,13 @@ def content(directory):
     return sorted(text for path, text in found.items() if os.path.basename(path) != "lock")
 
 
-def occupy(path):
-    """Replaces a file by a directory."""
-    path.unlink()
-    path.mkdir()
-    (path / "inner").write_bytes(b"mine")
-
-
 @pytest.fixture
 def broken(results):
-    """An intact chain of records, an intact run with a leftover file, and four damaged runs."""
+    """An intact chain of records, an intact run with a leftover file, and three damaged runs."""
     add_chain(results)
     whole = add_whole_run(results, seed=1)
     (whole.path / ".writing-x1").write_bytes(b"half")
-    for seed, damage in enumerate((truncate, os.unlink, occupy, truncate), start=2):
+    for seed, damage in enumerate((truncate, os.unlink, truncate), start=2):
         run = add_whole_run(results, seed=seed)
         damage(run.path / listed(run)[0])
     (run.path / "manifest.json").write_bytes(b"{")
@@ -72,7 +65,7 @@ def test_repair_leaves_valid_results_and_loses_no_byte(broken):
 def test_damaged_run_is_set_aside_and_can_be_recreated(results):
     for repairs in (1, 2, 3):  # within a second, in directories of their own
         run = add_whole_run(results)
-        damaged = snapshot(run.path)
+        damaged = {"manifest.json", *listed(run)}
         with run.lock():
             pass
         truncate(run.path / listed(run)[0])
@@ -81,7 +74,7 @@ def test_damaged_run_is_set_aside_and_can_be_recreated(results):
         assert names(run.path) == {"lock"}
         folders = sorted((results.path / "set-aside").iterdir())
         assert len(folders) == repairs
-        assert snapshot(folders[-1] / "runs" / run.id).keys() == damaged.keys()
+        assert names(folders[-1] / "runs" / run.id) == damaged
     assert add_whole_run(results).id == run.id
     assert verify(results, 2).findings == []
 
@@ -121,6 +114,16 @@ def test_nested_records_are_set_aside_separately(results):
     done = repaired(results)
     assert len(done.moved) == 2 + 3
     assert verify(results, 2).findings == []
+
+
+def test_directory_in_place_of_file_is_set_aside_with_content(results):
+    path = add_whole_run(results).path / "policy.json"
+    path.unlink()
+    path.mkdir()
+    (path / "inner").write_bytes(b"mine")
+    repaired(results)
+    assert verify(results, 2).findings == []
+    assert b"mine" in content(results.path / "set-aside")
 
 
 def test_record_repaired_meanwhile_is_unchanged(results):

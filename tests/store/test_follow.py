@@ -16,7 +16,6 @@ def append(record, *returns, first):
 
 
 def returns_of(follower):
-    """The returns of the new episodes."""
     return [
         row["episode_return"]
         for change in follower.look()

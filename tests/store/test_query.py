@@ -15,7 +15,6 @@ DAE = {"representation": "dae12", "encoder": ENCODER}
 
 
 def fetch(results, sql):
-    """The rows of a query as tuples."""
     return [tuple(row) for row in query.run_sql(sql, query.load(results).tables).to_numpy()]
 
 

@@ -16,17 +16,11 @@ from jbench.statistics.bootstrap import MIN_SEEDS, Estimate
 
 
 class Agents(NamedTuple):
-    """Mean returns of agents.
-
-    Attributes:
-        means: (agents,) mean return of each agent's episodes.
-        variances: (agents,) sample variance of its episodes, divided by their number.
-        episodes: (agents,) number of its episodes.
-    """
+    """Mean returns (agents,) of agents, over their episodes."""
 
     means: FloatArray
-    variances: FloatArray
-    episodes: FloatArray
+    variances: FloatArray  # (agents,) sample variance of the episodes, divided by their number
+    episodes: FloatArray  # (agents,) number
 
     @property
     def episode_variance(self) -> float:
@@ -47,13 +41,10 @@ class Agents(NamedTuple):
 
 
 class Components(NamedTuple):
-    """Components of the variance of returns; NaN if they are unknown.
+    """Deviation s, with its interval, and w, that of the episodes; NaN if they are unknown.
 
-    Attributes:
-        deviation: s; 0 if the estimate of s^2 is negative.
-        low: lower end of the interval of s.
-        high: upper end.
-        episode_deviation: w, the root of the mean variance of an agent's episodes.
+    s is 0 if the estimate of s^2 is negative; w is the root of the mean variance of an agent's
+    episodes.
     """
 
     deviation: float = np.nan
@@ -71,17 +62,14 @@ def components(agents: Agents, confidence: float = 0.95) -> Components:
     """
     if not agents.known:
         return Components()
-    means, episodes = agents.episode_variance + agents.agent_variance, agents.episode_variance
-    freedom = len(agents.means) - 1, _episode_freedom(agents.episodes)
+    counts, within, between = agents.episodes, agents.episode_variance, agents.agent_variance
+    # As in Satterthwaite's approximation; k (n - 1) for n episodes of each of k agents.
+    freedom = float(np.sum(1 / counts) ** 2 / np.sum(1 / (counts**2 * (counts - 1))))
     tail = (1 - confidence) / 2
-    ends = (means / fdtri(*freedom, at) - episodes for at in (1 - tail, tail))
-    low, high = (float(np.sqrt(max(end, 0))) for end in ends)
-    return Components(
-        deviation=float(np.sqrt(max(agents.agent_variance, 0))),
-        low=low,
-        high=high,
-        episode_deviation=float(np.sqrt(np.mean(agents.variances * agents.episodes))),
-    )
+    quantiles = (fdtri(len(counts) - 1, freedom, at) for at in (1 - tail, tail))
+    squares = between, *((within + between) / quantile - within for quantile in quantiles)
+    numbers = (float(np.sqrt(max(square, 0))) for square in squares)
+    return Components(*numbers, float(np.sqrt(np.mean(agents.variances * counts))))
 
 
 def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Estimate:
@@ -104,13 +92,8 @@ def smallest_difference(
 ) -> float:
     """Returns the smallest difference of means that two equal configurations can show.
 
-    It is the true difference that a two-sided Welch test finds at 5% with a power of 80%.
-
-    Args:
-        seeds: of each configuration.
-        deviation: s.
-        episode_deviation: w.
-        episodes: per agent; may be infinite.
+    It is the true difference that a two-sided Welch test finds at 5% with a power of 80%, from
+    seeds per configuration, s, w and episodes per agent (which may be infinite).
     """
     variance = (deviation**2 + episode_deviation**2 / episodes) / seeds
     if variance == 0:
@@ -124,15 +107,12 @@ def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int |
     """Returns the seeds per group that decide a comparison with a power of 80% at 5%, two-sided.
 
     The standard error falls with the root of the number of seeds; the true effect is assumed to
-    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
+    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation). None: the distance
+    is 0 or unknown, or more than a million seeds were needed.
 
     Args:
         distance: of the effect from the deciding value.
-        standard_error: of the effect at the present number of seeds.
-        seeds: present number of seeds per group.
-
-    Returns:
-        None if the distance is 0 or unknown, or if more than a million seeds were needed.
+        standard_error: of the effect at the present number of seeds per group.
     """
     if not np.isfinite([distance, standard_error]).all() or distance == 0:
         return None
@@ -141,12 +121,3 @@ def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int |
     if root > np.sqrt(1_000_000 / seeds):
         return None
     return max(MIN_SEEDS, int(np.ceil(seeds * root**2)))
-
-
-def _episode_freedom(episodes: FloatArray) -> float:
-    """Returns the degrees of freedom of `episode_variance`, for episodes of equal variance.
-
-    The sum of the variances over episodes is treated as in Satterthwaite's approximation; for n
-    episodes of each of k agents it has k (n - 1).
-    """
-    return float(np.sum(1 / episodes) ** 2 / np.sum(1 / (episodes**2 * (episodes - 1))))

@@ -15,15 +15,13 @@ import numpy as np
 
 from jbench.statistics import FloatArray, IntArray
 
-Strata = Sequence[FloatArray]
-"""One array of scores (..., seeds) per task."""
-
+Strata = Sequence[FloatArray]  # scores (..., seeds) per task
 Statistic = Callable[..., FloatArray]
 """Takes as many `Strata` as there are groups to compare; returns (...)."""
 
 RESAMPLES = 10_000
 MIN_SEEDS = 3
-"""Minimum number of seeds per stratum for an interval."""
+"""Minimum number of seeds per stratum for an interval, and for a band around a curve."""
 DECIDING_SEEDS = 6
 """Minimum number of seeds for a verdict: the range of n seeds contains the population median with
 probability 1 - 2^(1 - n), 94% for five, 97% for six."""
@@ -46,8 +44,7 @@ def median(strata: Strata) -> FloatArray:
     """Returns the median over the seeds of all tasks."""
     ordered = np.sort(_pooled(strata), axis=-1)  # numpy's median is slower
     count = ordered.shape[-1]
-    middle: FloatArray = (ordered[..., (count - 1) // 2] + ordered[..., count // 2]) / 2
-    return middle
+    return np.asarray((ordered[..., (count - 1) // 2] + ordered[..., count // 2]) / 2)
 
 
 def interquartile_mean(strata: Strata) -> FloatArray:
@@ -61,8 +58,7 @@ def interquartile_mean(strata: Strata) -> FloatArray:
     count = sum(sizes)
     if len({*sizes}) == 1:
         ordered = np.sort(_pooled(strata), axis=-1)
-        middle: FloatArray = np.mean(ordered[..., count // 4 : count - count // 4], axis=-1)
-        return middle
+        return np.asarray(np.mean(ordered[..., count // 4 : count - count // 4], axis=-1))
     scores = _pooled(strata)
     weights = np.concatenate([np.full(n, 1 / n / len(sizes)) for n in sizes])
     order = np.argsort(scores, axis=-1)
@@ -70,8 +66,7 @@ def interquartile_mean(strata: Strata) -> FloatArray:
     low = count // 4 / count
     kept = np.clip(ends, low, 1 - low) - np.clip(ends - weights[order], low, 1 - low)
     sums = np.sum(kept * np.take_along_axis(scores, order, axis=-1), axis=-1)
-    weighted: FloatArray = sums / (1 - 2 * low)
-    return weighted
+    return np.asarray(sums / (1 - 2 * low))
 
 
 def standard_deviation(strata: Strata) -> FloatArray:
@@ -79,8 +74,7 @@ def standard_deviation(strata: Strata) -> FloatArray:
     scores = _pooled(strata)
     if scores.shape[-1] < 2:
         return np.full(scores.shape[:-1], np.nan)
-    deviation: FloatArray = np.std(scores, axis=-1, ddof=1)
-    return deviation
+    return np.asarray(np.std(scores, axis=-1, ddof=1))
 
 
 def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:
@@ -90,7 +84,7 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:
     2021, section 4.3).
     """
     won = [_won(x, y).mean(axis=(-2, -1)) for x, y in zip(ours, theirs, strict=True)]
-    return _mean_over_tasks(won)
+    return np.asarray(np.mean(won, axis=0))
 
 
 def difference(statistic: Statistic) -> Statistic:
@@ -114,7 +108,7 @@ def performance_profile(strata: Strata, thresholds: FloatArray) -> FloatArray:
     Every task counts the same, however many seeds it has (Agarwal et al., 2021, section 4.2).
     """
     shares = [np.mean(seeds[..., None, :] > thresholds[:, None], axis=-1) for seeds in strata]
-    return _mean_over_tasks(shares)
+    return np.asarray(np.mean(shares, axis=0))
 
 
 def profile_interval(
@@ -125,7 +119,7 @@ def profile_interval(
     The number of n resampled seeds above a threshold has a binomial distribution, so that no seeds
     need to be resampled.
     """
-    random = np.random.default_rng(np.random.SeedSequence(0))
+    random = np.random.default_rng(0)
     size = resamples, len(thresholds)
     drawn = np.zeros(size)
     for seeds in strata:
@@ -168,10 +162,7 @@ def samples(
 ) -> list[Resampled]:
     """Returns several statistics of the same resamples (stratified bootstrap).
 
-    Args:
-        statistics: statistics that take as many groups.
-        groups: groups to compare, each with scores (seeds,) by task, and resampled independently
-            within each task.
+    Groups have scores (seeds,) by task, and are resampled independently within each task.
     """
     fewest = min(seeds.shape[-1] for strata in groups for seeds in strata)
     if fewest == 0:
@@ -179,7 +170,7 @@ def samples(
     values = [float(statistic(*groups)) for statistic in statistics]
     if fewest < MIN_SEEDS:
         return [Resampled(value, np.empty(0)) for value in values]
-    random = np.random.default_rng(np.random.SeedSequence(0))
+    random = np.random.default_rng(0)
     chosen = [
         [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
         for strata in groups
@@ -207,11 +198,6 @@ def estimate(
     return samples([statistic], *groups, resamples=resamples)[0].estimate(confidence)
 
 
-def _mean_over_tasks(values: Sequence[FloatArray]) -> FloatArray:
-    mean_of_tasks: FloatArray = np.mean(values, axis=0)
-    return mean_of_tasks
-
-
 def _pooled(strata: Strata) -> FloatArray:
     return strata[0] if len(strata) == 1 else np.concatenate(list(strata), axis=-1)
 
@@ -223,14 +209,9 @@ def _won(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _improvements(groups: Sequence[Strata], chosen: Sequence[Sequence[IntArray]]) -> FloatArray:
-    """Returns `probability_of_improvement` of each resample, from how often it has each seed.
+    """Returns `probability_of_improvement` of each resample, from how often it has each seed."""
 
-    Args:
-        chosen: (resamples, seeds) indices of the seeds, for each stratum of each group.
-    """
-
-    def counts(index: IntArray) -> FloatArray:
-        """Returns how often each seed occurs in each resample, (resamples, seeds)."""
+    def counts(index: IntArray) -> FloatArray:  # of each seed in each resample
         rows = np.arange(len(index))[:, None] * index.shape[1]
         flat = np.bincount((rows + index).ravel(), minlength=index.size)
         return flat.reshape(index.shape).astype(np.float64)
@@ -240,4 +221,4 @@ def _improvements(groups: Sequence[Strata], chosen: Sequence[Sequence[IntArray]]
         # Sums of halves have no rounding errors.
         won = np.einsum("ij,ij->i", counts(ours) @ _won(x, y), counts(theirs))
         shares.append(won / (len(x) * len(y)))
-    return _mean_over_tasks(shares)
+    return np.asarray(np.mean(shares, axis=0))

@@ -52,12 +52,10 @@ def first_look(
     """Returns the interim analysis (...), from 1 on, that reaches a verdict; 0 if none does.
 
     Args:
-        verdict: larger, smaller or equal.
-        ours: (..., seeds) numbers of the seeds in complete blocks; `theirs` likewise.
+        ours, theirs: (..., seeds) numbers of the seeds in complete blocks.
         margin: two configurations that differ by less are equal.
-        error_rate: two-sided error rate over all analyses.
+        error_rate: two-sided, over all analyses.
         looks: number of planned analyses.
-        relabelings: see `first_above`.
     """
 
     def above(higher: FloatArray, lower: FloatArray) -> IntArray:
@@ -67,11 +65,6 @@ def first_look(
         lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
         return np.where((lower > 0) & (upper > 0), np.maximum(lower, upper), 0)
     return above(ours, theirs) if verdict == "larger" else above(theirs, ours)
-
-
-def spent(look: int, error_rate: float, looks: int) -> float:
-    """Returns the part of an error rate that is spent up to an interim analysis, from 1 on."""
-    return error_rate * look / looks
 
 
 def first_above(
@@ -91,11 +84,9 @@ def first_above(
     allows, minus those that earlier ones reject. Ties at the boundary do not reject.
 
     Args:
-        ours: (..., seeds) numbers of the seeds in complete blocks.
-        theirs: (..., seeds) the same for the other configuration.
-        error_rate: one-sided error rate over all analyses.
+        ours, theirs: (..., seeds) numbers of the seeds in complete blocks.
+        error_rate: one-sided, over all analyses.
         looks: number of planned analyses; the seeds may cover fewer.
-        block: seeds of each configuration in a block.
         relabelings: maximum number of relabelings, sampled if there are more.
     """
     shape = (*ours.shape[:-1], -1, block)
@@ -115,7 +106,7 @@ def first_above(
         for j, relabeling in enumerate(chosen):
             sums += differences[..., j, :][..., relabeling]
             if j == len(boundaries):
-                allowed = int(spent(j + 1, error_rate, looks) * sums.shape[-1])
+                allowed = int(error_rate * (j + 1) / looks * sums.shape[-1])
                 boundaries.append(_boundary(sums, crossed, allowed) + rounding)
                 first[(first == 0) & (sums[..., 0] > boundaries[j][..., 0])] = j + 1
             crossed |= sums > boundaries[j]
@@ -136,12 +127,7 @@ def interval(
 ) -> tuple[float, float]:
     """Returns the repeated confidence interval of ours minus theirs at the last analysis.
 
-    It contains the shifts that no analysis up to this one rejects.
-
-    Args:
-        ours: (seeds,) numbers of the seeds in complete blocks; `theirs` likewise.
-        error_rate: two-sided error rate over all analyses.
-        looks: number of planned analyses.
+    It contains the shifts that no analysis up to this one rejects; see `first_look` for arguments.
     """
     low = _lowest(ours, theirs, error_rate / 2, looks)
     return low, -_lowest(theirs, ours, error_rate / 2, looks)

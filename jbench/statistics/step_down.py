@@ -20,34 +20,19 @@ from jbench.statistics.sequential import Verdict
 
 
 class Decision(NamedTuple):
-    """Outcome of a comparison at the deciding interim analysis, or at the last one so far.
+    """Outcome of a comparison at the deciding interim analysis, or at the last one so far."""
 
-    Attributes:
-        verdict: ours is larger or smaller than theirs, equal within the margin, or undecided.
-        seeds: of each configuration at that analysis; 0 before the first block is complete.
-        difference: difference of the means, ours minus theirs; NaN without seeds.
-        low: lower end of the repeated confidence interval at `rate`; -inf if it is unbounded.
-        high: upper end.
-        rate: two-sided error rate at which it was decided, or is tested now.
-        spent: part of this rate spent up to that analysis.
-    """
-
-    verdict: Verdict
-    seeds: int
-    difference: float
-    low: float
+    verdict: Verdict  # ours is larger or smaller than theirs, equal within the margin, or undecided
+    seeds: int  # of each configuration at that analysis; 0 before the first block is complete
+    difference: float  # of the means, ours minus theirs; NaN without seeds
+    low: float  # of the repeated confidence interval at `rate`; -inf if it is unbounded
     high: float
-    rate: float
-    spent: float
+    rate: float  # two-sided error rate at which it was decided, or is tested now
+    spent: float  # part of this rate spent up to that analysis
 
 
 class Stop(NamedTuple):
-    """When and at which rate a comparison was decided.
-
-    Attributes:
-        look: the interim analysis at which it was decided, counted from 1.
-        rate: two-sided error rate of the comparison at that time.
-    """
+    """The interim analysis, from 1 on, and the two-sided rate at which a comparison was decided."""
 
     verdict: Verdict
     look: int
@@ -74,13 +59,7 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Sto
     whose rates are whole numbers of relabelings, can fail to, so rates are limited to the sum of
     the shares over whole numbers, and a verdict has to be reached at all larger ones, too.
 
-    Args:
-        reached: finds verdicts in the seeds that exist so far.
-        shares: (comparisons,) two-sided error rates.
-        looks: largest number of interim analyses of a comparison.
-
-    Returns:
-        One stop per comparison; None if it is undecided.
+    Returns a stop per comparison, from its share, a two-sided error rate; None if it is undecided.
     """
     stops: list[Stop | None] = [None] * len(shares)
     for look in range(1, looks + 1):
@@ -91,12 +70,6 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Sto
                 if stops[i] is None and (verdict := _verdict(reached, i, parts, shares, look)):
                     stops[i], new = Stop(verdict, look, 2 * sum(shares) / parts), True
     return stops
-
-
-def _rates(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[float]:
-    """Returns the two-sided rate of each comparison: when it was decided, or now."""
-    now = (2 * sum(shares) / parts for parts in _parts(stops, shares))
-    return [rate if stop is None else stop.rate for stop, rate in zip(stops, now, strict=True)]
 
 
 def _parts(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[int]:
@@ -134,11 +107,9 @@ def decide(
     Only blocks that are complete in both configurations count.
 
     Args:
-        pairs: for each comparison, a number per seed of ours (seeds,) and of theirs (seeds,), in
-            the order of the seeds.
+        pairs: (comparisons,) numbers of ours (seeds,) and theirs (seeds,), in the order of seeds.
         shares: (comparisons,) two-sided error rates, whose sum is that of all together.
         looks: (comparisons,) planned interim analyses.
-        margin: two configurations that differ by less are equal.
     """
     block = sequential.BLOCK
     complete = [
@@ -156,12 +127,13 @@ def decide(
 
     stops = step_down(reached, shares, max(looks, default=0))
     decisions = []
-    for i, (stop, rate) in enumerate(zip(stops, _rates(stops, shares), strict=True)):
-        verdict, look = (stop.verdict, stop.look) if stop else ("undecided", complete[i])
+    for i, parts in enumerate(_parts(stops, shares)):
+        now = Stop("undecided", complete[i], 2 * sum(shares) / parts)
+        verdict, look, rate = stops[i] or now
         seeds = look * block
         ours, theirs = (side[:seeds] for side in cut[i])
         low, high = sequential.interval(ours, theirs, rate, looks[i]) if look else (-np.inf, np.inf)
         difference = float(ours.mean() - theirs.mean()) if look else np.nan
-        used = sequential.spent(look, rate, looks[i])
-        decisions.append(Decision(verdict, seeds, difference, low, high, rate, used))
+        spent = rate * look / looks[i]
+        decisions.append(Decision(verdict, seeds, difference, low, high, rate, spent))
     return decisions

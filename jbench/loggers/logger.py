@@ -1,11 +1,10 @@
 """Copying committed rows to the logger of an experiment tracker."""
 
 import threading
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Protocol
 
 from jbench.errors import RequestError
 from jbench.loggers.trackers import Point, TensorBoard, Trackio, WeightsAndBiases
@@ -13,28 +12,10 @@ from jbench.store import Results
 from jbench.store.follow import LOOK_EVERY, Change, Follower, grouped
 from jbench.store.schema import LOSSES
 
-_Rows = Sequence[Mapping[str, Any]]
-_Values = Iterator[tuple[str, float | None]]
+Logger = TensorBoard | Trackio | WeightsAndBiases
+"""Starts the log of a run, which replaces an earlier one, adds points, and ends it if started.
 
-
-class Logger(Protocol):
-    """Writes runs to a tracker.
-
-    Attributes:
-        where: where the log can be seen, as a sentence.
-    """
-
-    where: str
-
-    def start(self, run: str, settings: Mapping[str, Any]) -> None:
-        """Starts the log of a run; it replaces an earlier log of the same run."""
-
-    def log(self, run: str, points: Sequence[Point]) -> None:
-        """Adds points to the log of a run that was started."""
-
-    def end(self, run: str) -> None:
-        """Ends the log of a run, if it was started."""
-
+`where` is a sentence on where the log can be seen."""
 
 _TRACKERS: dict[str, Callable[[Path], Logger]] = {
     "tensorboard": TensorBoard,
@@ -44,11 +25,7 @@ _TRACKERS: dict[str, Callable[[Path], Logger]] = {
 
 
 def make_logger(name: str, results: Path) -> Logger:
-    """Returns the logger of a tracker (`names.LOGGERS`); its files are in the results directory.
-
-    Raises:
-        RequestError: if its library is not installed.
-    """
+    """Returns the logger of a tracker (`names.LOGGERS`); its files are in the results directory."""
     try:
         return _TRACKERS[name](results / name)
     except ImportError as error:
@@ -67,31 +44,17 @@ def points(change: Change) -> list[Point]:
     created = datetime.fromisoformat(change.record.manifest.created).timestamp()
     made = []
     for table, rows in grouped(change.rows):
-        values = dict(_VALUES[table](rows))
-        seconds = created + (rows[0]["wall_time"] or 0.0)
+        first, values = rows[0], dict[str, float | None]()
+        if table == "metrics":
+            values = {f"metrics/{row['name']}": row["value"] for row in rows}
+        elif table == "episodes":
+            values = {"training/episode_return": first["episode_return"]}
+            values |= {f"losses/{name}": first[name] for name in LOSSES}
+        elif None not in (returns := [row["episode_return"] for row in rows]):
+            values["evaluation/mean_return"] = sum(returns) / len(returns)
         known = {name: value for name, value in values.items() if value is not None}
-        made.append(Point(rows[0]["control_steps"], seconds, known))
+        made.append(Point(first["control_steps"], created + (first["wall_time"] or 0.0), known))
     return made
-
-
-def _episode(rows: _Rows) -> _Values:
-    (row,) = rows
-    yield "training/episode_return", row["episode_return"]
-    for name in LOSSES:
-        yield f"losses/{name}", row[name]
-
-
-def _evaluation(rows: _Rows) -> _Values:
-    returns = [row["episode_return"] for row in rows]
-    yield "evaluation/mean_return", None if None in returns else sum(returns) / len(returns)
-
-
-def _metrics(rows: _Rows) -> _Values:
-    for row in rows:
-        yield f"metrics/{row['name']}", row["value"]
-
-
-_VALUES = {"episodes": _episode, "evaluations": _evaluation, "metrics": _metrics}
 
 
 @contextmanager
@@ -102,22 +65,17 @@ def copying_rows(
 
     The whole of each run is copied, so that the log of a resumed run is complete. A thread reads
     the results as any other reader would; training does not depend on the tracker, and its failure
-    ends only the copying.
-
-    Args:
-        warn: called with a sentence if a run can't be read or the logger fails.
+    ends only the copying, with a sentence to `warn`.
     """
     done = threading.Event()
     follower = Follower(results, {"run": set(runs)})
 
     def copy_until_done() -> None:
-        started: set[str] = set()
         try:
-            is_last = False
-            while not is_last:
-                is_last = done.wait(LOOK_EVERY)
-                _copy(follower, logger, started, warn)
-            for run in started:
+            while not done.wait(LOOK_EVERY):
+                _copy(follower, logger, warn)
+            _copy(follower, logger, warn)
+            for run in runs:
                 logger.end(run)
         except Exception as error:
             reason = str(error) or type(error).__name__
@@ -132,9 +90,7 @@ def copying_rows(
         thread.join()
 
 
-def _copy(
-    follower: Follower, logger: Logger, started: set[str], warn: Callable[[str], None]
-) -> None:
+def _copy(follower: Follower, logger: Logger, warn: Callable[[str], None]) -> None:
     for change in follower.look():
         if isinstance(change, str):
             warn(change)
@@ -142,8 +98,6 @@ def _copy(
         run = change.record.id
         if change.is_new:
             logger.start(run, change.record.settings)
-            started.add(run)
         logger.log(run, points(change))
         if change.record.status == "finished":
             logger.end(run)
-            started.discard(run)

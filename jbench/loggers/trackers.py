@@ -13,17 +13,11 @@ _PROJECT = "jbench"
 
 
 class Point(NamedTuple):
-    """Values at a control step.
+    """Values at a control step."""
 
-    Attributes:
-        control_steps: of the run, over all environments.
-        time: seconds since the epoch.
-        values: by name, such as training/episode_return.
-    """
-
-    control_steps: int
-    time: float
-    values: Mapping[str, float]
+    control_steps: int  # of the run, over all environments
+    time: float  # seconds since the epoch
+    values: Mapping[str, float]  # by name, such as training/episode_return
 
 
 class TensorBoard:
@@ -77,7 +71,8 @@ class Trackio:
             for earlier in self._library.Api().runs(_PROJECT):
                 if earlier.name == run:
                     earlier.delete()
-        with _messages():
+        # What the library prints must not mix with a JSON document.
+        with contextlib.redirect_stdout(sys.stderr):
             self._runs[run] = self._library.init(
                 project=_PROJECT,
                 name=run,
@@ -96,13 +91,8 @@ class Trackio:
     def end(self, run: str) -> None:
         """Ends the trackio run, if it was started, and waits until its values are written."""
         if run in self._runs:
-            with _messages():
+            with contextlib.redirect_stdout(sys.stderr):
                 self._runs.pop(run).finish()
-
-
-def _messages() -> contextlib.AbstractContextManager[Any]:
-    """Returns a context in which what the library prints does not mix with a JSON document."""
-    return contextlib.redirect_stdout(sys.stderr)
 
 
 class WeightsAndBiases:

@@ -20,12 +20,9 @@ _UNREADABLE = (
     *(zipfile.BadZipFile, zlib.error),
 )
 
+# Tags of training returns: of CleanRL, an episode each, and of stable-baselines3, means of 100.
 _KNOWN_TAGS = ("charts/episodic_return", "rollout/ep_rew_mean")
-"""Tags of training returns: of CleanRL, an episode each, and of stable-baselines3, means of 100."""
-
-_Scalars = dict[str, list[tuple[int, float, float]]]
-"""Step, time (s) and value of each scalar, by tag."""
-
+_Scalars = dict[str, list[tuple[int, float, float]]]  # step, time (s) and value, by tag
 _HEADER = struct.Struct("<QI")  # of a record: bytes of its data, and their checksum
 _CHECKSUM = 4  # bytes after the data
 
@@ -49,16 +46,10 @@ def read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series]
         )
     count, episodes = returns.shape
     point = np.repeat(np.arange(count), episodes)
-    points = pd.DataFrame(
-        {
-            "point": point,
-            "control_steps": steps[point],
-            "episode": np.tile(np.arange(episodes), count),
-            "episode_return": returns.ravel(),
-            "length": lengths.ravel(),
-        },
-        pd.Index(point + 1, name="evaluation"),
-    )
+    columns = {"point": point, "control_steps": steps[point]}
+    columns |= {"episode": np.tile(np.arange(episodes), count)}
+    columns |= {"episode_return": returns.ravel(), "length": lengths.ravel()}
+    points = pd.DataFrame(columns, pd.Index(point + 1, name="evaluation"))
     return [Series(file, request.seed_in(str(file.path), "the path"), "evaluation", points)]
 
 
@@ -73,16 +64,14 @@ def read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
         raise RequestError(
             f"{file.path} has {reason}; type --tag with one of {', '.join(sorted(scalars))}."
         )
-    values = scalars[tags[0]]
     names = ["control_steps", "wall_time", "episode_return"]
-    numbered = pd.RangeIndex(1, len(values) + 1, name="value")
+    points = pd.DataFrame(scalars[tags[0]], columns=names).rename_axis("value")
+    points.index += 1
     seed, kind = request.seed_in(str(file.path), "the path"), request.returns_kind(tags[0])
-    points = pd.DataFrame(values, numbered, names)
     return [Series(file, seed, kind, points, {"return": tags[0]})]
 
 
 def _scalars(file: ImportedFile) -> _Scalars:
-    """Returns all scalars of an event file, read by TensorBoard's own reader."""
     try:
         from tensorboard.backend.event_processing.event_file_loader import EventFileLoader
         from tensorboard.util.tensor_util import make_ndarray

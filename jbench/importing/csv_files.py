@@ -23,12 +23,9 @@ _STEPS = ("control_steps", "global_step", "timesteps", "steps", "step")
 _RETURN = ("episode_return", "episodic_return", "return", "reward")
 """Default columns, of which the first that a file has is used."""
 
+# Axes of W&B, whose `Step` counts calls of `wandb.log`, and endings of columns without a metric.
 _NOT_CONTROL_STEPS = ("Step", "Wall Time", "Relative Time (Wall)", "Relative Time (Process)")
-"""Axes of W&B; its `Step` counts calls of `wandb.log`."""
-
 _NO_METRICS = ("__MIN", "__MAX", "_step", "_runtime", "_timestamp")
-"""Endings of columns of W&B that are not a metric."""
-
 _MAX_TIME = 1e12  # s since 1970; excludes NaN and infinity
 
 
@@ -132,11 +129,9 @@ def read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
 
 
 def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> pd.DataFrame:
-    """Returns the rows of a CSV file as texts, indexed by their line.
+    """Returns the rows of a CSV file as texts, indexed by their line, without lines to skip.
 
-    Args:
-        skip: lines before the header.
-        ends_line: whether the last line of a whole file ends with a line break.
+    ends_line: whether the last line of a whole file ends with a line break.
     """
     try:
         text = file.content.decode("utf-8-sig")
@@ -196,7 +191,6 @@ def read_seeds(table: pd.DataFrame, name: str, file: ImportedFile) -> list[int]:
 
 
 def _check_column(table: pd.DataFrame, file: ImportedFile, name: str, option: str) -> None:
-    """Raises a RequestError if there is no column that an option names."""
     if name not in table:
         raise RequestError(
             f"{file.path} has no column {name!r}; type {option} with one of "
@@ -205,7 +199,6 @@ def _check_column(table: pd.DataFrame, file: ImportedFile, name: str, option: st
 
 
 def _with_values(table: pd.DataFrame, column: str, file: ImportedFile) -> pd.DataFrame:
-    """Returns the rows that have a value in a column."""
     rows = table[table[column] != ""]
     if rows.empty:
         raise RequestError(f"{file.path} has no value of {column}; leave it out.")
@@ -213,6 +206,5 @@ def _with_values(table: pd.DataFrame, column: str, file: ImportedFile) -> pd.Dat
 
 
 def _points(rows: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile) -> pd.DataFrame:
-    """Returns the points of a learning curve; see `Series.points`."""
     points = {"control_steps": columns["steps"], "episode_return": columns["return"]}
     return pd.DataFrame({name: numbers(rows, c, file) for name, c in points.items()}, rows.index)

@@ -10,13 +10,7 @@ import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.importing import binary_files, csv_files
-from jbench.importing.request import (
-    MAX_STEPS,
-    ImportedFile,
-    ImportRequest,
-    Series,
-    open_file,
-)
+from jbench.importing.request import MAX_STEPS, ImportedFile, ImportRequest, Series, open_file
 from jbench.names import EPISODE_STEPS, ImportFormat
 from jbench.settings.base import validated
 from jbench.settings.records import ImportSettings
@@ -40,20 +34,13 @@ _MAX = {"control_steps": MAX_STEPS, "length": (1 << 31) - 1}  # the column of le
 
 
 class Imported(NamedTuple):
-    """A learning curve in the results.
+    """A learning curve in the results."""
 
-    Attributes:
-        id: of its record.
-        points: number of points; evaluations of several episodes count once.
-        control_steps: control steps of the last point.
-        is_new: False if the same files were imported before.
-    """
-
-    id: str
+    id: str  # of its record
     seed: int
-    points: int
-    control_steps: int
-    is_new: bool
+    points: int  # evaluations of several episodes count once
+    control_steps: int  # of the last point
+    is_new: bool  # else the same files were imported before
 
 
 def import_curves(
@@ -120,7 +107,6 @@ def _check_points(points: pd.DataFrame, file: ImportedFile) -> None:
 def _curve(
     parts: Sequence[Series], request: ImportRequest
 ) -> tuple[ImportSettings, pd.DataFrame, list[str]]:
-    """Returns settings and points of the learning curve of a seed, and the names of its files."""
     order = _ORDER.get(request.format)
     if order is not None:
         # The id must not depend on the order in which the files are named.
@@ -135,11 +121,8 @@ def _curve(
     settings = validated(
         ImportSettings,
         "the import",
-        task=request.task,
-        algo=request.algo,
-        representation=request.representation,
+        **{name: getattr(request, name) for name in ("task", "algo", "representation", "format")},
         seed=first.seed,
-        format=request.format,
         returns=first.returns,
         files=[part.file.sha256 for part in parts],
         columns=dict(first.columns),
@@ -154,13 +137,9 @@ def _curve(
 
 
 def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:
-    """Returns the points of a seed's files.
-
-    Those of several environments are in the order in which their episodes ended; a training may
-    have been continued in further files.
-    """
+    """Returns the points of a seed's files: several environments', or of a continued training."""
     points = pd.concat([part.points for part in parts], ignore_index=True)
-    if order == "wall_time":
+    if order == "wall_time":  # the order in which episodes ended
         points = points.sort_values("wall_time", kind="stable", ignore_index=True)
         return points.assign(control_steps=points["length"].cumsum())
     for earlier, later in itertools.pairwise(parts):
@@ -182,10 +161,8 @@ def _write(
     if "point" not in rows:
         rows = rows.assign(point=rows.index, episode=0)
     rows["import"] = settings.id
-    last = {
-        "points": int(rows["point"].iloc[-1]) + 1,
-        "control_steps": int(rows["control_steps"].iloc[-1]),
-    }
+    points, steps = rows[["point", "control_steps"]].iloc[-1]
+    last = {"points": int(points) + 1, "control_steps": int(steps)}
     with results.locked("import", settings.id) as existing:
         is_new = existing is None or existing.status != "finished"
         if is_new:

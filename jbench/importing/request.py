@@ -83,7 +83,6 @@ class ImportRequest:
     ] = None
 
     def __post_init__(self) -> None:
-        """Checks the fields; raises a RequestError if one is invalid."""
         for name, formats in _USED_BY.items():
             if getattr(self, name) is not None and self.format not in formats:
                 option = f"--{name.replace('_', '-')}"
@@ -145,13 +144,11 @@ class ImportedFile(NamedTuple):
 
 
 class Series(NamedTuple):
-    """The learning curve of a seed, or a part of it, in one file.
+    """The learning curve of a seed, or a part of it, in one file; columns are those that were read.
 
-    Attributes:
-        points: control_steps and episode_return, and if known episode, length and wall_time, a row
-            per point; of several episodes in one evaluation with the column point. Messages call a
-            row by the name of the index and its value, such as `line 3`.
-        columns: columns or tags that were read.
+    Points are control_steps and episode_return, and if known episode, length and wall_time; of
+    several episodes in one evaluation with the column point. Messages call a row by the name of the
+    index and its value, such as `line 3`.
     """
 
     file: ImportedFile

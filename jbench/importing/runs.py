@@ -1,7 +1,7 @@
 """Imported learning curves in the form of runs, from which configurations are built."""
 
 import json
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,29 +23,13 @@ _PROVENANCE = ("jbench", "python", "git_revision", "command")
 """What is kept of an import's provenance; its machine is not that of the training."""
 
 
-class ImportedRuns(NamedTuple):
-    """Imported learning curves as runs.
-
-    Attributes:
-        tables: `runs`, `episodes` and `evaluations`.
-        notes: sentences for the reader.
-        problems: a sentence for each unusable import.
-    """
-
-    tables: dict[str, pa.Table]
-    notes: list[str]
-    problems: list[str]
-
-
-def as_runs(imports: pd.DataFrame, points: pd.DataFrame) -> ImportedRuns:
-    """Returns imported curves as runs.
+def as_runs(
+    imports: pd.DataFrame, points: pd.DataFrame
+) -> tuple[dict[str, pa.Table], list[str], list[str]]:
+    """Returns tables of runs from the rows of `imports` and `import_points`; notes and problems.
 
     The training and the evaluation returns of a seed become one run. Of several curves of the same
     kind, the longest is used.
-
-    Args:
-        imports: rows of the table of that name.
-        points: rows of the table `import_points`.
     """
     frame = imports[imports["status"] == "finished"]
     # A manifest that jbench has not written may lack any of these.
@@ -68,7 +52,7 @@ def as_runs(imports: pd.DataFrame, points: pd.DataFrame) -> ImportedRuns:
     tables = {"runs": to_table(_runs(chosen), schema.RUNS)}
     for name, kind in _RETURNS.items():
         tables[name] = to_table(named[named["returns"] == kind], schema.TABLES[name])
-    return ImportedRuns(tables, _notes(frame, chosen), problems)
+    return tables, _notes(frame, chosen), problems
 
 
 def _runs(chosen: pd.DataFrame) -> pd.DataFrame:
@@ -96,14 +80,12 @@ def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
         f"{counted(len(chosen), 'imported curve')} ({', '.join(formats)}) {are(len(chosen))} not "
         "verified: jbench has not run the agents. Imported curves are in no claim."
     ]
-    logged = [name for name in formats if name not in _EPISODES]
-    if logged:
+    if logged := [name for name in formats if name not in _EPISODES]:
         notes.append(
             f"A point of an imported {in_prose(logged)} curve is a value in its file, which need "
             "not be the return of a single episode."
         )
-    shorter = len(frame) - len(chosen)
-    if shorter:
+    if shorter := len(frame) - len(chosen):
         notes.append(
             f"{counted(shorter, 'imported curve')} {are(shorter)} not used, since a longer one of "
             "the same seed was imported."

@@ -45,23 +45,14 @@ _COLUMNS = {
 
 @dataclass
 class Source:
-    """The runs of one results directory, of a selection of them, or of several.
+    """The runs of one results directory, of a selection of them, or of several."""
 
-    Attributes:
-        configurations: for both kinds of return.
-        runs: rows of the table `runs`, with a column `source`.
-        notes: sentences on runs that are in no configuration.
-        problems: a sentence for each unreadable record.
-        tables: of encoders, policies and metrics; other sources than the results have none of them.
-        paths: points of the robots' paths in evaluations; see `run_paths`.
-    """
-
-    configurations: list[Configuration]
-    runs: pd.DataFrame
-    notes: list[str]
-    problems: list[str]
-    tables: dict[str, pa.Table]
-    paths: pd.DataFrame
+    configurations: list[Configuration]  # for both kinds of return
+    runs: pd.DataFrame  # rows of the table `runs`, with a column `source`
+    notes: list[str]  # sentences on runs that are in no configuration
+    problems: list[str]  # a sentence for each unreadable record
+    tables: dict[str, pa.Table]  # of encoders, policies and metrics; only results have them
+    paths: pd.DataFrame  # see `run_paths`
 
 
 def joined(parts: Sequence[Source]) -> Source:
@@ -77,7 +68,7 @@ def joined(parts: Sequence[Source]) -> Source:
 
 
 def own(results: Results, request: Request, name: str = OWN, *, strict: bool = True) -> Source:
-    """Returns the runs that pass the filters; if `strict` is set, none is an error."""
+    """Returns the runs that pass the filters; `strict`: none is an error."""
     return _source(_load(results, _MORE), request, name, strict=strict)
 
 
@@ -90,10 +81,10 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
     for label, value in (("task", request.task), ("algo", request.algo)):
         if value is not None:
             imports = imports[imports[label] == value]
-    runs = as_runs(imports, points)
-    read = query.Tables(runs.tables, problems + runs.problems)
+    runs, notes, unusable = as_runs(imports, points)
+    read = query.Tables(runs, problems + unusable)
     source = _source(read, replace(request, since=None), name, strict=False)
-    source.notes += runs.notes if source.configurations else []
+    source.notes += notes if source.configurations else []
     return source
 
 
@@ -106,8 +97,8 @@ def own_and_imported(results: Results, request: Request) -> Source:
 
 def from_file(request: Request, path: Path) -> Source:
     """Returns the curves of a file of the requested task and algorithm."""
-    runs = as_runs(*as_imports(read_curves(path), request.returns))
-    return _source(query.Tables(runs.tables, runs.problems), request, FILE)
+    runs, _, problems = as_runs(*as_imports(read_curves(path), request.returns))
+    return _source(query.Tables(runs, problems), request, FILE)
 
 
 def reference(request: Request, results: Results) -> Source:
@@ -120,11 +111,7 @@ def reference(request: Request, results: Results) -> Source:
 
 
 def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> None:
-    """Checks that curves of the baseline were imported, and that there are others.
-
-    Raises:
-        NothingYetError: if none was imported, or there are no others.
-    """
+    """Raises a NothingYetError if no curve of the baseline was imported, or there are no others."""
     imports = {config.algo for config in configurations if config.source == IMPORTED}
     if baseline not in imports:
         labels = ", ".join(sorted(imports))
@@ -140,10 +127,8 @@ def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> No
 def side(text: str, results: Results, request: Request) -> Source:
     """Returns the runs of one side of a comparison, as configurations of that name.
 
-    The text is a results directory, or settings of runs, such as `algo=td3,representation=dae12`.
-
-    Raises:
-        RequestError: if it is neither, or no run has the settings and passes the filters.
+    The text is a results directory, or settings of runs, such as `algo=td3,representation=dae12`; a
+    RequestError if it is neither, or no run has the settings and passes the filters.
     """
     directory = Path(text).is_dir()
     read = _load(Results(Path(text)) if directory else results)
@@ -155,7 +140,6 @@ def side(text: str, results: Results, request: Request) -> Source:
 
 
 def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:
-    """Reads the tables of runs and those of these names."""
     return query.load(results, (*_RUNS, *more), coded=True, columns=_COLUMNS)
 
 
@@ -167,7 +151,6 @@ def _source(
     chosen: str | None = None,
     strict: bool = True,
 ) -> Source:
-    """Returns the runs that pass the filters of the request and have the typed settings."""
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
     tables = read.tables
@@ -185,11 +168,7 @@ def _source(
 
 
 def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
-    """Returns which runs have all of the typed settings, by any of the names of each.
-
-    Raises:
-        RequestError: if the text contains no settings, or no run has one of them.
-    """
+    """Returns which runs have all of the typed settings, by any of the names of each."""
     flat = []
     for run in map(parse_run, recorded):
         values = {path: value_text(value) for path, value in flatten(run).items()}
@@ -224,11 +203,7 @@ def _equal(typed: str, value: str) -> bool:
 def _filtered(
     runs: pd.DataFrame, request: Request, *, strict: bool
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Returns the runs of the requested time, task and algorithm, and a note on earlier ones.
-
-    Raises:
-        NothingYetError: if there are none, and `strict` is set.
-    """
+    """Returns the runs of the requested time, task and algorithm, and a note on earlier ones."""
     notes, since = [], request.begun_since()
     if since is not None:
         created = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601")

@@ -50,11 +50,9 @@ class OpenedResults:
     """
 
     def __init__(self, results: Results) -> None:
-        """Opens a results directory."""
         self._results = results
 
     def __repr__(self) -> str:
-        """Returns the call that opens it."""
         return f"jbench.open({str(self._results.name)!r})"
 
     def query(self, sql: str) -> pd.DataFrame:
@@ -147,7 +145,6 @@ class OpenedResults:
 
 
 def _points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
-    """Returns the points of curves, sorted by the names of their configurations."""
     parts = []
     for configuration, curve in sorted(curves, key=lambda pair: pair[0].key):
         names = dict(zip(_CURVE, configuration.key, strict=True))

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback
 
 
+_ONE_PROCESS = "Environments of a recording run in its process: use SyncVectorEnv or DummyVecEnv."
+
+
 class AlreadyFinishedError(WorkError):
     """The run is in the results already: `with jbench.record(...)` skips the rest of its block."""
 
@@ -48,7 +51,6 @@ class Recording:
         made_on: Mapping[str, str | None],
         logger: Logger | None = None,
     ) -> None:
-        """Prepares the recording; nothing is written before the `with` block begins."""
         self.id, self.finished = settings.id, False
         self._settings, self._results, self._made_on = settings, results, made_on
         self._encoder = load_run_encoder(settings, results)
@@ -57,7 +59,6 @@ class Recording:
         self._writer: RunWriter | None = None
 
     def __repr__(self) -> str:
-        """Returns the run's id."""
         return f"<jbench.Recording of {self.id}>"
 
     @property
@@ -66,11 +67,7 @@ class Recording:
         return 0 if self._writer is None else self._writer.control_steps
 
     def __enter__(self) -> "Recording":
-        """Locks the run and creates its record.
-
-        Raises:
-            WorkError: if another process writes the run, or nothing can be written.
-        """
+        """Locks the run and creates its record; raises a WorkError if that is impossible."""
         self._stack = contextlib.ExitStack()
         self._stack.enter_context(self._block())
         return self
@@ -81,11 +78,7 @@ class Recording:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> bool:
-        """Finishes the run, or marks it as failed.
-
-        Raises:
-            WorkError: if the block has made too few control steps, or nothing can be written.
-        """
+        """Finishes the run; a WorkError if it has too few control steps, or can't be written."""
         return bool(self._stack.__exit__(kind, error, traceback))
 
     @contextlib.contextmanager
@@ -223,7 +216,6 @@ class Recording:
         return RecordingCallback()
 
     def __getstate__(self) -> NoReturn:
-        """Refuses to be copied into another process."""
         raise TypeError(_ONE_PROCESS)
 
     def _running(self) -> RunWriter:
@@ -234,9 +226,6 @@ class Recording:
         if self._writer is None:
             raise RequestError("A recording is used within its block: with jbench.record(...).")
         return self._writer
-
-
-_ONE_PROCESS = "Environments of a recording run in its process: use SyncVectorEnv or DummyVecEnv."
 
 
 def _note(sentence: str) -> None:

@@ -117,16 +117,13 @@ def record(
 
 
 def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:
-    """Returns hyperparameters as JSON values.
+    """Returns hyperparameters as JSON values, without the seed and the number of steps.
 
-    The seed and the number of steps are settings of the run already. They are left out here, since
-    runs whose hyperparameters differ are not drawn as one curve.
-
-    Args:
-        values: by name; "seed", "total_timesteps" and the like must agree with the run.
+    These are settings of the run already; runs whose hyperparameters differ are not one curve.
 
     Raises:
-        RequestError: if a value is not a JSON value, or the seed or the steps do not agree.
+        RequestError: if a value is not a JSON value, or "seed", "total_timesteps" and the like do
+            not agree with the run.
     """
     if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
         raise RequestError(f"hyperparameters is {values!r}: type a dictionary of values by name.")
@@ -160,7 +157,6 @@ def _plain(value: Any, where: str) -> Any:
 
 
 def _number(value: Any) -> Any:
-    """Returns a number of numpy as one of Python, and anything else as it is."""
     return value.item() if isinstance(value, np.generic) else value
 
 

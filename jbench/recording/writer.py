@@ -24,37 +24,24 @@ from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
-
-
+# A run is complete after this share of its control steps. Gymnasium's vector environments spend a
+# step on each reset by default, so a loop of N steps makes up to N / 1001 control steps less.
 _COMPLETE = 0.99
-"""Share of its control steps after which a run is complete. Gymnasium's vector environments spend
-a step on each reset by default, so a loop of N steps makes up to N / 1001 control steps less."""
 
 
 class RunWriter:
-    """Writes a recorded run; the caller holds the lock of its record.
-
-    Attributes:
-        control_steps: made so far, over all environments.
-        log: of the run.
-        losses: of the next episodes, by name; tensors are read when an episode ends.
-        kept: the policy to save, and the control steps after which it was copied.
-    """
+    """Writes a recorded run; the caller holds the lock of its record."""
 
     def __init__(self, record: Record, settings: ExternalSettings, encoder: Encoder | None) -> None:
-        """Starts the clocks of a run without rows."""
-        self.control_steps, self.log, self.losses = 0, RunLog(record), dict[str, Any]()
-        self.kept: tuple[SavedNetwork, int] | None = None
+        self.control_steps, self.log = 0, RunLog(record)  # steps over all environments
+        self.losses: dict[str, Any] = {}  # of the next episodes; read when one ends
+        self.kept: tuple[SavedNetwork, int] | None = None  # after how many control steps
         self._record, self._settings, self._encoder = record, settings, encoder
         self._clock, self._pace = ProcessorClock(), CommitTimer(_COMMIT_EVERY)
 
     @contextlib.contextmanager
     def block(self) -> Iterator[None]:
-        """Finishes the run at the end of the block, or marks it as failed.
-
-        Raises:
-            WorkError: if the block has made too few control steps, or nothing can be written.
-        """
+        """Finishes the run at the end of the block; marks it as failed if it has too few steps."""
         try:
             try:
                 yield
@@ -69,22 +56,8 @@ class RunWriter:
                 self._stop(error)
             raise
 
-    def check_action(self, action: Any) -> None:
-        """Checks the action of the next control step.
-
-        Raises:
-            DivergedError: if it is not finite.
-        """
-        if not np.isfinite(np.asarray(action, np.float64)).all():
-            raise DivergedError(Divergence(None, self.control_steps, "actions"))
-
     def episode(self, episode_return: float) -> None:
-        """Adds a training episode that has just ended.
-
-        Raises:
-            RequestError: if a loss is not a number.
-            DivergedError: if a loss is not finite.
-        """
+        """Adds an ended training episode; a loss must be a finite number, else the run diverged."""
         losses = as_numbers(self.losses)
         if (name := divergent_loss(losses)) is not None:
             raise DivergedError(Divergence(None, self.control_steps, name))
@@ -93,11 +66,7 @@ class RunWriter:
         self.commit_if_due()
 
     def evaluate(self, act: Act, control_steps: int) -> NDArray[np.float64]:
-        """Evaluates a policy on (encoded) observations; returns (evaluate_episodes,) returns.
-
-        Args:
-            control_steps: after which the policy was copied.
-        """
+        """Returns the (evaluate_episodes,) returns of a policy, copied at a control step."""
         act = on_observations(self._encoder, act)
         seeds, number = derive_seeds(self._settings.seed)[1:], self.log.progress.evaluations
         (made,) = evaluate_policies(self._settings, seeds, number, act, threads=cores())
@@ -106,7 +75,7 @@ class RunWriter:
         return made.returns
 
     def commit_if_due(self) -> None:
-        """Commits the rows so far, if it is time to."""
+        """Commits the rows so far, at most every 15 s."""
         if self._pace.is_due():
             self._clock.share([self.log])
             self._pace.restart(self.log.commit())
@@ -150,11 +119,7 @@ class RunWriter:
 
 
 def as_numbers(values: Mapping[str, Any]) -> dict[str, float]:
-    """Returns values as numbers.
-
-    Raises:
-        RequestError: if a value is not a number.
-    """
+    """Returns values as numbers; raises a RequestError if one is none."""
     try:
         return {name: float(value) for name, value in values.items()}
     except (TypeError, ValueError) as error:
@@ -167,17 +132,13 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment whose episodes are recorded.
 
     The first `reset` without a seed is seeded by the run. Rewards are those of the task, whatever
-    the wrappers around this environment make of them.
+    the wrappers around this environment make of them. `running` returns the writer, or refuses
+    outside of the block of the recording.
     """
 
     def __init__(
         self, env: gymnasium.Env[Any, Any], seed: int, running: Callable[[], RunWriter]
     ) -> None:
-        """Wraps an environment whose `info` has the statistics of a finished episode.
-
-        Args:
-            running: returns the writer; refuses if this is not in the block of the recording.
-        """
         super().__init__(env)
         self._seed: int | None = seed
         self._running = running
@@ -191,9 +152,10 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         return self.env.reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Steps the environment."""
+        """Steps the environment; raises a DivergedError if the action is not finite."""
         writer = self._running()
-        writer.check_action(action)
+        if not np.isfinite(np.asarray(action, np.float64)).all():
+            raise DivergedError(Divergence(None, writer.control_steps, "actions"))
         observation, reward, terminated, truncated, info = self.env.step(action)
         writer.control_steps += 1
         # Removed, since a RecordEpisodeStatistics of the caller's own would refuse the key.
@@ -204,11 +166,7 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 def copied_network(actor: Actor, inputs: int, outputs: int) -> SavedNetwork:
-    """Returns a copy of a policy.
-
-    Raises:
-        UnsupportedPolicyError: if it is not a sequence of supported layers.
-    """
+    """Returns a copy of a policy; an UnsupportedPolicyError if its layers are no sequence."""
     if isinstance(actor, nn.Module):
         return copy_module(actor, inputs, outputs)
     if hasattr(actor, "predict") and hasattr(actor, "policy"):

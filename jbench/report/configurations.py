@@ -17,14 +17,8 @@ from jbench.report.data.configuration import (
     long_frame,
     shown_representation,
 )
-from jbench.report.data.curves import (
-    BAND_SEEDS,
-    Curve,
-    centers,
-    moving_average,
-    steps_to_threshold,
-)
-from jbench.report.data.published import NAMES, PUBLISHED, SEQUENCE_ROBOTS, best_beside
+from jbench.report.data.curves import Curve, centers, moving_average, steps_to_threshold
+from jbench.report.data.published import NAMES, PUBLISHED, SEQUENCE_ROBOTS, best_median
 from jbench.report.data.returns import SOLVED, TRAINING
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -37,6 +31,7 @@ _STATISTICS = [
     for name in ("median", "iqm", "over_run", "deviation", "solved_steps")
     for end in ("", "_low", "_high")
 ]
+_LOCATION: dict[str, st.Statistic] = {"median": st.median, "iqm": st.interquartile_mean}
 _IS_SOLVED = {"supported": "yes", "contradicted": "no", "undecided": "undecided"}
 CONFIGURATIONS = [
     *(*ID, "variant", "seeds", "draws", "steps_min", "steps", "diverged"),
@@ -71,13 +66,11 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
     rows = []
     for config, curve in curves:
         scores = seed_scores(config)
-        location = {"median": st.median, "iqm": st.interquartile_mean}
-        variability = {"deviation": st.standard_deviation} if len(scores.final) > 1 else {}
         row: dict[str, Any] = {**config.identity, "variant": config.variant, "draws": config.draws}
         row |= {"seeds": len(scores.final), "note": "; ".join(config.notes)}
         row |= {"steps_min": int(config.steps.min()), "steps": int(config.steps.max())}
         row |= {"diverged": int(config.diverged.sum()), "solved": None}
-        row |= _intervals(location | variability, scores.final)
+        row |= _intervals(_LOCATION | {"deviation": st.standard_deviation}, scores.final)
         row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
         row["deviation_by_episodes"] = scores.deviation_by_episodes
         if scores.agents.known and len(scores.final) >= st.MIN_SEEDS:
@@ -91,8 +84,11 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
         if row["seeds"] and config.has_solved_return:
             median = st.Estimate(*(row[f"median{end}"] for end in ("", "_low", "_high")))
             row["solved"] = _IS_SOLVED[decide_solved(median, row["seeds"])["verdict"]]
-        value, figure = best_beside(config, published) or (np.nan, None)
-        rows.append(row | {"published": value, "published_figure": figure})
+        if config.kind == TRAINING:  # the paper has no other returns
+            at = config.task, config.algo, config.representation, scores.middle
+            if best := best_median(published, *at, sequence=config.robots > 1):
+                row["published"], row["published_figure"] = best
+        rows.append(row)
     return pd.DataFrame(rows, columns=CONFIGURATIONS).astype({"reached": "Int64"})
 
 
@@ -105,10 +101,7 @@ def _intervals(statistics: Mapping[str, st.Statistic], scores: FloatArray) -> di
 
 
 def _steps_to_solved(config: Configuration, curve: Curve) -> FloatArray:
-    """Returns the control steps (seeds with a return,) after which each first reaches `SOLVED`.
-
-    Windows that are cut off at the ends of a run do not count.
-    """
+    """Returns the control steps (seeds with a return,) until whole windows reach `SOLVED`."""
     known = np.isfinite(config.returns).any(axis=1)
     at = moving_average(config.control_steps[known], curve.window)
     return steps_to_threshold(curve.by_seed[known][:, curve.widths == curve.window], at, SOLVED)
@@ -136,14 +129,14 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
     """Returns the points of curves, but those without a seed.
 
     steps is the center of the window, and window the episodes or evaluations that are averaged:
-    fewer at the ends of a run. Quantiles other than the median are NaN for fewer than `BAND_SEEDS`
+    fewer at the ends of a run. Quantiles other than the median are NaN for fewer than `MIN_SEEDS`
     seeds. robot_steps are the control steps with each robot of a sequence.
     """
     parts = []
     for config, curve in curves:
         known = curve.seeds > 0
         arrays = {"steps": curve.control_steps, "seeds": curve.seeds, "window": curve.widths}
-        banded = len(config.seeds) >= BAND_SEEDS
+        banded = len(config.seeds) >= st.MIN_SEEDS
         for row, name in zip(curve.quantiles, NAMES.values(), strict=True):
             arrays[name] = row if banded or name == "median" else np.full(len(row), np.nan)
         robot_steps = config.robot_episodes * config.longest / config.returns.shape[1]
@@ -158,8 +151,8 @@ def run_curve_frame(curves: Curves) -> pd.DataFrame:
     for config, curve in curves:
         for run, seed, values in zip(config.runs, config.seeds, curve.by_seed, strict=True):
             shown = np.flatnonzero(np.isfinite(values))
-            if len(shown) > _SHOWN_POINTS:
-                shown = shown[np.linspace(0, len(shown) - 1, _SHOWN_POINTS).round().astype(int)]
+            count = min(len(shown), _SHOWN_POINTS)
+            shown = shown[np.linspace(0, len(shown) - 1, count).round().astype(int)]
             arrays = {"steps": curve.control_steps[shown], "value": values[shown]}
             parts.append(({**config.identity, "run": run, "seed": seed}, arrays))
     return long_frame(parts, RUN_CURVES)

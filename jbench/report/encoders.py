@@ -28,8 +28,7 @@ PREDICTED = {
     "forward_speed": "forward speed",
     "tilt_rate": "tilt rate",
     "reward": "reward",
-}
-"""Names of the predicted quantities of the next control step, by column."""
+}  # names of the predicted quantities of the next control step, by column
 
 _FRACTIONS = ("test", "pca", "random", "heuristic", "pca_heuristic")
 _MEDIANS = ("test_mse", *_FRACTIONS, *PREDICTED, "effective_rank")
@@ -64,21 +63,18 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
     r2 = predictions.pivot_table(values="r2", index="encoder", columns="target", observed=True)
     rows = rows.merge(r2.reindex(columns=list(PREDICTED)), on="encoder", how="left")
     rows["effective_rank"] = rows["effective_rank"].astype(float)
-    frame = (
+    frame: pd.DataFrame = (
         rows.groupby(["task", "kind", "representation", "settings", "latents"])
         .agg(seeds=("seed", "nunique"), **{name: (name, "median") for name in _MEDIANS})
         .reset_index()
     )
     kinds = in_order(frame["kind"], tuple(ENCODER_KINDS))
     orders = {"task": in_order(frame["task"], TASKS), "kind": kinds}
-    ordered: pd.DataFrame = frame.sort_values(
+    return frame[_COLUMNS].sort_values(
         ["task", "kind", "settings", "latents", "representation"],
-        key=lambda column: (
-            column.map(orders[column.name].index) if column.name in orders else column
-        ),
+        key=lambda keys: keys.map(orders[keys.name].index) if keys.name in orders else keys,
         ignore_index=True,
     )
-    return ordered[_COLUMNS]
 
 
 def prediction_frame(

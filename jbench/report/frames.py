@@ -43,19 +43,12 @@ _DEFAULT = Request()
 class Frames:
     """All that a report on some results shows, or on the file of a request.
 
-    Attributes:
-        returns: kind of return that is shown first; also that of pairs, profiles, predictions.
-        notes: sentences for the reader.
-        problems: a sentence for each unreadable record.
+    `returns` is the kind of return that is shown first, and that of pairs, profiles, predictions.
+    Notes are sentences for the reader; problems are those on unreadable records.
     """
 
     def __init__(self, results: Results | None, request: Request = _DEFAULT) -> None:
-        """Reads the results and makes the frames.
-
-        Raises:
-            NothingYetError: if there are no runs, or none passes the filters.
-            WorkError: if there are runs but none can be read.
-        """
+        """Reads the results; a NothingYetError without runs, a WorkError if none can be read."""
         source, compared = _read(results, request)
         configurations = source.configurations
         kinds = {config.kind for config in configurations}
@@ -104,10 +97,6 @@ class Frames:
         self.leaderboard = leaderboard(ranked, by_hand, figures, request.algo)
         self.notes = [*source.notes, *_notes(configurations), *untested]
         self.problems = [*source.problems, *unread]
-        self.clean()
-
-    def clean(self) -> None:
-        """Brings each text into one line, without control characters."""
         self.headline = clean(self.headline)
         for name, value in vars(self).items():
             if isinstance(value, list):
@@ -121,7 +110,6 @@ class Frames:
 
 
 def _read(results: Results | None, request: Request) -> tuple[Source, list[list[Pair]]]:
-    """Returns the runs, and the pairs of compared configurations."""
     if request.curves is not None:
         source = sources.from_file(request, request.curves)
         return source, compare.method_pairs(source.configurations)
@@ -148,7 +136,6 @@ def _read(results: Results | None, request: Request) -> tuple[Source, list[list[
 
 
 def _nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
-    """Returns the error for results without usable runs."""
     records, unreadable = results.scan("run")
     if records or unreadable or problems:
         reason = " ".join([*problems, repair_hint(results.name)])
@@ -160,11 +147,7 @@ def _nothing_to_report(results: Results, problems: Sequence[str]) -> RequestErro
 
 
 def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, list[list[Pair]]]:
-    """Returns two sides together, with notes on what has no counterpart, and their pairs.
-
-    Raises:
-        RequestError: if nothing has a counterpart.
-    """
+    """Returns two sides together, with notes on what has no counterpart, and their pairs."""
     names = request.names_compared
     pairs = compare.across(ours.configurations, theirs.configurations, names)
     first, other = (with_returns(side.configurations, TRAINING) for side in (ours, theirs))
@@ -185,7 +168,6 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, l
 def _claims(
     trained: Sequence[Configuration], source: Source, request: Request
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Returns the findings on the claims, if requested, and notes on untested ones."""
     if not request.claims:
         return claim_frame([]), []
     ours = [row for kind in KINDS for row in examine(with_returns(trained, kind))]

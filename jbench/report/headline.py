@@ -21,10 +21,9 @@ _MAX_WORDS = 30
 def headline(
     verdicts: pd.DataFrame, configurations: pd.DataFrame, comparisons: pd.DataFrame
 ) -> str:
-    """Returns the headline, of at most 30 words.
+    """Returns the headline, of at most 30 words; it names tasks where the answer depends on them.
 
-    It names tasks where the answer depends on them. All rows are of one kind of return; there are
-    comparisons only if two sides are compared.
+    All rows are of one kind of return; there are comparisons only if two sides are compared.
     """
     known = configurations[configurations["seeds"] > 0]
     if known.empty:
@@ -53,7 +52,6 @@ def headline(
 
 
 def _on_sides(comparisons: pd.DataFrame) -> str:
-    """Returns how often the first of two sides reaches the higher return."""
     first, other = comparisons[["a", "b"]].iloc[0]
     words = [*comparisons["verdict"]]
     counts = {word: words.count(word) for word in ("higher", "lower", "similar") if word in words}
@@ -96,10 +94,7 @@ def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
 
 
 def _outcome(rows: pd.DataFrame) -> str:
-    """Returns how agents on a representation end on a task, or how fast they learn.
-
-    Algorithms on which it was tested must agree where they decide.
-    """
+    """Returns how agents on a representation end on a task, or learn, if all algorithms agree."""
     for claim in ("a", "c"):
         words = {*rows["verdict"][rows["claim"] == claim]} - {"undecided"}
         if len(words) == 1 and words != {"similar"}:
@@ -109,13 +104,11 @@ def _outcome(rows: pd.DataFrame) -> str:
 
 
 def _best(configurations: pd.DataFrame) -> str:
-    """Returns a sentence on the configurations with the highest median of each task."""
     best = configurations.loc[configurations.groupby("task", sort=False)["median"].idxmax()]
     text = ""
     for row in best.to_dict("records"):
-        reached = (
-            f"{row['label']} reaches a median return of {whole(row['median'])} on {row['task']}"
-        )
+        median = f"a median return of {whole(row['median'])} on {row['task']}"
+        reached = f"{row['label']} reaches {median}"
         if not text or len(f"{text} {reached}".split()) <= _MAX_WORDS:
             text = f"{text} {reached}.".strip()
     return text

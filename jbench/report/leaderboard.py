@@ -30,12 +30,8 @@ def ranked_configurations(
 ) -> tuple[pd.DataFrame, list[str]]:
     """Returns the leaderboard of results directories, and sentences on unreadable records.
 
-    Args:
-        directories: by the name that their entries have; that of a single one is not used.
-        request: its filters apply; its kind of return ranks.
-
-    Raises:
-        RequestError: if no directory has an entry.
+    Entries have the names of the directories, if there are several. The filters of the request
+    apply, and its kind of return ranks. A RequestError if no directory has an entry.
     """
     parts = []
     for name, results in directories.items():
@@ -75,25 +71,18 @@ def leaderboard(
 
     Entries whose 95% intervals cross share a rank; those without an interval or with fewer than
     `DECIDING_SEEDS` seeds have none. entry is the source of the runs, hand-written or published,
-    and n the number of seeds; of a hand-written policy, of episodes.
-
-    Args:
-        configurations: see `configuration_frame`; of one kind of return.
-        by_hand: (episodes,) returns of the hand-written policy of each task.
-        algo: only hand-written policies and published curves of this algorithm; None for all.
+    and n the number of seeds; of a hand-written policy, of episodes. Configurations are of one kind
+    of return, and algo (or None for all) selects policies and published curves.
     """
     agents = configurations[configurations["seeds"] > 0].rename(columns=_NAMES)
     words = agents["words"].where(agents["words"] == "", ", " + agents["words"])
     agents["observation"] = agents["representation"] + words
-    others: list[dict[str, object]] = [
-        {
-            **{"task": task, "entry": HAND_WRITTEN, "algo": HEURISTIC, "observation": FULL},
-            **dict(zip(("median", "low", "high"), st.estimate(st.median, [returns]), strict=False)),
-            "n": len(returns),
-        }
-        for task, returns in by_hand.items()
-        if algo in (None, HEURISTIC)
-    ]
+    policy = {"entry": HAND_WRITTEN, "algo": HEURISTIC, "observation": FULL}
+    others: list[dict[str, object]] = []
+    for task, returns in (by_hand if algo in (None, HEURISTIC) else {}).items():
+        median, low, high, _ = st.estimate(st.median, [returns])
+        numbers = {"median": median, "low": low, "high": high, "n": len(returns)}
+        others.append({"task": task, **policy, **numbers})
     tasks = {*agents["task"], *(row["task"] for row in others)}
     theirs = _published(published[published["task"].isin(tasks)])
     theirs = theirs[theirs["algo"] == display_name(algo)] if algo is not None else theirs
@@ -105,7 +94,6 @@ def leaderboard(
 
 
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
-    """Ranks entries in the order of their medians."""
     decided = (entries["n"] >= st.DECIDING_SEEDS) & (entries["low"] <= entries["high"])
     ranks: dict[Hashable, int] = {}
     low, rank = np.inf, 0
@@ -117,15 +105,10 @@ def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
 
 
 def _published(published: pd.DataFrame) -> pd.DataFrame:
-    """Returns a row for each published algorithm and representation on the plain robot.
-
-    Of several curves, the longest counts, or the best of several such.
-    """
+    """Returns a row for each published agent: its longest curve, or the best of several such."""
     ends = published.groupby(CURVE).last().sort_values(["steps", "median"])
     best = ends.groupby(CURVE[1:]).last().reset_index()
-    best = best.rename(columns={"representation": "observation"})[
-        ["task", "algo", "observation", "median", "steps"]
-    ]
+    best = best.rename(columns={"representation": "observation"})
     steps = best["steps"].round().astype(int)
     algo = best["algo"].map(display_name)
     return best.assign(algo=algo, entry=PUBLISHED, steps=steps, steps_min=steps)

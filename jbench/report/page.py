@@ -2,7 +2,6 @@
 
 import base64
 import hashlib
-import json
 import math
 from collections.abc import Mapping, Sequence
 from importlib import resources
@@ -29,8 +28,7 @@ from jbench.report.tables import COMPARED, tables
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.wording import counted
 
-_FIRST = ("comparisons", "representations")
-_NEXT = ("algorithms", "returns")
+_FIRST, _NEXT = ("comparisons", "representations"), ("algorithms", "returns")
 _OPEN_TABLES = ("final_returns", "comparisons", "runs")
 _FILTERED = ("task", "algo", "representation", "against", "returns", "status", "claim")
 _MOST_CHOICES = 40
@@ -54,12 +52,12 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False}
     css, script = _asset("style.css"), _asset("page.js")
     policy = (
         f"default-src 'none'; style-src {_digest(css)}; script-src {_digest(script)}; "
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
-    rest = [name for name in drawn if name not in (*_FIRST, *_NEXT)]
     shown = frames.run_curves, frames.metrics, frames.paths
     runs = run_details(frames.runs, *shown, frames.returns)
     return environment.get_template("page.html.j2").render(
@@ -73,12 +71,12 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         notes=frames.notes,
         first=[drawn[name] for name in _FIRST if name in drawn],
         next=[drawn[name] for name in _NEXT if name in drawn],
-        folded=[drawn[name] for name in rest],
+        folded=[drawn[name] for name in drawn if name not in (*_FIRST, *_NEXT)],
         meanings=_meanings(frames),
         matrix=verdict_matrix(frames),
         tables=[_table(table) for table in tables(frames) if table.name != "verdicts"],
         provenance=list(frames.provenance.itertuples(index=False, name=None)),
-        runs=_json(runs) if runs["runs"] else "",
+        runs=runs,
         command=clean(frames.request.command),
         citation=CITATION if len(frames.published) else "",
     )
@@ -95,7 +93,6 @@ def _title(frames: Frames) -> str:
 
 
 def _figure(chart: Chart) -> dict[str, Any]:
-    """Returns what the template needs of a figure, its panels drawn."""
     panels = []
     for i, panel in enumerate(chart.panels):
         label = f"{chart.title}: {panel.title}. {chart.note}"
@@ -117,23 +114,17 @@ def _figure(chart: Chart) -> dict[str, Any]:
 def _mark(marker: str) -> str:
     """Returns the outline of a marker in the middle of a legend's line, for SVG; none for ""."""
     drawn = MarkerStyle(marker)
-    outlines: list[Any] = drawn.get_path().transformed(drawn.get_transform()).to_polygons()
-    corners = (
-        " ".join(f"{18 + 7 * x:.1f},{5 - 7 * y:.1f}" for x, y in outline) for outline in outlines
-    )
+    lines: list[Any] = drawn.get_path().transformed(drawn.get_transform()).to_polygons()
+    corners = (" ".join(f"{18 + 7 * x:.1f},{5 - 7 * y:.1f}" for x, y in line) for line in lines)
     return "".join(f"M{points}z" for points in corners)
 
 
 def _meanings(frames: Frames) -> list[tuple[str, str]]:
     """Returns what the representations of the curves mean, if there are several."""
     names = [str(name) for name in frames.curves["representation"].unique()]
-    kinds = dict.fromkeys(map(kind_in, names))
-    endings = [
-        name for name in MEANINGS if name[0] == "-" and any(name in shown for shown in names)
-    ]
-    if len(names) < 2:
-        return []
-    return [(name, MEANINGS[name]) for name in (*kinds, *endings) if name in MEANINGS]
+    endings = [name for name in MEANINGS if name[0] == "-" and name in " ".join(names)]
+    known = dict.fromkeys((*map(kind_in, names), *endings) if len(names) > 1 else ())
+    return [(name, MEANINGS[name]) for name in known if name in MEANINGS]
 
 
 def verdict_matrix(frames: Frames) -> dict[str, Any]:
@@ -156,9 +147,8 @@ def verdict_matrix(frames: Frames) -> dict[str, Any]:
 
 def _scale(rows: pd.DataFrame) -> float:
     """Returns half of the width of the small axis of a claim; few intervals reach beyond it."""
-    ends = np.abs(rows[["low", "high"]].to_numpy(float).ravel())
-    known = ends[np.isfinite(ends)]
-    return float(np.quantile(known, 0.9)) if len(known) else 1.0
+    ends = np.abs(rows[["low", "high"]].to_numpy(float))
+    return float(np.quantile(known, 0.9)) if len(known := ends[np.isfinite(ends)]) else 1.0
 
 
 def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
@@ -184,7 +174,6 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
 
 
 def _table(table: Table) -> dict[str, Any]:
-    """Returns what the template needs of a table."""
     columns, rows = table.shown()
     filters = []
     for i, column in enumerate(columns):
@@ -203,10 +192,7 @@ def _table(table: Table) -> dict[str, Any]:
 
 
 def _cell(column: Column, cell: tuple[Any, str]) -> dict[str, Any]:
-    """Returns what the template needs of a cell: its text, and the value that sorts it.
-
-    The interval of a number is apart from it. Unknown values come first.
-    """
+    """Returns the text of a cell, its interval apart, and the value that sorts it, if known."""
     value, text = cell
     number, bracket, ends = text.partition(" [") if column.numeric else (text, "", "")
     is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
@@ -215,12 +201,6 @@ def _cell(column: Column, cell: tuple[Any, str]) -> dict[str, Any]:
         **{"text": number, "interval": f"[{ends}" if bracket else "", "title": column.title},
         **{"numeric": column.numeric, "value": float(f"{value:.6g}") if known else ""},
     }
-
-
-def _json(value: Any) -> Markup:
-    """Returns JSON that can't end its script element."""
-    text = json.dumps(value, separators=(",", ":"), ensure_ascii=False)
-    return Markup(text.replace("<", "\\u003c"))
 
 
 def _asset(name: str) -> str:

@@ -25,11 +25,7 @@ _BINS = 80  # of positions, along each axis
 
 
 def baseline_frame(tasks: set[str]) -> pd.DataFrame:
-    """Returns the returns of random actions and of the hand-written policy of some tasks.
-
-    The median has a 95% interval; q10 and q90 are percentiles of the episodes.
-    `benchmarks/baselines.py` has written them.
-    """
+    """Returns the returns of policies without training, which `benchmarks/baselines.py` writes."""
     rows = pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
     return rows[rows["task"].isin(tasks)].reset_index(drop=True)
 
@@ -37,12 +33,7 @@ def baseline_frame(tasks: set[str]) -> pd.DataFrame:
 def findings(
     tables: Mapping[str, pa.Table], task: str | None = None
 ) -> tuple[list[Row], list[str]]:
-    """Returns findings on claim (h), and a note on tasks whose policy was not evaluated.
-
-    Args:
-        tables: `policy_evaluations` and `policy_episodes` are used.
-        task: only this task; None for all.
-    """
+    """Returns findings on claim (h), and a note on tasks whose policy was not evaluated."""
     if "policy_evaluations" not in tables:
         return [], []
     returns = hand_written_returns(tables)
@@ -51,11 +42,8 @@ def findings(
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
     if not missing:
         return rows, []
-    note = (
-        f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate "
-        f"{HEURISTIC} --task {missing[0]}`."
-    )
-    return rows, [note]
+    command = f"jbench evaluate {HEURISTIC} --task {missing[0]}"
+    return rows, [f"Claim (h) is not tested on {', '.join(missing)}: type `{command}`."]
 
 
 def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
@@ -110,11 +98,7 @@ def behavior(
 
 
 def _read(record: Record) -> pd.DataFrame:
-    """Returns the states of an evaluation, whose manifest is untrusted.
-
-    Columns: task, policy, label, median, target_yaw (rad; NaN if it is random), motor_velocity
-    (rad/s), x and y (m).
-    """
+    """Returns the states of an evaluation, in m, rad and rad/s; its manifest is untrusted."""
     states = record.read("policy_states")
     settings, yaw = record.settings, record.settings.get("target_yaw")
     try:
@@ -135,7 +119,7 @@ def _read(record: Record) -> pd.DataFrame:
 
 
 def _motor(states: pd.DataFrame) -> Part:
-    # Imported here because the package imports dm_control, which most reports don't need.
+    # The package imports dm_control, which most reports don't need.
     from jbench.tasks.features import FEATURES
 
     full_speed = FEATURES["motor_velocity"].high[0]  # rad/s, an observation of 1

@@ -24,13 +24,10 @@ from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
 
 LISTING = "report.json"
-
-DATA = (
+DATA = (  # frames of figures, whose numbers are written as CSV
     *("configurations", "seeds", "curves", "published", "baselines", "pairs", "profiles"),
     *("predictions", "processor", "motor", "positions", "sequences"),
 )
-"""Frames of figures, whose numbers are written as CSV."""
-
 _DEFAULT = Request()
 _NAME = re.compile(r"((figures|tables)/)?[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _MAX_LISTING = 1 << 22  # bytes
@@ -50,14 +47,10 @@ def _without_collection() -> Iterator[None]:
 def write_report(
     results: Results | None, out: Path, request: Request = _DEFAULT
 ) -> tuple[Frames, list[Path]]:
-    """Aggregates all runs over their seeds and writes a page, figures and tables.
+    """Aggregates all runs over their seeds and writes a page, figures and tables to a directory.
 
-    Args:
-        results: None if the request is on a file of curves.
-        out: directory for the files; created if it does not exist.
-
-    Returns:
-        The frames, whose notes also name files that were kept, and the written files.
+    Returns the frames, whose notes also name files that were kept, and the written files. Results
+    are None if the request is on a file of curves.
 
     Raises:
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
@@ -99,11 +92,7 @@ def table_files(frames: Frames) -> Iterator[tuple[str, str]]:
 
 
 def _write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[str]]:
-    """Writes the files of a report by name, and removes those of an earlier one that it lacks.
-
-    Returns:
-        The files written, and a sentence on kept files of an earlier report, if any.
-    """
+    """Writes files, removes those of an earlier report; returns them, and a note on kept ones."""
     before = _listed(out)
     new = {name: sha256(content) for name, content in contents.items()}
     # The list has the files of both reports until all are written, in case the process is killed.
@@ -115,15 +104,13 @@ def _write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[s
     old = {name: digest for name, digest in before.items() if name not in new}
     changed = [name for name, digest in old.items() if not _remove(out / name, digest)]
     write_atomic(out / LISTING, _listing(new))
-    notes = []
-    if changed:
-        names = ", ".join(sorted(changed))
-        notes = [f"{names} in {out} belong to an earlier report, but were changed since; kept."]
+    kept = f"{', '.join(sorted(changed))} in {out} belong to an earlier report, but were changed"
+    notes = [f"{kept} since; kept."] if changed else []
     return [*(out / name for name in contents), out / LISTING], notes
 
 
 def _remove(path: Path, digest: str) -> bool:
-    """Removes a file if it is unchanged; returns False if it has changed."""
+    """Removes a file unless it has changed; returns whether it is gone."""
     try:
         with open_plain(path) as file:
             same = sha256(file.read()) == digest
@@ -137,10 +124,7 @@ def _remove(path: Path, digest: str) -> bool:
 
 
 def _listed(out: Path) -> dict[str, str]:
-    """Returns the files in the list of the existing report, if it has one.
-
-    The list is untrusted: names that no file of a report has, such as paths, are ignored.
-    """
+    """Returns the files in an existing report's list, without names that no file of one has."""
     try:
         with open_plain(out / LISTING) as file:
             listed = json.loads(file.read(_MAX_LISTING))["files"]

@@ -18,8 +18,7 @@ _EXCLUSIVE = (
     ("curves", "compare", "baseline", "since", "claims", "reference"),
 )
 
-_HEADINGS = {"algorithm": "algo", "observation": "representation"}
-"""Settings by what tables call them."""
+_HEADINGS = {"algorithm": "algo", "observation": "representation"}  # settings, by headings
 
 
 def setting(typed: str) -> tuple[str, str]:
@@ -35,17 +34,13 @@ class Request:
     """Contents of a report.
 
     Attributes:
-        task: report only this task.
-        algo: report only this algorithm.
-        formats: of the figures, from `names.FIGURE_FORMATS`.
         compare: two results directories, or two selections of settings; see `sources.side`.
         curves: file with the curves of any environment, which is reported instead of results.
         watched: whether the report is rewritten regularly: its page reloads itself, and figures
             have no files of their own.
         command: the command line, which is written into the page.
 
-    Raises:
-        RequestError: if the order, window, date, a format or the columns are invalid.
+    A RequestError if a field is invalid.
     """
 
     task: str | None = None
@@ -91,7 +86,6 @@ class Request:
     command: str = "jbench report"
 
     def __post_init__(self) -> None:
-        """Checks the fields."""
         known("order", self.order, ORDERS)
         known("kind of return", self.returns, RETURNS)
         if not isinstance(self.window, int) or self.window < 1:

@@ -70,10 +70,9 @@ def metric_frame(source: Source) -> pd.DataFrame:
     """Returns the finite metrics that runs of the results have recorded, by control step."""
     if "metrics" not in source.tables:
         return pd.DataFrame(columns=METRICS)
-    rows = source.tables["metrics"].to_pandas(use_threads=False)
+    rows: pd.DataFrame = source.tables["metrics"].to_pandas(use_threads=False)
     rows = rows[np.isfinite(rows["value"]) & rows["run"].isin(source.runs["run"])]
-    named: pd.DataFrame = rows.rename(columns={"control_steps": "steps"})[METRICS]
-    return named
+    return rows.rename(columns={"control_steps": "steps"})[METRICS]
 
 
 def run_details(
@@ -119,7 +118,6 @@ def run_details(
 
 
 def _thin_curve(name: str, points: FloatArray, most: int) -> list[Any]:
-    """Returns name, steps and values of a curve of points (points, 2), at most `most` of them."""
     shown = np.linspace(0, len(points) - 1, min(len(points), most)).round().astype(int)
     steps, values = points[shown].T
     texts = [json.loads(f"{value:.3g}") for value in values]

@@ -11,9 +11,7 @@ import matplotlib as mpl
 import pandas as pd
 from matplotlib.figure import Figure
 
-Dash = tuple[float, ...]
-"""Lengths of dashes and gaps, in widths of the line; solid if empty."""
-
+Dash = tuple[float, ...]  # lengths of dashes and gaps, in widths of the line; solid if empty
 _KINDS = {
     "full": ("#7a7f87", "o"),
     "scaled": ("#0072b2", "s"),
@@ -35,7 +33,7 @@ _KINDS = {
     "inverse": ("#c2185b", "^"),
     "predictive": ("#3f7fbf", "v"),
 }
-_OTHER_KINDS = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
+_OTHER_KINDS: tuple[str, ...] = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
 _ALGORITHMS = {
     "DDPG": ("#4477aa", "o"),
     "PPO": ("#b5a11f", "s"),
@@ -54,11 +52,10 @@ _DASHES: tuple[Dash, ...] = (
     (3, 1, 1, 1),
     (10, 2, 3, 2),
 )
-PUBLISHED_DASH: Dash = (1, 1.6)
-"""Dots, which only the paper's curves have."""
+PUBLISHED_DASH: Dash = (1, 1.6)  # dots, which only the paper's curves have
 
+# Of marks without a color, of texts and axes, and of the grid; a page replaces them.
 INK, SOFT, LINE = "#000000", "#6f7a88", "#e1e5ea"
-"""Of marks without a color, of texts and axes, and of the grid; a page replaces them."""
 
 _BASE: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -79,7 +76,7 @@ _BASE: dict[Any, Any] = {
     "pdf.fonttype": 42,
     "svg.hashsalt": "jbench",
 }
-PAGE: dict[Any, Any] = {
+PAGE: dict[Any, Any] = {  # parameters of matplotlib for a panel of the page; PAPER: for files
     **_BASE,
     "font.size": 9,
     "axes.labelsize": 9,
@@ -87,8 +84,6 @@ PAGE: dict[Any, Any] = {
     "lines.linewidth": 1.8,
     "lines.markersize": 4.5,
 }
-"""Parameters of matplotlib for a panel of the page."""
-
 PAPER: dict[Any, Any] = {
     **_BASE,
     "font.size": 8,
@@ -101,21 +96,15 @@ PAPER: dict[Any, Any] = {
     "lines.linewidth": 1.2,
     "lines.markersize": 2.8,
 }
-"""Parameters of matplotlib for files."""
 
 
 class Look(NamedTuple):
-    """How a series looks; no two of a figure are equal in color and dash.
-
-    Attributes:
-        marker: another one for each of the first series of a color.
-        number: of its entry in the legend, by which the page hides it.
-    """
+    """How a series looks; no two of a figure are equal in color and dash."""
 
     color: str
     dash: Dash = ()
-    marker: str = "o"
-    number: int = 0
+    marker: str = "o"  # another one for each of the first series of a color
+    number: int = 0  # of its entry in the legend, by which the page hides it
 
     @property
     def line(self) -> Any:
@@ -131,20 +120,16 @@ class Look(NamedTuple):
 def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Look]:
     """Returns the look of each series of rows.
 
-    Series of the same color get different dashes, and other markers than the first.
-
-    Args:
-        name: column of the names of series.
-        by: column whose values have a color each: `kind`, or one of algorithms; by default `kind`
-            if there are several, else `algo`.
+    Series of the same color get different dashes, and other markers than the first. `name` and `by`
+    are columns: of the names of series, and of what has a color each, `kind` or one of algorithms.
     """
     by = by or ("kind" if rows["kind"].nunique() > 1 else "algo")
     groups = dict(zip(rows[name], rows[by], strict=True))
-    others: tuple[str, ...]
-    known, others = _ALGORITHMS, _OTHER_ALGORITHMS
+    known, others = _KINDS, _OTHER_KINDS
     if by == "kind":
         groups = {series: _family(kind) for series, kind in groups.items()}
-        known, others = _KINDS, _OTHER_KINDS
+    else:
+        known, others = _ALGORITHMS, _OTHER_ALGORITHMS
     for i, group in enumerate(sorted({*groups.values()} - {*known})):
         marker = _MARKERS[len(known) % len(_MARKERS)]
         known = {**known, group: (others[i % len(others)], marker)}

@@ -43,8 +43,6 @@ def panel_svgs(panel: Panel, label: str, name: str) -> str:
         figure = Figure(figsize=panel.size, dpi=72)
         axes = figure.subplots()
         for names, draw in panel.versions.items():
-            if texts and names not in panel.changes:
-                axes.clear()
             draw(axes)
             marks.leave_out_empty(axes)
             if not texts:  # all versions have the same place, so that a switch moves nothing

@@ -16,7 +16,7 @@ from jbench.wording import not_formula
 Row = Mapping[Any, Any]
 Form = Callable[[Any], str]
 
-_MARKDOWN = str.maketrans({"\\": "\\\\", "|": "\\|", "`": "\\`", "*": "\\*", "<": "&lt;"})
+_MARKDOWN = str.maketrans({**{c: f"\\{c}" for c in "\\|`*"}, "<": "&lt;", "&": "&amp;"})
 
 
 class Column(NamedTuple):
@@ -30,17 +30,12 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """A frame, and how people read it.
+    """A frame, and how people read it."""
 
-    Attributes:
-        name: of its files.
-        frame: exact numbers, which its CSV file has.
-    """
-
-    name: str
+    name: str  # of its files
     title: str
     caption: str
-    frame: pd.DataFrame
+    frame: pd.DataFrame  # exact numbers, which its CSV file has
     columns: Sequence[Column]
 
     def shown(self) -> tuple[list[Column], list[list[tuple[Any, str]]]]:
@@ -73,14 +68,10 @@ def to_markdown(table: Table) -> str:
     texts = table.texts()
     right = {column.title for column in table.columns if column.numeric}
     lines = [[*map(str, texts)], ["---:" if name in right else "---" for name in texts]]
-    lines += [[_markdown(text) for text in row] for row in texts.to_numpy().tolist()]
+    lines += [[text.translate(_MARKDOWN) for text in row] for row in texts.to_numpy().tolist()]
     body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     title = table.title if table.title.endswith("?") else f"{table.title}."
-    return f"{_markdown(f'{title} {table.caption}')}\n\n{body}\n"
-
-
-def _markdown(text: str) -> str:
-    return text.replace("&", "&amp;").translate(_MARKDOWN)
+    return f"{f'{title} {table.caption}'.translate(_MARKDOWN)}\n\n{body}\n"
 
 
 def to_latex(table: Table) -> str:

@@ -21,8 +21,7 @@ _AGENTS = (
     "s: standard deviation between agents, without that of the episodes. Detectable: smallest "
     "difference that these seeds would show. "
 )
-COMPARED = {"a": "final return", "b": "variability", "c": "speed"}
-"""What a verdict compares, by its claim."""
+COMPARED = {"a": "final return", "b": "variability", "c": "speed"}  # by a verdict's claim
 
 
 def tables(frames: Frames) -> list[Table]:
@@ -41,7 +40,6 @@ def tables(frames: Frames) -> list[Table]:
 
 
 def _final(frames: Frames) -> str:
-    """Returns what a final return is."""
     if frames.request.curves is None:
         return _FINAL[frames.returns]
     if frames.returns == TRAINING:
@@ -79,7 +77,6 @@ _RANGE = Column("steps", "steps", _range, numeric=True)
 
 
 def _final_returns(frames: Frames) -> Table:
-    """Returns the table of configurations, with the policies beside the agents."""
     agents = frames.lead(frames.configurations)
     policies = frames.baselines.assign(source=OWN, representation="", words="")
     policies = policies.assign(algo=policies["policy"].replace("random", "random actions"))

@@ -20,9 +20,7 @@ from jbench.report.data.returns import SOLVED, ratio, signed, whole
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import seeds_to_decide
 
-MARGIN = 50.0
-"""Difference in final return that counts as similar: 5% of the largest possible return."""
-
+MARGIN = 50.0  # difference in final return that is similar: 5% of the largest possible return
 COLUMNS = [
     *("claim", "statement", "test", "source", "returns", "compared", "seeds", "steps"),
     *("effect", "low", "high", "by_episodes", "verdict", "seeds_needed", "seeds_needed_by"),
@@ -65,12 +63,9 @@ CLAIMS = {
         "The 95% interval of the median final return lies at 900 or more.",
     ),
     "h": ("The hand-written policy solves the task.", "As (g), for the episodes of the policy."),
-}
-"""Claims and their tests by letter."""
+}  # claims and their tests by letter
 
-Row = dict[str, Any]
-"""Columns of a row of `claim_frame`."""
-
+Row = dict[str, Any]  # columns of a row of `claim_frame`
 UNDECIDED: Row = {"verdict": "undecided", "seeds_needed": None, "seeds_needed_by": ""}
 
 
@@ -122,7 +117,6 @@ def decide(
 
     Args:
         effect: with the interval that supports the claim.
-        seeds: number of seeds per group.
         outer: the effect with the interval that contradicts it, if it is another one.
         logarithmic: whether the effect is a ratio, whose distance from `low` is logarithmic.
     """

@@ -38,10 +38,7 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     The verdict rests on an interval that is corrected for the number of comparisons by the same
     kind of return. Differences are of interquartile means and of medians; p is the probability that
     a run of the first has a higher final return than one of the second. Returns of a file have no
-    margin within which they are similar.
-
-    Args:
-        groups: two configurations each, on one task or on each of several; see `method_pairs`.
+    margin within which they are similar. A group is one pair, or one on each of several tasks.
     """
     from_file = any(pairs[0][0].source == FILE for pairs in groups)
     rows: list[dict[str, Any]] = []

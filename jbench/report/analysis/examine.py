@@ -16,8 +16,8 @@ from jbench.statistics import bootstrap as st
 _REDUCED = "dae12"  # the paper's reduced order: 12 latents of a denoising autoencoder
 _OFF_POLICY, _ON_POLICY = ("ddpg", "sac", "td3"), "ppo"
 _HARDER, _EASIER = "move_in_direction", "face_direction"  # the tasks of Figures 8 and 7
+# Median return of random actions in 100 episodes (`jbench evaluate random`).
 _RANDOM_RETURNS = {_EASIER: 220.0, _HARDER: 303.0}
-"""Median return of random actions in 100 episodes (`jbench evaluate random`)."""
 
 _STATISTICS = {
     "a": (IQM_DIFFERENCE, "final"),
@@ -25,8 +25,7 @@ _STATISTICS = {
     "c": (IQM_DIFFERENCE, "area"),
     "e": (st.difference(st.median), "final"),
     "f": (st.ratio(st.standard_deviation), "final"),
-}
-"""Statistic of each claim on two configurations, and the scores of which it is."""
+}  # of each claim on two configurations, and the scores of which it is
 
 _OPPOSITE = {"supported": "contradicted", "contradicted": "supported"}
 
@@ -72,10 +71,7 @@ def _finding(claim: str, compared: str, effect: st.Estimate, seeds: int) -> Row:
 
 
 def _off_policy(plain: Sequence[Configuration]) -> Iterator[Pair]:
-    """Yields the pairs of an off-policy algorithm and PPO.
-
-    If both have variants, each is only compared with the first variant of the other algorithm.
-    """
+    """Yields the pairs of an off-policy algorithm and PPO, of two variants only with the first."""
     for group in differing_in(plain, "algo"):
         firsts = {config.algo: config for config in reversed(group)}
         for other, ppo in product(group, repeat=2):
@@ -85,7 +81,6 @@ def _off_policy(plain: Sequence[Configuration]) -> Iterator[Pair]:
 
 
 def _common(*compared: Configuration) -> Row:
-    """Returns the columns that all findings on the same configurations share."""
     names = {"returns": compared[0].kind, "source": compared[0].source, "remark": _cut(*compared)}
     return {**names, "steps": int(min(config.last_step for config in compared))}
 
@@ -94,14 +89,11 @@ def _cut(*compared: Configuration) -> str:
     """Returns a remark if some seeds have fewer control steps than others; else an empty text."""
     common = min(config.last_step for config in compared)
     longest = max(config.longest for config in compared)
-    if common == longest:
-        return ""
-    reached = f"at {steps(common)} of {steps(longest)} control steps"
-    return f"{reached}, the last that every seed has"
+    reached = f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
+    return "" if common == longest else reached
 
 
 def _on_pair(claim: str, pair: Pair, baseline: str) -> Row:
-    """Returns the finding on a claim that the first configuration differs from the second."""
     scores = PairedScores(*pair)
     sample = scores.sample(*_STATISTICS[claim])
     effect = outer = sample.estimate()
@@ -137,12 +129,15 @@ def _without_episodes(row: Row, scores: PairedScores) -> Row:
 def _on_gain(harder: Pair, easier: Pair) -> Row:
     pairs = PairedScores(*harder), PairedScores(*easier)
     scores = [side for pair in pairs for side in (pair.ours, pair.theirs)]
-    effect = st.estimate(_gain_of_gains, *([side.area] for side in scores))
+    effect = st.estimate(
+        lambda *areas: IQM_DIFFERENCE(*areas[:2]) - IQM_DIFFERENCE(*areas[2:]),
+        *([side.area] for side in scores),
+    )
     seeds = min(pair.seeds for pair in pairs)
     untested = _no_gain_to_compare(scores)
     name = ", ".join(filter(None, (harder[1].algo, harder[1].words)))
     row = _finding("d", f"{name}: {_HARDER} against {_EASIER}", effect, seeds) | _common(*harder)
-    row["steps"] = min(side.control_steps for side in scores)
+    row["steps"] = min(pair.control_steps for pair in pairs)
     row["remark"] = "; ".join(filter(None, (untested, _cut(*harder), _cut(*easier))))
     return row | (UNDECIDED if untested else decide(effect, seeds, 0))
 
@@ -150,8 +145,7 @@ def _on_gain(harder: Pair, easier: Pair) -> Row:
 def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
     """Returns why gains test nothing on claim (d); else an empty text.
 
-    Args:
-        scores: of the harder task's reduced order and full observation, then of the easier task's.
+    Scores are of the harder task's reduced order and full observation, then of the easier task's.
     """
     for task, pair in ((_HARDER, scores[:2]), (_EASIER, scores[2:])):
         random = _RANDOM_RETURNS[task]
@@ -160,7 +154,3 @@ def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
             return f"no verdict, on {task} {near}"
     gain = float(IQM_DIFFERENCE([scores[0].area], [scores[1].area]))
     return "" if gain > 0 else f"no verdict, nothing is gained on {_HARDER} ({rounded(gain)})"
-
-
-def _gain_of_gains(*strata: st.Strata) -> FloatArray:
-    return IQM_DIFFERENCE(*strata[:2]) - IQM_DIFFERENCE(*strata[2:])

@@ -18,9 +18,7 @@ from jbench.statistics.sequential import ERROR_RATE
 Interval = Callable[[float], tuple[float, float]]
 """Gives the ends of a number's interval at a confidence."""
 
-SEQUENTIAL = "sequential test"
-"""Origin of the verdicts of `--until-decided`."""
-
+SEQUENTIAL = "sequential test"  # origin of the verdicts of `--until-decided`
 WORDS = {  # of a larger and of a smaller number
     "a": ("higher", "lower"),
     "b": ("more variable", "less variable"),
@@ -31,18 +29,15 @@ _MARKS = {
     **dict.fromkeys(("higher", "less variable", "faster"), "✓"),
     **dict.fromkeys(("lower", "more variable", "slower"), "✗"),
     **{"similar": "=", "undecided": "?"},
-}
-"""A mark for each verdict; a check mark speaks for the representation."""
+}  # a check mark speaks for the representation
 _TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
 
 
 def judge(family: Sequence[dict[str, Any]], claim: str = "a", margin: float = MARGIN) -> None:
     """Adds to rows with the same claim the verdict on each, corrected for the others.
 
-    Args:
-        family: rows with the value of a difference, its interval (an `Interval`), and whether there
-            are enough seeds (decidable).
-        margin: differences within it are similar.
+    A row has the value of a difference, its interval (an `Interval`), and whether there are enough
+    seeds (decidable); differences within a margin are similar.
     """
 
     def decides(low: float, high: float) -> bool:
@@ -66,10 +61,7 @@ def conclude(
     claim: str = "a",
     margin: float = MARGIN,
 ) -> None:
-    """Adds a verdict to a row, and the corrected interval on which it rests.
-
-    Columns: verdict, mark, text, corrected_low, corrected_high, corrected_by.
-    """
+    """Adds a verdict, its mark and text to a row, and the corrected interval on which it rests."""
     text = f"{_NUMBERS[claim]}{_difference_text(low, high)}"
     if np.isnan(row["value"]):
         text = "unknown"
@@ -88,11 +80,7 @@ def conclude(
 def corrected_level(
     intervals: Sequence[Interval], decides: Callable[[float, float], bool]
 ) -> float:
-    """Returns the error rate of an interval in the last step of Holm's procedure.
-
-    Args:
-        decides: whether an interval decides.
-    """
+    """Returns the error rate of an interval in the last step of Holm's procedure."""
     level, left = 1.0, len(intervals)
     while left and (level == 1 or ERROR_RATE / left > level):
         level = ERROR_RATE / left
@@ -101,7 +89,6 @@ def corrected_level(
 
 
 def _word(low: float, high: float, claim: str, margin: float) -> str:
-    """Returns the verdict that an interval of a difference gives."""
     if claim == "a" and low > -margin and high < margin:
         return "similar"
     above, below = WORDS[claim]

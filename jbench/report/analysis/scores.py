@@ -14,29 +14,22 @@ from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import Agents, difference
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
-
 Pair = tuple[Configuration, Configuration]
 
 
 class Scores(NamedTuple):
-    """Scores of a configuration's seeds up to a control step.
+    """Scores (seeds,) of a configuration up to a control step.
 
-    Attributes:
-        final: (seeds,) final returns.
-        area: (seeds,) mean return over the run.
-        deviations: (seeds,) standard deviation of the episodes that a final return averages; NaN
-            if unknown.
-        episodes: (seeds,) their number.
-        known: (seeds of the configuration,) whether a seed has scores.
-        control_steps: maximum control steps of the scores.
+    deviations are those of the episodes, in number `episodes`, that a final return averages; NaN if
+    unknown. known (seeds of the configuration,) says which seeds have scores.
     """
 
     final: FloatArray
-    area: FloatArray
+    area: FloatArray  # mean return over the run
     deviations: FloatArray
     episodes: FloatArray
     known: BoolArray
-    control_steps: int
+    middle: float  # control step of the final returns, a median
 
     @property
     def deviation_by_episodes(self) -> float:
@@ -49,8 +42,8 @@ class Scores(NamedTuple):
         return Agents(self.final, self.deviations**2 / self.episodes, self.episodes)
 
 
+# Of the existing configurations, which many frames need; a configuration never changes.
 _SCORES: WeakKeyDictionary[Configuration, dict[int | None, Scores]] = WeakKeyDictionary()
-"""Scores of the existing configurations, which many frames need; a configuration never changes."""
 
 
 def seed_scores(configuration: Configuration, control_steps: int | None = None) -> Scores:
@@ -63,12 +56,12 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
     within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, configuration.returns, np.nan)
     most = FINAL_POINTS[configuration.kind]
-    final, _ = final_returns(returns, configuration.control_steps, lengths, most)
+    final, middles = final_returns(returns, configuration.control_steps, lengths, most)
     area = moving_average(returns, returns.shape[1])[:, 0]
     usable = np.isfinite(final) & np.isfinite(area)
     deviations, episodes = _episodes(configuration, returns, lengths)
     numbers = final[usable], area[usable], deviations[usable], episodes[usable]
-    return known.setdefault(control_steps, Scores(*numbers, usable, int(end)))
+    return known.setdefault(control_steps, Scores(*numbers, usable, float(np.median(middles))))
 
 
 def _episodes(
@@ -90,19 +83,14 @@ def _episodes(
 
 
 class PairedScores:
-    """Scores of two configurations at the last control step that each of their seeds has reached.
-
-    Attributes:
-        seeds: smaller number of seeds with scores.
-        decidable: whether these are enough for a verdict.
-    """
+    """Scores of two configurations at the last control step that every seed has reached."""
 
     def __init__(self, ours: Configuration, theirs: Configuration) -> None:
         self.control_steps = int(min(ours.last_step, theirs.last_step))
         self.ours = seed_scores(ours, self.control_steps)
         self.theirs = seed_scores(theirs, self.control_steps)
         self.seeds = min(len(self.ours.final), len(self.theirs.final))
-        self.decidable = self.seeds >= st.DECIDING_SEEDS
+        self.decidable = self.seeds >= st.DECIDING_SEEDS  # enough for a verdict
 
     def sample(self, statistic: st.Statistic, scores: str = "final") -> st.Resampled:
         """Returns a statistic of the scores of both: `final`, or `area`."""

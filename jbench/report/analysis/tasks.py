@@ -17,15 +17,12 @@ from jbench.report.data.returns import FILE
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 
+# Names of several tasks together, which share a range or do not.
 ALL_TASKS, NORMALIZED = "all tasks", "all tasks, normalized"
-"""Names of several tasks together, which share a range or do not."""
-
 PROFILES = [*ID, "seeds", "final_return", "share", "low", "high"]
-
 _THRESHOLDS = 201
 
-Range = tuple[float, float]
-"""Lowest and highest return."""
+Range = tuple[float, float]  # lowest and highest return
 
 
 def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
@@ -41,12 +38,7 @@ def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
 
 
 def strata(finals: Sequence[FloatArray], tasks: Sequence[Range]) -> tuple[list[FloatArray], Range]:
-    """Returns scores that can be joined, and their range: normalized if those of tasks differ.
-
-    Args:
-        finals: (seeds,) final returns on each task.
-        tasks: their ranges.
-    """
+    """Returns final returns (seeds,) that can be joined, and their range: normalized if needed."""
     if len({*tasks}) == 1:
         return [*finals], tasks[0]
     pairs = zip(finals, tasks, strict=True)
@@ -76,9 +68,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
 
     The rows of `together` are of the configurations that were trained on each task; every task has
     the same weight. The ends are those of pointwise 95% intervals, for at least three seeds.
-
-    Args:
-        configurations: of one kind of return, in the order of tasks.
+    Configurations are of one kind of return, in the order of tasks.
     """
     known, parts = ranges(configurations), []
     finals = {config: seed_scores(config).final for config in configurations}
@@ -102,11 +92,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
 
 
 def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]) -> pd.DataFrame:
-    """Adds rows to `configuration_frame`: each method of a file on all tasks together.
-
-    Args:
-        configurations: of one kind of return.
-    """
+    """Adds rows to `configuration_frame`: each method of a file on all tasks together."""
     known, rows = ranges(configurations), []
     task = together(known)
     for group in on_all_tasks(config for config in configurations if config.source == FILE):

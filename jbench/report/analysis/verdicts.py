@@ -34,9 +34,7 @@ from jbench.statistics.sequential import BLOCK
 from jbench.statistics.step_down import decide
 
 SCALED = "scaled"
-BASELINES = (FULL, SCALED)
-"""Baselines of reduced representations, without and with the encoders' scaling."""
-
+BASELINES = (FULL, SCALED)  # of reduced representations: without and with the encoders' scaling
 VERDICTS = [
     *(*ID, "against", "baseline", "claim", "verdict", "mark", "value", "low", "high"),
     *("corrected_low", "corrected_high", "corrected_by", "text", "seeds", "steps"),

@@ -14,13 +14,13 @@ import pyarrow as pa
 
 from jbench.names import ReturnsName
 from jbench.report.data.configuration import IMPORTED, KEY, OWN, Configuration, paper_order
-from jbench.report.data.curves import BAND_SEEDS
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, FILE, TRAINING
 from jbench.settings.alike import comparable
 from jbench.settings.recorded import parse_run
 from jbench.settings.variants import variant_words
 from jbench.statistics import FloatArray, IntArray
+from jbench.statistics.bootstrap import MIN_SEEDS
 from jbench.wording import are, counted
 
 _ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, True]
@@ -43,10 +43,7 @@ def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
 
 
 def divergence(recorded: str | None) -> tuple[int, str] | None:
-    """Returns when a run diverged, in control steps and in words, from the column `diverged`.
-
-    It is untrusted. None: it did not diverge.
-    """
+    """Returns when a run diverged, in control steps and in words, from its untrusted record."""
     if not isinstance(recorded, str):
         return None
     values: Any = json.loads(recorded)
@@ -105,13 +102,11 @@ def build(
 
 
 def _build(same: pd.DataFrame, points: Points, source: str, words: str) -> Iterator[Configuration]:
-    """Yields a configuration for each kind of return of runs, the longest of each seed first.
-
-    Diverged runs have training returns, and evaluations if all runs diverged and planned them.
-    """
+    """Yields a configuration for each kind of return of runs, the longest of each seed first."""
     chosen = same.drop_duplicates("seed")
     diverged = chosen["diverged"].notna()
     planned = all(run.evaluate_episodes for run in chosen["typed"])
+    # Diverged runs have training returns, and evaluations if all runs planned them.
     expected = {TRAINING: diverged.any(), EVALUATION: diverged.all() and planned}
     notes: list[str] | None = None
     for kind, recorded in points.items():
@@ -136,9 +131,8 @@ def _build(same: pd.DataFrame, points: Points, source: str, words: str) -> Itera
 
 def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) -> list[str]:
     """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
-    notes = []
-    point = _NAMES[kind][0]
-    if len(chosen) < BAND_SEEDS:
+    notes, point = [], _NAMES[kind][0]
+    if len(chosen) < MIN_SEEDS:
         seeds = counted(len(chosen), "seed")
         notes.append(f"only {seeds}: too few for a band and for quantiles")
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
@@ -164,7 +158,6 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
 
 
 def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
-    """Returns notes on returns (seeds,) that are not finite, and on points at other steps."""
     notes = [
         f"{counted(count, _NAMES[config.kind][1])} of seed {seed} {are(count)} not finite and left "
         "out"

@@ -9,32 +9,28 @@ import pandas as pd
 
 from jbench.names import EPISODE_STEPS, FULL, REPRESENTATION, TASKS, Order, ReturnsName, kind_in
 from jbench.report.data.curves import Curve, learning_curve
+from jbench.report.data.points import FIELDS
 from jbench.report.data.returns import FILE, TRAINING, has_solved_return
 from jbench.report.request import WINDOW
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.alike import comparable
 from jbench.statistics import FloatArray, IntArray
 
-OWN = "own"
-"""Source of the runs in the reported results."""
+OWN, IMPORTED = "own", "imported"
+"""Sources of the runs in the reported results, and of imported learning curves."""
 
-IMPORTED = "imported"
-"""Source of imported learning curves."""
-
+# Episodes in a moving average, within each robot's episodes (the authors' script).
 SEQUENCE_WINDOW = 20
-"""Episodes in a moving average, within each robot's episodes (the authors' script)."""
 
-KEY = ["task", "algo", "representation", "variant"]
-"""Columns of runs that name a configuration."""
-
+KEY = ["task", "algo", "representation", "variant"]  # columns of runs that name a configuration
 ID = (
     *("configuration", "label", "source", "task", "algo", "representation", "kind", "words"),
     "returns",
 )
 """Columns of a frame that name a configuration and its kind of return."""
 
+# Kinds whose number of latents follows from the task, so that names leave it out.
 _SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading", "raw")
-"""Kinds whose number of latents follows from the task, so that names leave it out."""
 
 Part = tuple[Mapping[str, Any], Mapping[str, Any]]
 """Of a frame: names of its rows, and arrays (rows,) by column."""
@@ -47,8 +43,6 @@ class Configuration:
     minimum, at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
-        variant: hash of the settings without seed and steps.
-        settings: settings of the run with the first seed.
         returns: (seeds, points) returns; NaN after a run's end, or if not finite.
         control_steps: (seeds, points) control steps at each point; NaN after the run's end.
         processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
@@ -56,20 +50,16 @@ class Configuration:
             training episodes, and if unknown.
         counts: (seeds, points) number of episodes of each evaluation; 1 for training episodes.
         lengths: (seeds,) number of points of each run.
-        last_step: last control step that every seed has reached.
-        longest: last control step that any seed has reached.
+        last_step, longest: last control step that every seed has reached, or any.
         steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
             episode.
         notes: a clause each.
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
         draws: number of different encoders of the runs.
-        source: `OWN`, or the name of another source.
-        words: settings that differ from the defaults; see `variants.variant_words`.
         label: name within a task: `TD3 dae12, bfloat16`.
         name: unique name in its source: `face_direction TD3 dae12`.
         configuration: unique name in a report: `reference: face_direction TD3 dae12`.
-        identity: the columns `ID`.
     """
 
     def __init__(
@@ -83,17 +73,16 @@ class Configuration:
         """Collects what is known of runs.
 
         Args:
-            kind: of return.
             runs: a row for each seed, in ascending order; see `build.build`.
             points: (seeds, points) arrays by the names `points.FIELDS`.
-            source, words: as the attributes.
+            words: settings that differ from the defaults; see `variants.variant_words`.
         """
         first, self.kind, self.source = runs.iloc[0], kind, source
         self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
         self.notes: tuple[str, ...] = ()
-        self.returns, self.control_steps = points["returns"], points["control_steps"]
-        self.processor_time = points["processor_time"]
-        self.deviations, self.counts = points["deviations"], points["counts"]
+        self.returns, self.control_steps, self.processor_time, self.deviations, self.counts = (
+            points[name] for name in FIELDS
+        )
         self.seeds, self.runs = runs["seed"].to_numpy(np.int64), tuple(runs["run"])
         self.diverged = runs["diverged"].notna().to_numpy()
         self.finished = (runs["status"] == "finished").to_numpy()
@@ -122,7 +111,7 @@ class Configuration:
         self.configuration = f"{prefix}{self.name}"
         kind = kind_in(self.representation)
         names = self.configuration, self.label, source, self.task, algo, shown, kind, words
-        self.identity = dict(zip(ID, (*names, self.kind), strict=True))
+        self.identity = dict(zip(ID, (*names, self.kind), strict=True))  # the columns `ID`
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
@@ -178,7 +167,7 @@ def display_name(algo: str) -> str:
 
 
 def shown_representation(representation: str) -> str:
-    """Returns a representation's name, without the size where the task determines it."""
+    """Returns a representation's name, without a size that the task determines."""
     match = REPRESENTATION.fullmatch(representation)
     if match is None or match["kind"] not in _SIZE_OF_TASK:
         return representation
@@ -191,10 +180,7 @@ def with_returns(configurations: Iterable[Configuration], kind: ReturnsName) -> 
 
 
 def differing_in(configurations: Iterable[Configuration], name: str) -> list[list[Configuration]]:
-    """Returns groups on the plain robot that differ only in a setting, and the settings it implies.
-
-    They have the same source, and two members or more.
-    """
+    """Returns groups of one source, of the plain robot, that differ only by a setting's effects."""
     groups: dict[tuple[str, str], list[Configuration]] = {}
     for config in configurations:
         if not config.robots:

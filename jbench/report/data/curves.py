@@ -1,5 +1,6 @@
 """Learning curves across seeds, in the two orders of the paper's figures."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +11,7 @@ from jbench.report.request import WINDOW
 from jbench.returns import FINAL_EPISODES, final_episodes
 from jbench.statistics import FloatArray, IntArray
 
-QUANTILES = (10, 25, 50, 75, 90)
-"""Percent, across seeds."""
-
-BAND_SEEDS = 3
-"""Minimum number of seeds for a band."""
+QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
 
 
 @dataclass(frozen=True)
@@ -25,7 +22,6 @@ class Curve:
     a run, windows are cut off, down to half of their width.
 
     Attributes:
-        window: episodes averaged in a point, except near the ends.
         control_steps: (points,) center of each window, over all environments.
         seeds: (points,) number of seeds that completed the window and have a return in it.
         quantiles: (5, points) returns, a row for each of `QUANTILES`.
@@ -55,11 +51,9 @@ def learning_curve(
     order: Order = "quantile-first",
     window: int = WINDOW,
 ) -> Curve:
-    """Aggregates the runs of one configuration, one per seed.
+    """Aggregates returns at control steps (seeds, episodes); NaN after a run's end, or if missing.
 
     Args:
-        returns: (seeds, episodes) returns; NaN after a run's end, and if missing.
-        control_steps: (seeds, episodes) control steps at each episode's end; NaN after a run's end.
         lengths: (seeds,) number of episodes of each run.
         order: of quantiles and smoothing; see `jbench.names.ORDERS`.
         window: episodes to average; fewer for short runs, see `fitting_window`.
@@ -76,15 +70,8 @@ def learning_curve(
         quantiles = quantiles_across_seeds(by_seed)
     # The mean of fewer seeds may be smaller, if imported points are at different control steps.
     mean_steps = np.maximum.accumulate(np.nanmean(control_steps, axis=0))
-    return Curve(
-        order=order,
-        window=window,
-        control_steps=centers(mean_steps, window),
-        seeds=np.sum(np.isfinite(by_seed), axis=0),
-        quantiles=quantiles,
-        by_seed=by_seed,
-        widths=last + 1 - np.maximum(first, 0),
-    )
+    seeds, widths = np.sum(np.isfinite(by_seed), axis=0), last + 1 - np.maximum(first, 0)
+    return Curve(order, window, centers(mean_steps, window), seeds, quantiles, by_seed, widths)
 
 
 def fitting_window(lengths: IntArray, window: int) -> int:
@@ -159,13 +146,7 @@ def final_returns(
     """Returns each seed's final return, and the mean control steps of its points, (seeds,) each.
 
     It is the mean over the last quarter of the points, but over at most `max_points`; NaN for a
-    seed without a return there.
-
-    Args:
-        returns: (seeds, points) returns, as for `learning_curve`.
-        control_steps: (seeds, points).
-        lengths: (seeds,) number of points of each run.
-        max_points: see `returns.FINAL_POINTS`.
+    seed without a return there. Arrays are as for `learning_curve`.
     """
     last = final_episodes(lengths, max_points)
     ends = [slice(end - count, end) for end, count in zip(lengths, last, strict=True)]
@@ -177,25 +158,16 @@ def final_returns(
 
 
 def _mean(values: FloatArray) -> float:
-    known = np.isfinite(values)
-    sums = np.pad(
-        np.where(known, values, 0.0), ((1 << (len(values) - 1).bit_length()) - len(values), 0)
-    )
-    while len(sums) > 1:  # pairwise, which rounds little
-        sums = sums[::2] + sums[1::2]
-    return float(sums[0] / known.sum()) if known.any() else np.nan
+    known = values[np.isfinite(values)]
+    return math.fsum(known) / len(known) if len(known) else np.nan  # on any processor the same
 
 
 def steps_to_threshold(
     returns: FloatArray, control_steps: FloatArray, threshold: float
 ) -> FloatArray:
-    """Returns the control steps (seeds,) after which each seed first reaches a return.
+    """Returns the control steps (seeds,) after which smooth returns (seeds, points) reach a value.
 
-    It is infinite for a seed that never reaches it, since the true value is after the run's end.
-
-    Args:
-        returns: (seeds, points) smoothed episode returns; NaN after a run's end.
-        control_steps: (seeds, points).
+    Infinite for a seed that never reaches it, since the true number is after the run's end.
     """
     reached = np.nan_to_num(returns, nan=-np.inf) >= threshold
     first = np.take_along_axis(control_steps, np.argmax(reached, axis=1)[:, None], axis=1)[:, 0]

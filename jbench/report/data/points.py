@@ -12,17 +12,13 @@ from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.statistics import FloatArray
 
 POINT = ["episode_return", "control_steps", "processor_time"]
-"""Columns of the tables `episodes` and `evaluations` that are read."""
-
 _POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]
 PATHS = ("run", "evaluation", "control_steps", *_POSES)
-"""Columns of the table `paths` that are read."""
+"""Columns of the tables `episodes` and `evaluations`, and of `paths`, that are read."""
 
+# Columns of points; see `configuration.Configuration`.
 FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
-"""Columns of points; see `configuration.Configuration`."""
-
-NOTHING = np.empty((0, len(FIELDS)))
-"""Points of a run without any."""
+NOTHING = np.empty((0, len(FIELDS)))  # points of a run without any
 
 
 def plain_evaluations(tables: Mapping[str, pa.Table]) -> pd.DataFrame:
@@ -60,24 +56,19 @@ def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
     Columns: run, steps (control steps of the run at the evaluation), episode_return (of the
     episode; NaN if it is unknown), x, y (m) and heading (rad) of the robot, target_x, target_y (m)
     and target_yaw (rad) of the target; NaN if they are not random. A path of one point is left out.
-
-    Args:
-        paths: rows of the table of that name, with `PATHS`; None if there are none.
-        evaluations: rows of the table of that name.
     """
     columns = ["run", "steps", "episode_return", *_POSES]
     if paths is None or not paths.num_rows:  # older versions recorded none
         return pd.DataFrame(columns=columns)
     keys = ["run", "evaluation"]
     points: pd.DataFrame = paths.to_pandas(use_threads=False).astype({"run": str})
-    numbers = points[["evaluation", "control_steps", "x", "y", "heading"]].astype(float)
-    points = points[np.isfinite(numbers.to_numpy()).all(axis=1)]
+    numbers = points[["evaluation", "control_steps", "x", "y", "heading"]].to_numpy(float)
+    points = points[np.isfinite(numbers).all(axis=1)]
     points = points[points.groupby(keys)["x"].transform("size") > 1]
     returns = evaluations.to_pandas(use_threads=False).astype({"run": str})
     returns = returns[returns["episode"] == 0].drop_duplicates(keys)
     points = points.merge(returns[[*keys, "episode_return"]], on=keys, how="left")
-    named: pd.DataFrame = points.rename(columns={"control_steps": "steps"})
-    return named[columns]
+    return points.rename(columns={"control_steps": "steps"})[columns]
 
 
 def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
@@ -125,11 +116,9 @@ def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArr
 def count_divergence(
     points: Mapping[str, FloatArray], at: FloatArray, planned: int, kind: ReturnsName
 ) -> dict[str, FloatArray]:
-    """Returns the points with diverged seeds extended to the end of the others.
+    """Returns the points with diverged seeds extended to the end of the others, or as planned.
 
-    Args:
-        at: (seeds,) control steps until the divergence; NaN if the seed did not diverge.
-        planned: control steps, to which all seeds are extended if all diverged.
+    They diverged `at` control steps (seeds,); NaN if they did not.
     """
     planned = max(planned, int(np.nanmax(at)))
     if np.isfinite(at).all():
@@ -138,9 +127,7 @@ def count_divergence(
         if kind == TRAINING:
             more = max(0, max(1, -(-planned // EPISODE_STEPS)) - steps.shape[1])
         pad = ((0, 0), (0, more))
-        points = {
-            name: np.pad(field, pad, constant_values=np.nan) for name, field in points.items()
-        }
+        points = {name: np.pad(f, pad, constant_values=np.nan) for name, f in points.items()}
     returns, control_steps = points["returns"], points["control_steps"]
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)

@@ -5,27 +5,15 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS, FULL
-from jbench.report.data.configuration import Configuration
-from jbench.report.data.curves import QUANTILES, final_returns
-from jbench.report.data.returns import FINAL_POINTS, TRAINING
+from jbench.report.data.curves import QUANTILES
 
-PUBLISHED = "published"
-"""Source of the paper's curves."""
+PUBLISHED = "published"  # source of the paper's curves
+SEQUENCE, SEQUENCE_ROBOTS = "augmented SAC", 10
+"""The authors' curve of SAC on augmented robots in sequence, with 1e6 control steps each."""
 
-SEEDS = 10
-"""Number of seeds in the paper's Figures 8 and 9; Figure 7 shows one."""
-
-SEQUENCE = "augmented SAC"
-"""Name of the authors' curve of SAC on augmented robots in sequence."""
-
-SEQUENCE_ROBOTS = 10
-"""Number of its robots, with 1e6 control steps each."""
-
+# Columns of quantiles in frames, and those that name a curve.
 NAMES = {f"q{percent}": "median" if percent == 50 else f"q{percent}" for percent in QUANTILES}
-"""Columns of quantiles in frames."""
-
 CURVE = ["figure", "task", "algo", "representation"]
-"""Columns that name a curve."""
 
 
 def read_published(table: pa.Table) -> pd.DataFrame:
@@ -48,7 +36,7 @@ def read_published(table: pa.Table) -> pd.DataFrame:
         representation=wide["representation"].where(~sequence, FULL),
         steps=wide["steps"].astype(float),
         source=PUBLISHED,
-        seeds=np.where(figure == "Figure 7", 1, SEEDS),
+        seeds=np.where(figure == "Figure 7", 1, 10),
     )
 
 
@@ -71,20 +59,8 @@ def best_median(
     named &= published["representation"] == representation
     medians = []
     for figure, curve in published[named].groupby("figure"):
-        steps, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
+        steps, median = curve[["steps", "median"]].to_numpy().T
         within = steps[0] - EPISODE_STEPS <= control_steps <= steps[-1] + EPISODE_STEPS
         if within and sequence == (figure == SEQUENCE):
             medians.append((float(np.interp(control_steps, steps, median)), str(figure)))
     return max(medians, default=None)
-
-
-def best_beside(configuration: Configuration, published: pd.DataFrame) -> tuple[float, str] | None:
-    """Returns the paper's best median at the end of training returns, and its figure."""
-    if configuration.kind != TRAINING:
-        return None
-    points = configuration.returns, configuration.control_steps, configuration.lengths
-    _, middles = final_returns(*points, FINAL_POINTS[TRAINING])
-    names = configuration.task, configuration.algo, configuration.representation
-    return best_median(
-        published, *names, float(np.median(middles)), sequence=configuration.robots > 1
-    )

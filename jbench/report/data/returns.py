@@ -1,7 +1,6 @@
 """The two kinds of return, of evaluations and of training; how numbers and texts read."""
 
 import math
-import unicodedata
 from collections.abc import Callable, Iterable
 
 import pandas as pd
@@ -9,24 +8,15 @@ import pandas as pd
 from jbench.names import TASKS, ReturnsName
 from jbench.returns import FINAL_EPISODES
 
-SOLVED = 900
-"""Episode return from which a task of the Jitterbug counts as solved (paper, Figure 9)."""
-
-EVALUATION: ReturnsName = "evaluation"
-"""Mean return of the episodes of an evaluation, in which the policy is deterministic."""
-
-TRAINING: ReturnsName = "training"
-"""Return of a training episode, exploration included."""
-
+SOLVED = 900  # episode return from which a task of the Jitterbug is solved (paper, Figure 9)
+EVALUATION: ReturnsName = "evaluation"  # mean return of episodes with the deterministic policy
+TRAINING: ReturnsName = "training"  # return of a training episode, exploration included
 KINDS = (EVALUATION, TRAINING)
-
 FINAL_POINTS = {EVALUATION: 1, TRAINING: FINAL_EPISODES}
 """Maximum number of points that are averaged in a final return."""
 
+FILE = "file"  # source of the curves of a file, which may be of any environment
 _ZERO, _SMALL = 1e-6, 9.95  # numbers between them have two significant digits
-
-FILE = "file"
-"""Source of the curves of a file, which may be of any environment."""
 
 
 def has_solved_return(tasks: Iterable[str], sources: Iterable[str]) -> bool:
@@ -76,12 +66,9 @@ def steps(value: float) -> str:
 def clean(text: str) -> str:
     """Returns a text in one line, without characters that control a terminal or the direction."""
     line = " ".join(text.split())
-    if line.isascii() and line.isprintable():
+    if line.isprintable():
         return line
-    bad = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-    return "".join(
-        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in bad else c for c in line
-    )
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
 
 
 def map_texts(frame: pd.DataFrame, change: Callable[[str], str] = str) -> pd.DataFrame:

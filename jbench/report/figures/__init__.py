@@ -6,7 +6,7 @@ from jbench.report.figures import curves, returns, shares
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 
-MAKERS = (
+_MAKERS = (
     curves.by_representation,
     curves.by_algorithm,
     returns.forest,
@@ -19,9 +19,7 @@ MAKERS = (
     shares.motor,
     shares.positions,
     curves.augmented_sequences,
-)
-"""Functions that make a figure of frames, in the order of the page; None or no panels without
-enough data."""
+)  # in the order of the page; they return None or no panels without enough data
 
 
 def charts(frames: Frames) -> list[Chart]:
@@ -29,5 +27,5 @@ def charts(frames: Frames) -> list[Chart]:
     frames = copy(frames)
     for name in ("curves", "processor", "sequences"):
         setattr(frames, name, curves.drawn_points(getattr(frames, name)))
-    made = (make(frames) for make in MAKERS)
+    made = (make(frames) for make in _MAKERS)
     return [chart for chart in made if chart is not None and chart.panels]

@@ -1,6 +1,6 @@
 """A figure: panels that are drawn by matplotlib, for the page one by one, for files together."""
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -18,63 +18,37 @@ from jbench.report.style import Look
 
 Draw = Callable[[Axes], None]
 
+# Fields of a chart whose panels have names beside their rows.
 ROWS: Any = {"columns": 2, "alike": False, "minimum": 440}
-"""Fields of a chart whose panels have names beside their rows."""
-
-_WIDTHS = {1: 3.5, 2: 7.15, None: 9.0}
-"""Width of a file in inches, by columns of a paper."""
+_WIDTHS = {1: 3.5, 2: 7.15, None: 9.0}  # of a file in inches, by columns of a paper
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A panel of a figure.
-
-    Attributes:
-        versions: draws it, by the names of a version, such as `evaluation linear`; the first one
-            is that of files.
-        changes: names of versions that modify the drawing of the previous version; the others begin
-            with empty axes.
-        size: width and height in inches on the page, where text is 9 points high.
-    """
+    """A panel of a figure."""
 
     title: str
-    versions: Mapping[str, Draw]
-    size: tuple[float, float] = (4.2, 2.5)
-    changes: Container[str] = ()
+    versions: Mapping[str, Draw]  # by name, such as `evaluation linear`; files have the first one
+    size: tuple[float, float]  # in inches on the page, where text is 9 points high
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure.
+    """A figure."""
 
-    Attributes:
-        name: of its files and in links.
-        note: what marks mean, in a few words.
-        data: name of the frame of which it is drawn, and of the file with the numbers.
-        legend: looks by name.
-        switches: pairs of version names that a button exchanges, the shown one first.
-        columns: panels side by side in a wide file.
-        alike: whether the axes of all panels have the same labels; files write them once.
-        minimum: width in pixels at which panels of the page wrap.
-    """
-
-    name: str
+    name: str  # of its files and in links
     title: str
-    note: str
+    note: str  # what marks mean, in a few words
     panels: Sequence[Panel]
-    data: str
+    data: str  # name of the frame of which it is drawn, and of the file with the numbers
     legend: Mapping[str, Look] = field(default_factory=dict)
-    switches: Sequence[Sequence[str]] = ()
-    columns: int = 3
-    alike: bool = True
-    minimum: int = 340
+    switches: Sequence[Sequence[str]] = ()  # names that a button exchanges, the shown one first
+    columns: int = 3  # panels side by side in a wide file
+    alike: bool = True  # whether all axes have the same labels, which files write once
+    minimum: int = 340  # pixels at which panels of the page wrap
 
     def figure(self, columns: int | None = None) -> Figure:
-        """Returns the figure for a file.
-
-        Args:
-            columns: width in columns of a paper, 1 (3.5 in) or 2 (7.15 in); None for a screen.
-        """
+        """Returns the figure for a file, as wide as columns of a paper; None for a screen."""
         width = _WIDTHS[columns]
         across = min(len(self.panels), self.columns)
         if width < 4:
@@ -104,15 +78,10 @@ class Chart:
                     Line2D([], [], color=look.color, linestyle=look.line, marker=look.marker)
                     for look in self.legend.values()
                 ]
-                figure.legend(
-                    entries,
-                    list(map(marks.shortened, self.legend)),
-                    loc="outside upper left",
-                    ncols=-(-len(self.legend) // legend_rows),
-                    handlelength=1.8,
-                    columnspacing=1.2,
-                    borderaxespad=0,
-                )
+                names = list(map(marks.shortened, self.legend))
+                place: Any = {"loc": "outside upper left", "ncols": -(-len(names) // legend_rows)}
+                place |= {"handlelength": 1.8, "columnspacing": 1.2, "borderaxespad": 0}
+                figure.legend(entries, names, **place)
             # Placed once, or each format would place it and draw it twice.
             ConstrainedLayoutEngine().execute(figure)
         # Tips are for the page.
@@ -128,10 +97,7 @@ def by_task(
     height: float | Callable[[pd.DataFrame], float] = 2.5,
     by: Sequence[str] = ("task",),
 ) -> list[Panel]:
-    """Returns a panel for each task, or other group, which a function draws of its rows on axes.
-
-    The title is the last name of the group.
-    """
+    """Returns a panel for each group of rows, whose last name is the title, drawn by a function."""
     return [
         Panel(
             str(names[-1]),

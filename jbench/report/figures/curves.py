@@ -18,9 +18,7 @@ from jbench.report.figures.chart import Chart, Draw, Panel, by_task
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
-_BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}
-"""Names in legends of dotted curves by their source."""
-
+_BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}  # dotted curves in legends
 _ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
 _GROUP = ["task", "algo", "words", "source"]
@@ -89,7 +87,6 @@ def by_processor_time(frames: Frames) -> Chart | None:
 
 
 def _is_compared(frames: Frames) -> pd.Series:
-    """Returns whether the configuration of each curve is one of several representations."""
     compared: pd.Series = frames.curves.groupby(_GROUP)["representation"].transform("nunique") > 1
     return compared
 
@@ -103,7 +100,6 @@ def _chart(
     looks: dict[str, Look],
     by: list[str],
 ) -> Chart | None:
-    """Returns curves with a panel for each group; evaluations first if there are enough."""
     if curves.empty:
         return None
     kinds = _kinds(curves, frames.returns)
@@ -127,7 +123,6 @@ def _chart(
             each_seed=frames.request.each_seed,
         )
         versions: dict[str, Draw] = {}
-        changes = set[str]()
         shown = [kind for kind in kinds if (rows["returns"] == kind).any()]
         for kind in shown:
             # Of which kind the returns of a file are is not known.
@@ -136,9 +131,8 @@ def _chart(
             first, other = (f"{kind} {scale}" if len(shown) > 1 else scale for scale in scales)
             versions[first] = partial(draw, mine, scale=scales[0], y=what)
             versions[other] = partial(marks.set_axes, rows=mine, scale=scales[1])
-            changes.add(other)
         words = [str(word) for word in key if word and word != OWN]
-        panels.append(Panel(", ".join(words), versions, size, changes))
+        panels.append(Panel(", ".join(words), versions, size))
     beside = " and ".join(name for source, name in _BESIDE.items() if source in sources)
     dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
     legend = looks | ({beside: dotted} if beside else {})
@@ -148,7 +142,6 @@ def _chart(
 
 
 def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
-    """Returns the kinds of return, the one that is shown first in front."""
     points = curves.groupby(["returns", "configuration"])["steps"].size().groupby("returns").max()
     kinds = dict.fromkeys((leading, EVALUATION, TRAINING))
     shown = [kind for kind in kinds if kind in points.index]
@@ -188,11 +181,10 @@ def draw_curves(
 ) -> None:
     """Draws the curves of a panel, of one kind of return; frames have a column `series`.
 
-    Args:
-        published: of the task and others.
-        baselines: of the task.
-        run_curves: drawn where there are too few seeds for a band.
+    Curves of runs are drawn where there are too few seeds for a band.
     """
+    if axes.has_data():  # of another kind of return
+        axes.clear()
     alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
     for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
         look, band = looks[str(name)], (curve["q10"], curve["q90"])
@@ -200,9 +192,8 @@ def draw_curves(
         marks.add_line(axes, at, median, _tips(str(name), curve), look, band=band, alpha=alpha)
         without_band = each_seed or band[0].isna().all()
         if run_curves is not None and without_band and curve["seeds"].iloc[0] > 1:
-            first = curve.iloc[0]
             keys = ["configuration", "returns"]
-            mine = run_curves[(run_curves[keys] == first[keys]).all(axis=1)]
+            mine = run_curves[(run_curves[keys] == curve[keys].iloc[0]).all(axis=1)]
             width = mpl.rcParams["lines.linewidth"] / 2
             thin: Any = {"color": look.color, "alpha": 0.5, "linewidth": width, "gid": look.series}
             for _, seed in mine.groupby("run", sort=False):
@@ -215,7 +206,6 @@ def draw_curves(
 
 
 def _tips(name: str, curve: pd.DataFrame) -> list[str]:
-    """Returns the tip of each point: its median, band and number of seeds."""
     seeds = curve["seeds"] if "seeds" in curve else curve["q10"] * np.nan
     numbers = curve[["steps", "median", "q10", "q90"]].assign(seeds=seeds).to_numpy(float)
     return [

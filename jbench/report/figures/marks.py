@@ -13,12 +13,8 @@ from jbench.report import style
 from jbench.report.data.returns import FILE, SOLVED, has_solved_return, whole
 from jbench.report.style import Look
 
-MOST_POINTS = 200
-"""Points of a curve that are drawn; a panel of a page is about 300 pixels wide."""
-
-ROW = 0.25
-"""Height of a row in inches."""
-
+MOST_POINTS = 200  # of a curve that are drawn; a panel of a page is about 300 pixels wide
+ROW = 0.25  # height of a row in inches
 PLAIN = ticker.StrMethodFormatter("{x:g}")
 """Formats the numbers of a logarithmic axis, since texts are not parsed as mathematics."""
 
@@ -40,12 +36,7 @@ def add_points(
     alpha: float = 1,
     seen: bool = True,
 ) -> None:
-    """Draws marks, each with a tip on the page.
-
-    Args:
-        size: diameter in points.
-        seen: else there are only the tips.
-    """
+    """Draws marks of a diameter in points, each with a tip on the page; unseen: only the tips."""
     face = "none" if not seen else "#ffffff" if hollow else look.color
     axes.scatter(
         x,
@@ -75,9 +66,7 @@ def add_line(
 ) -> None:
     """Draws a line with a band; if it has few points, with marks, else with some unseen tips.
 
-    Args:
-        step: where a step is, as matplotlib's `pre`, `mid` or `post`; None for a line.
-        marked: whether few points have marks.
+    step is where a step is, as matplotlib's `pre`, `mid` or `post`; None for a line.
     """
     drawn: Any = {"color": look.color, "linestyle": look.line, "gid": look.series, "zorder": 2.5}
     axes.plot(x, y, drawstyle=f"steps-{step}" if step else "default", **drawn)
@@ -104,11 +93,7 @@ def add_rows(
 ) -> None:
     """Draws a row for each configuration: its name, a number and the interval of this number.
 
-    Args:
-        rows: with a column `name`.
-        ends: columns of the interval; by default those of the value, …_low and …_high.
-        look: column of the names in `looks`.
-        hollow: whether each mark is hollow.
+    value, ends (by default …_low and …_high) and look are columns; hollow says which marks are.
     """
     for place, row in enumerate(rows.to_dict("records")):
         drawn = looks[row[look]]
@@ -125,7 +110,7 @@ def add_rows(
 
 
 def interval_text(value: float, low: float, high: float) -> str:
-    """Formats a number with its interval."""
+    """Formats a number with its interval, if known."""
     return whole(value) + (f" [{whole(low)}, {whole(high)}]" if np.isfinite(low) else "")
 
 

@@ -61,7 +61,6 @@ def _draw_forest(
     seeds: pd.DataFrame,
     policies: pd.DataFrame,
 ) -> None:
-    """Draws the final returns of a task: the interquartile mean, its interval, and all seeds."""
     seeds = seeds[seeds["configuration"].isin(rows["configuration"]) & seeds["final"].notna()]
     for place, row in enumerate(rows.to_dict("records")):
         look, mine = looks[row["look"]], seeds[seeds["configuration"] == row["configuration"]]

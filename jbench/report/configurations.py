@@ -69,7 +69,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
         row: dict[str, Any] = {**config.identity, "variant": config.variant, "draws": config.draws}
         row |= {"seeds": len(scores.final), "note": "; ".join(config.notes)}
         row |= {"steps_min": int(config.steps.min()), "steps": int(config.steps.max())}
-        row |= {"diverged": int(config.diverged.sum()), "solved": None}
+        row |= {"diverged": int(config.diverged.sum()), "solved": None, "published_figure": None}
         row |= _intervals(_LOCATION | {"deviation": st.standard_deviation}, scores.final)
         row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
         row["deviation_by_episodes"] = scores.deviation_by_episodes

@@ -83,14 +83,10 @@ def find_class(name: str) -> Any:
 
 
 def settings_class(algo: str) -> type[Settings]:
-    """Returns the class of the settings of an algorithm.
+    """Returns the class of the settings of an algorithm; errors are those of `find_class`.
 
     Those of a class of stable-baselines3's interface are its arguments; its defaults are recorded
     if they are JSON values.
-
-    Raises:
-        RequestError: if there is no such algorithm.
-        WorkError: if its package can't be imported.
     """
     if algo in SETTINGS:
         return SETTINGS[algo]
@@ -134,10 +130,7 @@ def _meaning(kind: type[Settings], name: str) -> str:
 
 
 def choose_engine(algo: str, wanted: Engine | None = None) -> Engine:
-    """Returns the engine that trains an algorithm.
-
-    Args:
-        wanted: as typed by the user; None for the engine that follows from the algorithm.
+    """Returns the engine that trains an algorithm, by default the one that follows from it.
 
     Raises:
         RequestError: if there is no such algorithm, or it has another engine.
@@ -171,7 +164,6 @@ def algorithm_fields(
         engine: see `choose_engine`.
         base: source of the defaults of jbench's own algorithms; None for that of the task.
         overrides: hyperparameters by name that replace them.
-        task: whose defaults are taken if no base is given.
 
     Raises:
         RequestError: if there is no such algorithm, or a setting is unknown or invalid.
@@ -212,7 +204,6 @@ def _offered() -> list[EntryPoint]:
 
 
 def _entry_point(name: str) -> EntryPoint:
-    """Returns the entry point of an agent or an update rule; see `choose_engine`."""
     offered = _offered()
     points = [point for point in offered if point.name == name]
     if not points and name.lower() in _ELSEWHERE:

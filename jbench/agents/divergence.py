@@ -8,20 +8,13 @@ from jbench.errors import WorkError
 
 
 class Divergence(NamedTuple):
-    """The first sign that an agent diverged.
+    """The first sign that an agent diverged."""
 
-    Attributes:
-        update: number of updates made (PPO: epochs); None if unknown.
-        control_steps: number of control steps made, over all environments.
-        what: what is not finite: "actions", "weights", "episode_return", or the name of a loss.
-    """
-
-    update: int | None
-    control_steps: int
-    what: str
+    update: int | None  # number of updates made (PPO: epochs); None if unknown
+    control_steps: int  # number of control steps made, over all environments
+    what: str  # what is not finite: "actions", "weights", "episode_return", or the name of a loss
 
     def __str__(self) -> str:
-        """Returns a sentence for the user."""
         verb = "are" if self.what in ("actions", "weights") else "is"
         after = "" if self.update is None else f" after update {self.update:,},"
         return (
@@ -49,6 +42,5 @@ class DivergedError(WorkError):
     """An agent diverged; the run fails, and its episodes until then are kept."""
 
     def __init__(self, divergence: Divergence) -> None:
-        """Makes the error from a divergence."""
         super().__init__(str(divergence))
         self.divergence = divergence

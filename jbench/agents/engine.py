@@ -24,15 +24,10 @@ _WORLD = "environments/"
 
 
 class SeedState(NamedTuple):
-    """The state of one seed, except for its replay buffer.
+    """The state of one seed, except for its replay buffer."""
 
-    Attributes:
-        tensors: by name, on the CPU, without shared memory, as safetensors requires.
-        scalars: everything else, serialisable as JSON.
-    """
-
-    tensors: dict[str, Tensor]
-    scalars: dict[str, Any]
+    tensors: dict[str, Tensor]  # by name, on the CPU, without shared memory (safetensors)
+    scalars: dict[str, Any]  # everything else, serialisable as JSON
 
 
 class Engine(Closing):
@@ -41,8 +36,7 @@ class Engine(Closing):
     Use it as a context manager: it holds threads.
 
     Attributes:
-        control_steps: per seed, over all its environments.
-        updates: per seed; None if unknown.
+        control_steps, updates: per seed, over all its environments; None if unknown.
         diverged: the diverged seeds by index. Their robots get the action 0 and they may stop
             learning; the other seeds are not affected.
         is_resumable: whether there are `state` and `restore`.
@@ -69,11 +63,8 @@ class Engine(Closing):
 
         Steps are counted from the start of training. Learning happens when the step after a
         completed rollout is requested, also after `restore`, so the caller can evaluate or save the
-        agents between any two steps.
-
-        Yields:
-            After each step of all robots, the returns (seeds, environments) of the episodes that
-            ended with it, or None.
+        agents between any two steps. Yields after each step of all robots the returns
+        (seeds, environments) of the episodes that ended with it, or None.
         """
         while True:
             if self._collected == self._rollout_steps:
@@ -138,7 +129,6 @@ class Engine(Closing):
         """
 
     def _robots_state(self, seed: int) -> SeedState:
-        """Returns the state of the robots and random generators of one seed."""
         world = self.environments.state(seed)
         scalars = {
             "episodes": self.environments.episodes,
@@ -148,21 +138,16 @@ class Engine(Closing):
         return SeedState({_WORLD + n: torch.from_numpy(v) for n, v in world.items()}, scalars)
 
     def _restore_robots(self, seed: int, state: SeedState) -> None:
-        """Restores what `_robots_state` returned; `state` may contain more."""
         world = {name: tensor.numpy() for name, tensor in under(_WORLD, state.tensors).items()}
         scalars = state.scalars
         self.environments.restore(seed, world, scalars["episodes"], scalars["episode_steps"])
         self.environments.generators[seed].restore(scalars["streams"])
 
     def _record_divergence(self, seed: int, what: str) -> None:
-        """Records the first sign that a seed has diverged."""
         self.diverged.setdefault(seed, Divergence(self.updates, self.control_steps, what))
 
     def _checked_actions(self, actions: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Records the seeds with actions that are not finite, and sets those actions to 0.
-
-        MuJoCo would print a warning and set them to 0 itself.
-        """
+        """Replaces actions that are not finite by 0, as MuJoCo would with a warning; notes it."""
         finite = np.isfinite(actions).all(axis=(1, 2))
         if not finite.all():
             for seed in np.flatnonzero(~finite).tolist():

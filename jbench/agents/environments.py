@@ -23,17 +23,11 @@ class Generators:
     """The generators of one seed, independent of the other seeds.
 
     They are on the CPU for every device, so an agent on a GPU sees the same robots, minibatches
-    and noise as on a CPU.
-
-    Attributes:
-        seed: non-negative.
-        actions: for exploration.
-        updates: for minibatches and noise in updates.
-        environments: for initial states, one per environment.
+    and noise as on a CPU: `actions` for exploration, `updates` for minibatches and noise in them,
+    and `environments` for the initial states of each.
     """
 
     def __init__(self, seed: int, environments: int) -> None:
-        """Seeds the generators."""
         self.seed = seed
         weights, actions, updates, *others = SeedSequence(seed).spawn(3 + environments)
         self._weights = weights
@@ -58,18 +52,11 @@ class Generators:
 
 
 class StepResult(NamedTuple):
-    """Result of a control step of all robots.
+    """Result of a control step of all robots."""
 
-    Attributes:
-        rewards: (seeds, environments).
-        observations: (seeds, environments, size) at the end of the step.
-        episode_returns: (seeds, environments) of the episodes that ended with this step, or None.
-            All episodes end together, and the robots are then reset to their next episodes.
-    """
-
-    rewards: NDArray[np.float64]
-    observations: Tensor
-    episode_returns: NDArray[np.float64] | None
+    rewards: NDArray[np.float64]  # (seeds, environments)
+    observations: Tensor  # (seeds, environments, size) at the end of the step
+    episode_returns: NDArray[np.float64] | None  # (seeds, environments); None within the episodes
 
 
 class Environments(Closing):
@@ -78,11 +65,8 @@ class Environments(Closing):
     Use it as a context manager: it holds threads.
 
     Attributes:
-        task: its name.
-        generators: of each seed.
         encoders: of each seed's observations; None for the full observation.
         size: dimension of the agents' inputs.
-        action_size: numbers in an action.
         observations: (seeds, environments, size) current inputs of the agents, float32.
         episodes: completed episodes of each robot.
         steps: control steps made in the current episode.
@@ -99,16 +83,9 @@ class Environments(Closing):
         augment: Augment = lambda episode: None,
         episode_steps: int = EPISODE_STEPS,
     ) -> None:
-        """Starts the first episodes.
+        """Starts the first episodes of `count` environments of each seed.
 
-        Args:
-            count: environments of each seed.
-            encoders: of each seed, with the same number of latents; None for no encoders.
-            augment: the robot of each episode.
-            episode_steps: control steps in an episode; tests use short episodes.
-
-        Raises:
-            ValueError: if the encoders have different numbers of latents.
+        The encoders, if any, have the same number of latents. Tests use short episodes.
         """
         self.task, self.threads, self.episode_steps = task, threads, episode_steps
         self.encoders = encoders or [None] * len(seeds)
@@ -177,7 +154,6 @@ class Environments(Closing):
         self.observations = self._inputs(self._worlds.restore(self._robots(seed), state))
 
     def _begin_episodes(self) -> None:
-        """Begins an episode of each robot."""
         self._switch_robot(self.episodes)
         self._returns = np.zeros(self._shape)
         self.steps = 0
@@ -185,7 +161,6 @@ class Environments(Closing):
         self.observations = self._inputs(self._worlds.reset(list(generators)))
 
     def _switch_robot(self, episode: int) -> None:
-        """Switches to the robot of an episode if it differs from the current one."""
         robot = self._augment(episode)
         if robot != self._robot:
             self._worlds.close()
@@ -202,5 +177,4 @@ class Environments(Closing):
         return self.encode(seen)
 
     def _robots(self, seed: int) -> slice:
-        """Returns the robots of a seed among all."""
         return slice(seed * self._shape[1], (seed + 1) * self._shape[1])

@@ -44,12 +44,7 @@ class PluginEngine(Engine):
         time_limit: TimeLimit = "bootstrap",
         device: torch.device = CPU,
     ) -> None:
-        """Makes an untrained agent.
-
-        Args:
-            name: of the agent, in errors.
-            settings: an object of the agent's class of settings.
-            environments: of one seed.
+        """Makes an untrained agent for environments of one seed.
 
         Raises:
             UnsupportedPolicyError: if its policy can't be saved.
@@ -140,7 +135,6 @@ class PluginEngine(Engine):
             return module
 
     def _call(self, method: Callable[..., Any], *arguments: object) -> Any:
-        """Returns what the agent's own code returns; its errors are a WorkError with a cause."""
         try:
             return method(*arguments)
         except (RequestError, WorkError):
@@ -154,7 +148,6 @@ class PluginEngine(Engine):
     def _actions(
         self, method: Callable[..., Any], observations: NDArray[np.float32]
     ) -> NDArray[np.float64]:
-        """Returns actions (1, n, dim(A))."""
         wanted = (len(observations), self.environments.action_size)
         actions = self._call(method, observations)
         if isinstance(actions, Tensor):
@@ -190,17 +183,13 @@ def _name(method: Callable[..., Any]) -> str:
 
 @contextlib.contextmanager
 def _kept_generators(device: torch.device) -> Iterator[None]:
-    """Leaves the global random generators as they were before the block.
-
-    A checkpoint, whose time is arbitrary, and an evaluation must not change the training.
-    """
+    """Keeps the global generators: a checkpoint or an evaluation must not change the training."""
     states = _generators(device)
     yield
     _restore_generators(states, device)
 
 
 def _generators(device: torch.device) -> dict[str, Any]:
-    """Returns the states of the global random generators, with that of an agent's GPU."""
     legacy = np.random.get_state(legacy=False)  # noqa: NPY002
     states = {"torch": torch.get_rng_state(), "numpy": legacy, "python": random.getstate()}
     if device.type == "cuda":

@@ -48,9 +48,6 @@ class _DDPGWithPolicyWarmup(DDPG):
 def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count: int) -> None:
     """Builds an agent for some environments, to see whether its class takes the settings.
 
-    Args:
-        sizes: of an (encoded) observation and an action.
-
     Raises:
         RequestError: if it does not, can't be trained in several environments, or its policy can't
             be saved.
@@ -94,7 +91,6 @@ def build(
             is passed as a tuple, and the name of a module of torch.nn as the class, such as "ReLU"
             for activation_fn in policy_kwargs. action_noise is the standard deviation of normal
             noise.
-        seed: of weights, noise, minibatches and environments, in [0, 2^32).
     """
     shape: Any = env.action_space.shape
     if isinstance(settings, AlgorithmSettings):
@@ -108,7 +104,6 @@ def build(
 
 
 def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict[str, Any]]:
-    """Returns the class of an algorithm of jbench, and its arguments."""
     # Divergence is detected by actions and losses. Torch's validation would raise its own error in
     # the middle of an update.
     torch.distributions.Distribution.set_default_validate_args(False)
@@ -124,7 +119,6 @@ def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict
 
 
 def _class_arguments(settings: Mapping[str, Any], shape: Any) -> dict[str, Any]:
-    """Returns the arguments of a class for JSON values; see `build`."""
     arguments: dict[str, Any] = {
         n: tuple(v) if isinstance(v, list) else v for n, v in settings.items()
     }

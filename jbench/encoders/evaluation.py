@@ -35,7 +35,7 @@ def errors(
     """Returns the rows of `encoder_features` and `encoder_errors`, without the encoder.
 
     They are errors on held-out episodes, `test`, and on those of the hand-written policy,
-    `heuristic`, which other robots do not have. The weights are numpy arrays in float32.
+    `heuristic`, which other robots do not have.
     """
     data: dict[str, tuple[Iterable[Shard], Moments]] = {"test": (states.test(), states.held_out)}
     if states.task in TASKS:
@@ -98,8 +98,7 @@ def heuristic_episodes(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Returns (10, 1001, size) observations of a task's heuristic, (10, 1000) actions and rewards.
 
-    The seeds are fixed, so the episodes are the same in every process. `augment` is the seed of an
-    augmented robot.
+    The seeds are fixed, so the episodes are the same in every process.
     """
     generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
     policy = heuristic(task)

@@ -68,11 +68,7 @@ def find_draws(
 ) -> tuple[str, dict[int, str]]:
     """Returns the encoders of each seed that have the settings of the named one otherwise.
 
-    Args:
-        name: see `find_encoder`.
-
-    Returns:
-        The hash of the settings without the seed, and the id of each seed's encoder.
+    They are the hash of the settings without the seed, and the id of each seed's encoder.
 
     Raises:
         RequestError: if there is none for one of the seeds.
@@ -122,7 +118,7 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
 
 
 def _has_plain_robot(results: Results, record: Record) -> bool:
-    """Returns whether an encoder's dataset has the plain robot; True if it is unavailable."""
+    """Returns whether a dataset has the plain robot, or is unavailable."""
     try:
         dataset = results.find("dataset", str(record.settings.get("dataset")))
     except (RequestError, WorkError):

@@ -31,11 +31,8 @@ class Kind(Settings):
     """Base class of all kinds. The fields of a kind are its options and enter the encoder's id.
 
     A kind implements `encode` and `decode`. Callers use `to_latents` and `from_latents`, which
-    also apply the option `rescale`.
-
-    Attributes:
-        uses_actions: whether training uses actions and rewards.
-        decodes_later: whether `decode` returns the state `steps_ahead` steps later.
+    also apply the option `rescale`. `decodes_later` says that `decode` returns the state
+    `steps_ahead` steps later.
     """
 
     uses_actions: ClassVar[bool] = False
@@ -209,13 +206,11 @@ class _Tanh(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, values: Tensor) -> Tensor:
-        """Returns the hyperbolic tangents."""
         tangents = torch.from_numpy(np.tanh(values.detach().numpy()))
         ctx.save_for_backward(tangents)
         return tangents
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
-        """Returns the gradient by the inputs."""
         tangents: Tensor = ctx.saved_tensors[0]
         return gradient * (1 - tangents.square())

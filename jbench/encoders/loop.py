@@ -109,7 +109,6 @@ class EncoderLearner:
             ) from None
 
     def _prepared(self) -> Iterator[StatePairs]:
-        """Yields an epoch's rows in random order, several batches at a time."""
         kind, ahead = self.kind, self.kind.steps_ahead
         for shard in self.states.learn(self.random):
             pairs = shard.pairs(ahead)
@@ -181,7 +180,6 @@ def append_rows(
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Returns views of a flat tensor with the names and shapes of other tensors."""
     sizes = [value.numel() for value in like.values()]
     parts = flat.detach().split(sizes)
     return {

@@ -13,17 +13,11 @@ FloatArray = NDArray[np.float64]
 
 
 class Moments(NamedTuple):
-    """Moments of some rows.
+    """Moments of some rows."""
 
-    Attributes:
-        rows: number of rows.
-        mean: (size,) of the columns.
-        covariance: (size, size), divided by the count.
-    """
-
-    rows: int
-    mean: FloatArray
-    covariance: FloatArray
+    rows: int  # number of rows
+    mean: FloatArray  # (size,) of the columns
+    covariance: FloatArray  # (size, size), divided by the count
 
     @classmethod
     def none(cls, size: int) -> "Moments":

@@ -36,11 +36,7 @@ _LINEAR = 0.5  # R² from which a direction of the latents stands for a target
 
 
 def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, Any]]:
-    """Returns a row of `encoder_predictions` for each target, without the encoder.
-
-    A probe is trained and evaluated; the result is deterministic. The weights are numpy arrays in
-    float32.
-    """
+    """Trains and evaluates a probe; returns a row of `encoder_predictions` for each target."""
     inputs, targets = _rows(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
     test_inputs, test_targets = _rows(kind, weights, states, next(states.test()), _TEST_ROWS)
     latents = inputs.shape[1] - states.action_size
@@ -85,7 +81,6 @@ def effective_rank(rows: NDArray[np.floating]) -> float:
 
 
 def _columns(task: str) -> dict[str, list[int]]:
-    """Returns the columns of each target by name; the tilt rate has two axes."""
     if task in TASKS:
         return dict(zip(TARGETS, ([0], [1, 2], [3], [4]), strict=True))
     columns, first = {}, 0
@@ -98,10 +93,7 @@ def _columns(task: str) -> dict[str, list[int]]:
 def _rows(
     kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int
 ) -> tuple[Tensor, Tensor]:
-    """Returns inputs (rows, latents + action_size) and targets (rows, columns) of a probe.
-
-    They are random rows of a shard, `max_rows` at most.
-    """
+    """Returns inputs (rows, latents + action_size) and targets (rows, columns) of random pairs."""
     shard = shard.to(torch.device("cpu"))
     pairs = shard.pairs(1)
     random = torch.Generator().manual_seed(_SEED)
@@ -142,19 +134,16 @@ def _regression(
 
 
 def _mean_and_sd(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns mean and standard deviation of columns; 1 for a constant column."""
     sd = rows.std(0)
     return rows.mean(0), torch.where(sd > 1e-6, sd, 1)
 
 
 def _r2(errors: Tensor, variance: Tensor) -> float | None:
-    """Returns the explained fraction of the total variance of some columns."""
     total = float(variance.sum())
     return 1 - float(errors.sum()) / total if total > 0 else None
 
 
 def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
-    """Returns a network trained to predict the targets."""
     random = torch.Generator().manual_seed(_SEED)
     sizes = (inputs.shape[1], _HIDDEN, _HIDDEN, targets.shape[1])
     linear = [torch.nn.Linear(*pair) for pair in itertools.pairwise(sizes)]

@@ -103,10 +103,7 @@ class EncoderSettings(Settings):
 
     @property
     def representation(self) -> str:
-        """The name of the latents: kind, size, and scales if not the defaults.
-
-        For example, dae12 or dae12-observation-whitened; see `jbench.names.REPRESENTATION`.
-        """
+        """Name of the latents, such as dae12-whitened: kind, size, and scales if not the defaults."""
         return "-".join([f"{_short_name(self.kind)}{self.latents}", *self._scales.values()])
 
     @property
@@ -134,11 +131,7 @@ class EncoderSettings(Settings):
 
 
 def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> EncoderSettings:
-    """Returns the settings of an encoder, with every option of its kind.
-
-    Args:
-        options: those that are not at their defaults.
-        values: the other fields of `EncoderSettings`.
+    """Returns the settings of an encoder with every option of its kind, some of them given.
 
     Raises:
         RequestError: if there is no such kind or option, or a value is invalid.
@@ -166,11 +159,9 @@ def options_with_epochs(
 def named_encoder(name: str, task: str) -> EncoderSettings | None:
     """Returns settings that a representation asks for; None for other names, such as an id.
 
-    Their options are the scales in the name, and their dataset and seed are not those of any.
-
-    Args:
-        name: KIND:LATENTS or KINDLATENTS as tables write it, or KIND if the task determines the
-            size; scales that are not the defaults follow, as in dae12-observation-whitened.
+    Their options are the scales in the name, and their dataset and seed are not those of any. The
+    name is KIND:LATENTS, KINDLATENTS, or KIND if the task determines the size; scales that are not
+    the defaults follow, as in dae12-observation-whitened.
 
     Raises:
         RequestError: if there is no such kind, or its encoders don't have this size.
@@ -198,11 +189,7 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
 
 
 def _short_name(kind: str) -> str:
-    """Returns the name of a kind in representations: that of FirstFeatures is first-features.
-
-    Raises:
-        RequestError: if MODULE:CLASS gives the name of another kind, or one that ends in a digit.
-    """
+    """Returns the name of a kind in representations: that of FirstFeatures is first-features."""
     if not plugins.is_imported(kind):
         return kind
     words = re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", kind.partition(":")[2])
@@ -214,7 +201,6 @@ def _short_name(kind: str) -> str:
 
 
 def _wrong_size(kind: str, task: str, latents: int) -> str | None:
-    """Returns what is wrong with a number of latents, as the beginning of a sentence, if any."""
     sizes = latent_sizes(kind, task)
     if latents in sizes:
         return None
@@ -226,5 +212,4 @@ def _wrong_size(kind: str, task: str, latents: int) -> str | None:
 
 
 def _offered() -> dict[str, EntryPoint]:
-    """Returns the valid entry points of other packages by name."""
     return plugins.offered("jbench.encoders", _NAME, {*ENCODER_KINDS, OFE})

@@ -37,11 +37,7 @@ class SavedEncoder:
     def __init__(
         self, kind: Kind, weights: dict[str, NDArray[np.float32]], scaling: Scaling, latents: int
     ) -> None:
-        """Makes the encoder.
-
-        Raises:
-            ValueError: if the weights are not finite or have other sizes.
-        """
+        """Makes the encoder; weights that are not finite or of another size are a ValueError."""
         self._kind, self._latents = kind, latents
         gain, offset = scaling.gain_and_offset()
         self._weights = {**weights, _GAIN: gain, _OFFSET: offset}
@@ -95,7 +91,6 @@ class SavedEncoder:
         return self._kind.action_signs(*self._scaled(batch))
 
     def _scaled(self, batch: Array) -> tuple[Weights, Array]:
-        """Returns the weights and the scaled observations, of the same array type."""
         weights: Weights = self._weights
         if isinstance(batch, Tensor):
             weights = self._in_torch(batch.dtype, batch.device)
@@ -104,7 +99,6 @@ class SavedEncoder:
         return weights, batch * weights[_GAIN] + weights[_OFFSET]
 
     def _in_torch(self, dtype: torch.dtype, device: torch.device) -> dict[str, Tensor]:
-        """Returns the weights as tensors, cached per dtype and device."""
         if (dtype, device) not in self._tensors:
             self._tensors[dtype, device] = {
                 name: torch.from_numpy(value).to(device, dtype)

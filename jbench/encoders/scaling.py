@@ -18,15 +18,10 @@ _MIN_VARIANCE = 1e-10  # relative to the largest; directions of smaller variance
 
 
 class Scaling(NamedTuple):
-    """Maps a range of each feature, such as its extremes over a dataset, to [-1, 1].
+    """Maps a range of each feature, such as its extremes over a dataset, to [-1, 1]."""
 
-    Attributes:
-        minimum: (dim(O),) of the ranges.
-        maximum: (dim(O),) of the ranges.
-    """
-
-    minimum: NDArray[np.float32]
-    maximum: NDArray[np.float32]
+    minimum: NDArray[np.float32]  # (dim(O),) of the ranges
+    maximum: NDArray[np.float32]  # (dim(O),) of the ranges
 
     @classmethod
     def of(cls, observations: NDArray[np.float32]) -> "Scaling":
@@ -64,7 +59,6 @@ class Scaling(NamedTuple):
         return np.where(varies, width / 2, 0), low + width / 2
 
     def _widths(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Returns minimum and width of each feature, and whether it varies."""
         low, high = self.minimum.astype(np.float64), self.maximum.astype(np.float64)
         width = high - low
         return low, width, width > 1e-5 * np.maximum(np.abs(low), np.abs(high))
@@ -95,9 +89,8 @@ def not_rescaled(weights: Mapping[str, Any], latents: Array) -> Array:
 def rescaling(option: str, blocks: Iterable[NDArray[np.float32]]) -> dict[str, FloatArray]:
     """Returns the weights of `rescaled` for latents, given in blocks (rows, latents).
 
-    Args:
-        option: "whitened" scales every principal direction to a standard deviation of 1/3;
-            "extremes" maps the extremes of every latent to -1 and 1.
+    "whitened" scales every principal direction to a standard deviation of 1/3, and "extremes" maps
+    the extremes of every latent to -1 and 1.
     """
     if option == "extremes":
         half_width, center = reduce(Scaling.merged, map(Scaling.of, blocks)).half_width_and_center()

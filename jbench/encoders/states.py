@@ -31,21 +31,13 @@ Scale = Literal["dataset", "observation", "sd"]
 
 
 class StatePairs(NamedTuple):
-    """Training rows of scaled features.
+    """Training rows of scaled features."""
 
-    Attributes:
-        now: (rows, size) states to encode, corrupted by some kinds.
-        later: (rows, size) clean states `steps_ahead` control steps later.
-        actions: (rows, steps_ahead) between the two; None unless the kind uses actions.
-        noise: (rows, latents) standard normal numbers of kinds with random latents; else None.
-        rewards: (rows, steps_ahead) of the actions; None unless the kind uses actions.
-    """
-
-    now: Tensor
-    later: Tensor
-    actions: Tensor | None = None
-    noise: Tensor | None = None
-    rewards: Tensor | None = None
+    now: Tensor  # (rows, size) states to encode, corrupted by some kinds
+    later: Tensor  # (rows, size) clean states `steps_ahead` control steps later
+    actions: Tensor | None = None  # (rows, steps_ahead), if the kind uses actions
+    noise: Tensor | None = None  # (rows, latents) standard normal, of random latents
+    rewards: Tensor | None = None  # (rows, steps_ahead), if the kind uses actions
 
     def split(self, rows: int) -> list["StatePairs"]:
         """Returns parts of this many rows; the last one may be smaller."""
@@ -55,17 +47,11 @@ class StatePairs(NamedTuple):
 
 
 class Shard(NamedTuple):
-    """Whole episodes.
+    """Whole episodes."""
 
-    Attributes:
-        states: (episodes, 1001, size) scaled.
-        actions: (episodes, 1000), or (episodes, 1000, action_size) of another robot.
-        rewards: (episodes, 1000) of the actions.
-    """
-
-    states: Tensor
-    actions: Tensor
-    rewards: Tensor
+    states: Tensor  # (episodes, 1001, size) scaled
+    actions: Tensor  # (episodes, 1000), or (episodes, 1000, action_size) of another robot
+    rewards: Tensor  # (episodes, 1000) of the actions
 
     def pairs(self, ahead: int) -> int:
         """Returns the number of pairs of states `ahead` steps apart."""
@@ -116,11 +102,8 @@ class States:
     """A dataset as one task sees it, scaled, with episodes held out.
 
     Attributes:
-        size: number of features.
-        action_size: number of actuators.
         scaling: of the observations; available after `read`, like the following ones.
-        learned: moments of the scaled training states.
-        held_out: moments of the scaled held-out states.
+        learned, held_out: moments of the scaled training states and of the held-out ones.
         sample: up to 128 held-out episodes.
     """
 
@@ -137,11 +120,7 @@ class States:
         memory: int = 1 << 30,
         scale: Scale = "dataset",
     ) -> None:
-        """Prepares to read a dataset, of which at most `memory` bytes of states are kept.
-
-        Raises:
-            RequestError: if the dataset has fewer than two episodes.
-        """
+        """Prepares to read a dataset, of which at most `memory` bytes of states are kept."""
         self.dataset, self.task, self.seed, self.scale = dataset, task, seed, scale
         self.size = find_task(task).observation_size
         self.action_size = find_task(task).action_size
@@ -183,7 +162,6 @@ class States:
         return observations * gain + offset
 
     def _read_all(self) -> None:
-        """Reads extremes and moments of the dataset and, if they fit in memory, its states."""
         kept: dict[str, list[Block]] = {name: [] for name in self._episodes}
         moments = dict.fromkeys(self._episodes, Moments.none(self.size))
         extremes: list[Scaling] = []
@@ -231,7 +209,6 @@ class States:
             yield self._shard(gathered)
 
     def _shard(self, gathered: list[Block]) -> Shard:
-        """Returns observations, actions and rewards as scaled tensors on the device."""
         states, *others = (np.concatenate(part) for part in zip(*gathered, strict=True))
         gain, offset = self.scaling.gain_and_offset()
         states *= gain
@@ -246,5 +223,4 @@ def _chosen(block: Block, part: range, episodes: NDArray[np.intp]) -> Block:
 
 
 def _count(blocks: Iterable[Block]) -> int:
-    """Returns the number of episodes."""
     return sum(len(block.rewards) for block in blocks)

@@ -113,7 +113,6 @@ def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:
 
 
 def _latents(kind: Kind, weights: WeightArrays, states: States) -> Iterator[NDArray[np.float32]]:
-    """Yields the latents (rows, latents) of the training states."""
     for shard in states.learn():
         for batch in shard.blocks(0):
             yield kind.encode(weights, batch.now.cpu().numpy())
@@ -122,7 +121,6 @@ def _latents(kind: Kind, weights: WeightArrays, states: States) -> Iterator[NDAr
 def _finish(
     settings: EncoderSettings, kind: Kind, record: Record, states: States, weights: WeightArrays
 ) -> None:
-    """Commits the weights and the description of the trained encoder."""
     description = {
         **{name: getattr(settings, name) for name in ("kind", "options", "task", "latents")},
         "features": find_task(settings.task).labels,

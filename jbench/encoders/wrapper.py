@@ -20,14 +20,8 @@ _TOLERANCE = 1e-4  # relative to the range of an input; encoders are stored in f
 def action_signs(encoder: Encoder | None, observations: Array) -> Array | None:
     """Returns what the actions of a policy on an encoder's latents are multiplied by for the robot.
 
-    Args:
-        encoder: None for the full observation. Only one with a method `action_signs`, such as a
-            `SavedEncoder`, can mirror observations.
-        observations: (..., dim(O)), not encoded.
-
-    Returns:
-        (..., 1), -1 where the encoder encodes the mirror image of the observation and 1 elsewhere;
-        None for an encoder that never does.
+    For observations (..., dim(O)), these are (..., 1), -1 where the encoder encodes the mirror
+    image; None for an encoder without `action_signs` or None, the full observation.
     """
     method = getattr(encoder, "action_signs", None)
     return None if method is None else method(observations)
@@ -55,11 +49,7 @@ class EncodedObservation(
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], encoder: Encoder) -> None:
-        """Wraps an environment; observations become (latent_size,) float32.
-
-        Raises:
-            RequestError: if the encoder is of observations of another size.
-        """
+        """Wraps an environment; observations of another size than the encoder's: RequestError."""
         super().__init__(env)
         shape = env.observation_space.shape
         try:

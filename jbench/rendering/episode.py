@@ -34,21 +34,14 @@ _MIN_SIZE = 11  # pixels of legible text
 
 @dataclass(frozen=True)
 class Scene:
-    """An episode and a camera.
-
-    Attributes:
-        seed: of the initial pose and the target.
-        camera: one of the robot's model; None for `tracking`, or another robot's first.
-        width, height: in pixels.
-        augment: seed of an augmented robot's morphology, or None for the plain robot.
-    """
+    """An episode and a camera."""
 
     task: str
-    seed: int = 0
-    camera: str | None = None
-    width: int = 640
-    height: int = 480
-    augment: int | None = None
+    seed: int = 0  # of the initial pose and the target
+    camera: str | None = None  # of the robot's model; None for `tracking`, or another's first
+    width: int = 640  # in pixels
+    height: int = 480  # in pixels
+    augment: int | None = None  # seed of an augmented robot; None for the plain robot
 
     @property
     def timestep(self) -> float:
@@ -56,10 +49,7 @@ class Scene:
         return find_task(self.task).control_timestep or CONTROL_TIMESTEP
 
     def environment(self, render_mode: str | None = "rgb_array") -> JitterbugEnv | SuiteEnv:
-        """Returns an environment.
-
-        Args:
-            render_mode: "rgb_array" to draw pictures, or None.
+        """Returns an environment that draws pictures, or with None, does not.
 
         Raises:
             RequestError: if the robot has no such camera or, of another package, no physics.
@@ -73,19 +63,12 @@ class Scene:
 
 
 class Frame(NamedTuple):
-    """One image of an episode.
+    """One image of an episode."""
 
-    Attributes:
-        time: seconds since the start.
-        episode_return: sum of the rewards so far.
-        goal: distance and direction of the target as text; empty for other robots.
-        picture: image without text.
-    """
-
-    time: float
-    episode_return: float
-    goal: str
-    picture: Picture
+    time: float  # seconds since the start
+    episode_return: float  # sum of the rewards so far
+    goal: str  # distance and direction of the target as text; empty for other robots
+    picture: Picture  # image without text
 
 
 def render_episode(
@@ -142,9 +125,8 @@ def write(
 ) -> Picture:
     """Returns a copy of an image (height, width, 3) with lines of text above and below.
 
-    Args:
-        lines_in_height: determines the text size: number of lines in the image's height or three
-            quarters of its width, whichever is less.
+    The text size is that of a number of lines in the image's height or three quarters of its width,
+    whichever is less.
     """
     height, width, _ = picture.shape
     size = max(_MIN_SIZE, round(min(height, 0.75 * width) / lines_in_height))
@@ -168,6 +150,5 @@ def write(
 
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
-    """Returns the font that matplotlib ships, which is always available."""
     path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     return ImageFont.truetype(str(path), size)

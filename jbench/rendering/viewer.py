@@ -26,10 +26,8 @@ _CLOSING_SECONDS = 30
 def view(policy: ActingPolicy, scene: Scene) -> int:
     """Opens MuJoCo's viewer and simulates episodes in real time until the window is closed.
 
-    The scene is that of the first episode; its camera and size are ignored.
-
-    Returns:
-        The number of simulated control steps.
+    The scene is that of the first episode; its camera and size are ignored. Returns the number of
+    simulated control steps.
 
     Raises:
         RequestError: if no window can be opened here, or the task has another model in each
@@ -71,7 +69,6 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
 
 
 def _open_window(env: JitterbugEnv | SuiteEnv) -> Any:
-    """Opens MuJoCo's viewer of an environment with a camera that tracks the robot."""
     if not has_display():
         raise RequestError(
             "There is no display to open a window on; jbench render draws without one."

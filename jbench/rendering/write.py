@@ -39,7 +39,6 @@ def default_size(path: Path) -> tuple[int, int]:
 
 
 def _check(path: Path) -> None:
-    """Checks that a picture or video can be written, before anything is simulated."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RequestError(
@@ -65,10 +64,9 @@ def render_to_file(
     steps: int = EPISODE_STEPS,
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Frame:
-    """Writes an episode of a policy as a video, an animation, or a strip of images.
+    """Writes an episode of a policy to a file, whose suffix determines the format.
 
     Args:
-        path: of the file; its suffix determines the format.
         name: of the policy, for the text in a video or an animation.
         speed: of a video or an animation, a multiple of 0.25: 1 for real time.
         steps: control steps to show, 1 to 1000.
@@ -127,11 +125,7 @@ def png_strip(pictures: Sequence[Picture]) -> bytes:
 
 
 def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
-    """Returns a looping animation of images (height, width, 3).
-
-    Args:
-        seconds: between two images.
-    """
+    """Returns a looping animation of images (height, width, 3), some seconds apart."""
     indices = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
     sample = Image.fromarray(np.vstack([pictures[index] for index in indices]))
     palette = sample.quantize(256, method=Image.Quantize.MEDIANCUT)
@@ -154,12 +148,9 @@ def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
 
 
 def mp4(pictures: Iterator[Picture], size: tuple[int, int], seconds: float = _INTERVAL) -> bytes:
-    """Returns an H.264 video that any browser plays.
+    """Returns an H.264 video that any browser plays, of pictures some seconds apart.
 
-    Args:
-        pictures: (height, width, 3) each; odd sizes are padded by repeating the last row or column.
-        size: width and height (pixels).
-        seconds: between two pictures.
+    Odd sizes (width and height in pixels) are padded by repeating the last row or column.
 
     Raises:
         RequestError: if the library has no ffmpeg for this machine.

@@ -29,9 +29,8 @@ def installed_tasks() -> dict[str, EntryPoint]:
 def find_task(name: str) -> Task:
     """Returns a task by name.
 
-    Args:
-        name: one of `jbench.names.TASKS`, dmc:DOMAIN-TASK of dm_control's suite, an installed
-            task, or MODULE:NAME of a factory, which returns a `dm_env.Environment`.
+    It is one of `jbench.names.TASKS`, dmc:DOMAIN-TASK of dm_control's suite, an installed task, or
+    MODULE:NAME of a factory, which returns a `dm_env.Environment`.
 
     Raises:
         RequestError: if there is no such task, or jbench can't use it.
@@ -52,8 +51,7 @@ def find_task(name: str) -> Task:
 def checked_task(name: str) -> Task:
     """Returns a task after an episode of random actions, before something new is made with it.
 
-    Raises:
-        RequestError, WorkError: see `find_task` and `DmTask.check`.
+    Errors are those of `find_task` and `DmTask.check`.
     """
     task = find_task(name)
     if isinstance(task, DmTask):
@@ -67,11 +65,10 @@ def dataset_robot(task: Task) -> dict[str, Any]:
 
 
 def check_specs(name: str, recorded: Specs | None) -> None:
-    """Checks that a task is the one of a record.
+    """Checks that a task is the one of a record; other errors are those of `find_task`.
 
     Raises:
         RequestError: if its robot, observation or actions are others.
-        RequestError, WorkError: see `find_task`.
     """
     now = find_task(name).specs
     if now == recorded:
@@ -106,7 +103,6 @@ def unknown_task(name: str) -> RequestError:
 
 
 def _suite_task(name: str) -> DmTask:
-    """Returns dmc:DOMAIN-TASK."""
     if importlib.util.find_spec("dm_control") is None:
         raise RequestError(
             f"{name} needs dm-control, which pip can't install on Python 3.13 and later (labmaze "
@@ -124,7 +120,6 @@ def _suite_task(name: str) -> DmTask:
 
 
 def _made_by(name: str, factory: Any) -> DmTask:
-    """Returns the task of a factory."""
     if not callable(factory):
         raise RequestError(
             f"{name} is of type {type(factory).__name__}; name a function that returns a "

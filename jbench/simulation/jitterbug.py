@@ -47,12 +47,7 @@ class JitterbugTask(Task):
 
 
 class JitterbugWorlds(Worlds):
-    """Robots of one of the five tasks.
-
-    Attributes:
-        robot_state: of all robots, after the last step or reset.
-        target: of all robots.
-    """
+    """Robots of one of the five tasks, with their state after the last step or reset."""
 
     robot_state: State
     target: Target
@@ -67,11 +62,7 @@ class JitterbugWorlds(Worlds):
     def reset(
         self, generators: Sequence[Generator], yaw: float | None = None
     ) -> NDArray[np.float32]:
-        """Begins an episode in each world, from its generator: first the pose, then the target.
-
-        Args:
-            yaw: of all targets (rad); None for those drawn.
-        """
+        """Begins an episode in each world, with targets of a yaw (rad) or, if None, as drawn."""
         quaternions, self.target = resets.draw_starts(self._task, generators)
         if yaw is not None:
             self.target = self.target._replace(yaw=np.full(len(quaternions), yaw))

@@ -18,27 +18,16 @@ PATH_EVERY = 20
 
 
 class ControlStep(NamedTuple):
-    """A control step of all worlds.
+    """A control step of all worlds."""
 
-    Attributes:
-        observations: (worlds, dim(O)) before the action, float32.
-        actions: (worlds, action_size) of the policy.
-        rewards: (worlds,) of the state after the action.
-        next_observations: (worlds, dim(O)) of that state, float32.
-    """
-
-    observations: NDArray[np.float32]
-    actions: NDArray[np.floating]
-    rewards: NDArray[np.floating]
-    next_observations: NDArray[np.float32]
+    observations: NDArray[np.float32]  # (worlds, dim(O)) before the action, float32
+    actions: NDArray[np.floating]  # (worlds, action_size) of the policy
+    rewards: NDArray[np.floating]  # (worlds,) of the state after the action
+    next_observations: NDArray[np.float32]  # (worlds, dim(O)) of that state, float32
 
 
 def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iterator[ControlStep]:
-    """Yields the control steps of one episode in each world.
-
-    Args:
-        observations: that `worlds.reset` returned.
-    """
+    """Yields the control steps of an episode in each world, from what `worlds.reset` returned."""
     for _ in range(EPISODE_STEPS):
         actions = np.asarray(act(observations))
         next_observations, rewards = worlds.step(actions)
@@ -47,14 +36,7 @@ def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iter
 
 
 class Path(NamedTuple):
-    """Path of a robot in an episode.
+    """Path of a robot in an episode."""
 
-    Attributes:
-        points: (n, 3) x and y of the torso (m) and its heading (rad), float32: at the start and
-            after every `PATH_EVERY` control steps.
-        target: the random numbers of the episode's target: "x" and "y" (m), "yaw" (rad), or some
-            of them.
-    """
-
-    points: NDArray[np.float32]
-    target: dict[str, float]
+    points: NDArray[np.float32]  # (n, 3) x, y (m), heading (rad) every `PATH_EVERY` steps
+    target: dict[str, float]  # its random numbers: "x" and "y" (m), "yaw" (rad), or some of them

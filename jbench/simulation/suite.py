@@ -27,16 +27,13 @@ _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
 class DmTask(Task):
     """A task that a `dm_env.Environment` implements.
 
-    Attributes:
-        reseeds: whether its environments get a new seed, instead of being made again.
+    `reseeds`: its environments get a new seed, instead of being made again.
     """
 
     def __init__(self, name: str, make: Make, *, takes_random: bool = True) -> None:
         """Makes an environment and reads its specifications.
 
-        Args:
-            make: returns a new environment.
-            takes_random: whether the seed decides about the environment's random numbers.
+        The seed must decide about its random numbers, or `takes_random` is false.
 
         Raises:
             RequestError: if jbench can't train on it.
@@ -72,11 +69,7 @@ class DmTask(Task):
         _close(environment)
 
     def environment(self, seed: int) -> Any:
-        """Returns a new environment.
-
-        Raises:
-            RequestError: if it can't be made.
-        """
+        """Returns a new environment; RequestError if it can't be made."""
         try:
             environment = self._make(seed)
         except (RequestError, WorkError):
@@ -121,14 +114,12 @@ class DmTask(Task):
             raise self._refusal(f"it fails ({sentence_of_failure(error)})") from error
 
     def _read_parts(self, environment: Any) -> dict[str, int]:
-        """Returns the number of values of each part of the observation by name."""
         specs = environment.observation_spec()
         if not isinstance(specs, Mapping) or not specs or not all(specs):
             raise self._refusal("its observation has no names: return a dictionary of named arrays")
         return {str(name): int(np.prod(spec.shape, dtype=int)) for name, spec in specs.items()}
 
     def _read_bounds(self, environment: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns minimum and maximum (action_size,) of the actions."""
         spec = environment.action_spec()
         shape: tuple[int, ...] = getattr(spec, "shape", ())
         dtype = np.dtype(getattr(spec, "dtype", object))

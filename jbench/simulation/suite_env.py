@@ -41,8 +41,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             task: see `jbench.simulation.find_task`.
             render_mode: "rgb_array", or None for no pictures.
             camera: name of a camera of the model; None for its first, or a free one if it has none.
-            width: of a picture, in pixels.
-            height: of a picture, in pixels.
+            width, height: of a picture, in pixels.
             augment: seed of an augmented robot; only tasks of the Jitterbug have these.
 
         Raises:
@@ -114,11 +113,6 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._worlds.close()
 
     def _physics(self) -> Any:
-        """Returns dm_control's physics.
-
-        Raises:
-            RequestError: if the environment has none.
-        """
         physics = getattr(self._worlds.environments[0], "physics", None)
         if physics is None:
             raise RequestError(f"{self.task} has no MuJoCo physics to draw.")

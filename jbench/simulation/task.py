@@ -40,9 +40,7 @@ class Worlds(Closing):
     def reset(self, generators: Sequence[Generator]) -> NDArray[np.float32]:
         """Begins an episode in each world and returns the observations (worlds, size).
 
-        Args:
-            generators: one per world, from which all its random numbers are drawn; may contain a
-                generator several times.
+        All random numbers of a world are drawn from its generator, which others may share.
         """
 
     @abstractmethod
@@ -51,8 +49,7 @@ class Worlds(Closing):
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Applies actions (worlds, action_size), clipped to [-1, 1], for one control step.
 
-        Returns:
-            The observations (worlds, size), a new array, and the rewards (worlds,) in [0, 1].
+        Returns the observations (worlds, size), a new array, and the rewards (worlds,) in [0, 1].
         """
 
     @abstractmethod
@@ -81,9 +78,7 @@ class Task(Protocol):
     """A task with episodes of 1000 control steps, rewards in [0, 1] and actions in [-1, 1].
 
     Attributes:
-        name: as typed, such as `face_direction`.
         parts: number of values of each part of the observation, in order, by name.
-        action_size: number of actuators.
         control_timestep: simulated seconds in a control step; None if unknown.
         specs: what settings record of the task besides its name; None for those of the Jitterbug.
     """
@@ -115,11 +110,9 @@ class Task(Protocol):
 
     @abstractmethod
     def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> Worlds:
-        """Returns new worlds, before their first episode.
+        """Returns new worlds, before their first episode, stepped by `threads` with the caller's.
 
-        Args:
-            threads: that step them, including the caller's.
-            augment: seed of an augmented robot, of a task that has these.
+        A task may have augmented robots, which have a seed.
         """
 
 

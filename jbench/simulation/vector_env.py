@@ -177,12 +177,10 @@ class JitterbugVectorEnv(
 
     @property
     def _ended(self) -> NDArray[np.bool_]:
-        """Which episodes have ended, and were not followed by another yet."""
         ended: NDArray[np.bool_] = self._elapsed >= self._limit
         return ended
 
     def _reset_mask(self, mask: Any) -> NDArray[np.bool_]:
-        """Returns which environments to reset: all, or those of the option reset_mask."""
         if mask is None:
             return np.ones(self.num_envs, np.bool_)
         selected = np.asarray(mask)
@@ -195,7 +193,6 @@ class JitterbugVectorEnv(
         return selected
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
-        """Seeds the generators of the environments that are reset."""
         if seed is None:
             return
         if isinstance(seed, (int, np.integer)):

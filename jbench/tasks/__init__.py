@@ -13,7 +13,6 @@ from jbench.registration import register_environments
 
 
 def _register_domains() -> None:
-    """Adds the domains and their tasks to the suite."""
     with warnings.catch_warnings():
         # dm_control looks for a display when it is imported; only rendering needs one.
         warnings.filterwarnings("ignore", message=".*DISPLAY", module="glfw")

@@ -51,40 +51,25 @@ _NO_SHIFT: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Morphology:
-    """Differences from the plain robot; the defaults are the plain robot.
+    """Differences from the plain robot; the defaults are the plain robot."""
 
-    Attributes:
-        seed: of the shifts.
-        redraws: number of rejected draws before this one.
-        knees: shift of each knee, in the order of `LEGS` (m).
-        feet: shift of each foot, in the order of `LEGS`, independent of the knee (m).
-        mass: shift of the motor's eccentric mass (m).
-        mass_semi_axes: change of the semi-axes of that ellipsoid (m).
-        torso_upper_density: change of the density of the torso's upper box (kg/m^3).
-        torso_lower_density: change of the density of the torso's lower box (kg/m^3).
-        default_density: change of the density of all parts of steel (kg/m^3).
-        gear: change of the motor's torque at full command (N m).
-    """
-
-    seed: int
-    redraws: int = 0
-    knees: tuple[Vector, ...] = (_NO_SHIFT,) * len(LEGS)
-    feet: tuple[Vector, ...] = (_NO_SHIFT,) * len(LEGS)
-    mass: Vector = _NO_SHIFT
-    mass_semi_axes: Vector = _NO_SHIFT
-    torso_upper_density: float = 0.0
-    torso_lower_density: float = 0.0
-    default_density: float = 0.0
-    gear: float = 0.0
+    seed: int  # of the shifts
+    redraws: int = 0  # number of rejected draws before this one
+    knees: tuple[Vector, ...] = (_NO_SHIFT,) * len(LEGS)  # shifts, in the order of `LEGS` (m)
+    feet: tuple[Vector, ...] = (_NO_SHIFT,) * len(LEGS)  # shifts, independent of the knees (m)
+    mass: Vector = _NO_SHIFT  # shift of the motor's eccentric mass (m)
+    mass_semi_axes: Vector = _NO_SHIFT  # change of the semi-axes of that ellipsoid (m)
+    torso_upper_density: float = 0.0  # change of the density of the torso's upper box (kg/m^3)
+    torso_lower_density: float = 0.0  # change of the density of the torso's lower box (kg/m^3)
+    default_density: float = 0.0  # change of the density of all parts of steel (kg/m^3)
+    gear: float = 0.0  # change of the motor's torque at full command (N m)
 
 
 @lru_cache(maxsize=1024)
 def draw(seed: int, *, vary_masses: bool = False) -> Morphology:
     """Returns the morphology of a seed: its first draw whose robot stands.
 
-    Args:
-        seed: non-negative.
-        vary_masses: whether to vary densities and the motor's gear as well.
+    `vary_masses` varies densities and the motor's gear as well.
 
     Raises:
         RequestError: if the seed is not a whole number of at least 0; a ValueError.
@@ -104,7 +89,6 @@ def draw(seed: int, *, vary_masses: bool = False) -> Morphology:
 def _draw_once(
     seed: int, redraws: int, random: np.random.Generator, vary_masses: bool
 ) -> Morphology:
-    """Draws a morphology, which may be unusable; masses are drawn last."""
     knees, feet = (
         tuple(_vector(shift) for shift in random.normal(0, _LEG_SD, (len(LEGS), 3)))
         for _ in range(2)
@@ -125,11 +109,7 @@ def _vector(values: NDArray[np.float64]) -> Vector:
 
 
 def build(morphology: Morphology) -> mujoco.MjModel:
-    """Returns a new MuJoCo model of a morphology.
-
-    Raises:
-        ValueError: if a size or a mass is not positive.
-    """
+    """Returns a new MuJoCo model; a size or a mass that is not positive is a ValueError."""
     spec = mujoco.MjSpec.from_string(model.xml())
     for leg, knee, foot in zip(LEGS, morphology.knees, morphology.feet, strict=True):
         _move_leg(spec, leg, np.array(knee), np.array(foot))
@@ -162,7 +142,6 @@ def hinge_axis(leg: int, knee: NDArray[np.float64]) -> Vector:
 def _move_leg(
     spec: mujoco.MjSpec, leg: int, knee_shift: NDArray[np.float64], foot_shift: NDArray[np.float64]
 ) -> None:
-    """Moves a knee and a foot with the attached wires and joints."""
     upper, lower = spec.geom(f"leg{leg}_upper"), spec.geom(f"leg{leg}_lower")
     shoulder, elbow = spec.joint(f"leg{leg}_shoulder"), spec.joint(f"leg{leg}_elbow")
     knee, foot = spec.geom(f"leg{leg}_knee"), spec.geom(f"leg{leg}_foot")
@@ -176,7 +155,6 @@ def _move_leg(
 
 
 def _change_densities(spec: mujoco.MjSpec, morphology: Morphology) -> None:
-    """Changes the densities of steel and of the torso's boxes."""
     steel = spec.default.geom.density
     # Geoms copied the default density when they were parsed, so changing the default has no effect.
     for geom in spec.geoms:

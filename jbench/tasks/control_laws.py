@@ -121,10 +121,7 @@ class Driver(Law):
     ) -> Array:
         """Returns the torque (robots,) that drives towards a bearing (robots,).
 
-        Args:
-            bearing: in the robot's frame (rad).
-            drive_scale: factor of the energy term.
-            more: torque to add.
+        `drive_scale` is a factor of the energy term, `more` is torque to add.
         """
         to_bearing = np.exp(-1j * bearing)
         sine, cosine = np.sin(motion.mass - bearing), np.cos(motion.mass - bearing)
@@ -142,7 +139,6 @@ class Driver(Law):
         return np.where(falls, righting, np.clip(torque, -1, 1))
 
     def _bounded_tilt(self, motion: Motion) -> Plane:
-        """Returns the tilt, limited to `max_tilt`."""
         return motion.tilt * np.minimum(1, self.max_tilt / np.maximum(np.abs(motion.tilt), 1e-6))
 
 
@@ -172,9 +168,7 @@ class Turner(Law):
     ) -> Array:
         """Returns the torque (robots,) that turns by the remaining angle.
 
-        Args:
-            more: relative torque to add.
-            at_max_torque: mask of robots that turn with the maximum torque.
+        `more` is relative torque to add; those of a mask turn with the maximum torque.
         """
         direction, remaining = np.sign(motion.angle), np.abs(motion.angle)
         modulation = (

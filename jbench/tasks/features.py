@@ -26,23 +26,14 @@ from jbench.tasks.geometry import (
 
 
 class Feature(NamedTuple):
-    """An observed quantity. All but `value` have an entry for each of its dimensions.
+    """An observed quantity. All but `value` have an entry for each of its dimensions."""
 
-    Attributes:
-        value: returns it (..., size) in SI units.
-        axes: names; "" for the only one.
-        units: SI units; 1 for quaternions.
-        low: minimum, mapped to -1 in an observation.
-        high: maximum, mapped to 1.
-        mirror: factors 1 or -1 by which the mirrored robot has it.
-    """
-
-    value: Callable[[State, Target], Array]
-    axes: tuple[str, ...]
-    units: tuple[str, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    mirror: tuple[int, ...]
+    value: Callable[[State, Target], Array]  # returns it (..., size) in SI units
+    axes: tuple[str, ...]  # names; "" for the only one
+    units: tuple[str, ...]  # SI units; 1 for quaternions
+    low: tuple[float, ...]  # minimum, mapped to -1 in an observation
+    high: tuple[float, ...]  # maximum, mapped to 1
+    mirror: tuple[int, ...]  # factors 1 or -1 by which the mirrored robot has it
 
     @property
     def size(self) -> int:
@@ -54,7 +45,6 @@ _POINT = ("x", "y", "z")
 
 
 def _number(value: Callable[[State, Target], Array], unit: str, high: float) -> Feature:
-    """Returns a feature of one dimension, which changes its sign in the mirror."""
     return Feature(value, ("",), (unit,), (-high,), (high,), (-1,))
 
 
@@ -127,9 +117,6 @@ def observation(task: str, state: State, target: Target) -> Array:
     """Returns the (..., dim(O)) observation of a task, each feature's range mapped to [-1, 1].
 
     Observations are not clipped, so features outside their range are outside [-1, 1].
-
-    Args:
-        target: with the state's leading axes.
     """
     return flatten(task, features(task, state, target))
 
@@ -175,7 +162,6 @@ def denormalize(task: str, observed: Array) -> Array:
 
 
 def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
-    """Returns minimum and maximum of each dimension, as arrays of the same type as `like`."""
     key = (task, array_namespace(like).__name__, like.dtype, getattr(like, "device", None))
     if key not in _range_cache:
         xp = array_namespace(like)
@@ -211,7 +197,6 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
 
 
 def _centimeters(vector: NDArray[np.float64]) -> str:
-    """Returns the horizontal length of a vector (3 or more,) in meters."""
     return f"{padded(f'{100 * math.hypot(vector[0], vector[1]):.1f}', 4)} cm"
 
 

@@ -18,34 +18,20 @@ TARGET_HEIGHT = 0.035
 
 
 class State(NamedTuple):
-    """The state of robots as used by the tasks, for any leading axes `...`.
+    """The state of robots as used by the tasks, for any leading axes `...`."""
 
-    Attributes:
-        position: (..., 7) torso x, y, z in the world (m), then its quaternion.
-        velocity: (..., 6) linear velocity of the torso's frame in the world (m/s), then angular
-            velocity in the torso's frame (rad/s); like MuJoCo's qvel of a free joint.
-        motor_position: (...) motor angle in (-pi, pi]; 0 if the mass points forward (rad).
-        motor_velocity: (...) rad/s.
-        torso_velocity: (..., 3) velocity of the torso's center of mass in the world (m/s).
-    """
-
-    position: Array
-    velocity: Array
-    motor_position: Array
-    motor_velocity: Array
-    torso_velocity: Array
+    position: Array  # (..., 7) torso x, y, z in the world (m), then its quaternion
+    velocity: Array  # (..., 6) in the world (m/s), then angular in the torso's frame (rad/s)
+    motor_position: Array  # (...) motor angle in (-pi, pi]; 0 if the mass points forward (rad)
+    motor_velocity: Array  # (...) rad/s
+    torso_velocity: Array  # (..., 3) velocity of the torso's center of mass in the world (m/s)
 
 
 class Target(NamedTuple):
-    """Target position and direction, for any leading axes `...`.
+    """Target position and direction, for any leading axes `...`."""
 
-    Attributes:
-        position: (..., 3) in the world (m).
-        yaw: (...) direction of the target's x axis (rad).
-    """
-
-    position: Array
-    yaw: Array
+    position: Array  # (..., 3) in the world (m)
+    yaw: Array  # (...) direction of the target's x axis (rad)
 
 
 def wrap_angle(angle: Array) -> Array:
@@ -75,13 +61,7 @@ def motor_angle(joint_angle: Array) -> Array:
 
 
 def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> Array:
-    """Returns the (..., 3) world velocity of a point fixed to the torso (m/s).
-
-    Args:
-        position: (..., 7) as in `State`.
-        velocity: (..., 6) as in `State`.
-        offset: (..., 3) point in the torso's frame, its center of mass (m).
-    """
+    """Returns the (..., 3) world velocity of a point of the torso, in its frame (..., 3) (m/s)."""
     x, y, z = (offset[..., i] for i in range(3))
     wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
     xp = array_namespace(position, velocity, offset)

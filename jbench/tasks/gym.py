@@ -28,11 +28,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     Observations are the task's features, each mapped from its range to [-1, 1] and not clipped.
     The action is the motor's command, clipped to [-1, 1]. Episodes never terminate;
     `gymnasium.make` truncates them at 1000 steps. `outcome` lists what `info` contains; at reset,
-    its reward terms are those of the initial state.
-
-    Attributes:
-        model: the robot and its target.
-        data: the state of `model`.
+    its reward terms are those of the initial state. `model` has the robot and its target, `data`
+    its state.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - declared as in Gymnasium
@@ -99,10 +96,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Starts an episode with a random orientation at the origin and a random target.
 
-        Args:
-            seed: of the random numbers.
-            options: {"target": numbers} chooses the target, see `resets.target_numbers`; the other
-                random numbers, of this episode and the next ones, stay the same.
+        The options {"target": numbers} choose the target, see `resets.target_numbers`; the other
+        random numbers, of this episode and the next ones, stay the same.
 
         Raises:
             RequestError: if an option does not exist or its value is wrong; a ValueError.
@@ -120,11 +115,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Applies the action (1,) for one control step of 0.01 s.
-
-        Raises:
-            RequestError: if the action is not one number; a ValueError.
-        """
+        """Applies the action (1,) for one control step of 0.01 s; a wrong one is a ValueError."""
         try:
             self.data.ctrl[:] = np.clip(action, -1, 1)
         except (TypeError, ValueError):

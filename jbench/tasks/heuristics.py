@@ -12,11 +12,7 @@ from jbench.tasks.control_laws import Array, Driver, Law, Motion, Turner
 
 
 def heuristic(task: str) -> Law:
-    """Returns the hand-written policy of a task with its tuned constants.
-
-    Raises:
-        KeyError: if the task does not exist.
-    """
+    """Returns the hand-written policy of a task with its tuned constants."""
     laws = (MoveFromOrigin, FaceDirection, MoveInDirection, MoveToPosition, MoveToPose)
     policies: dict[str, type[Law]] = {law.task: law for law in laws}
     return policies[task]()

@@ -65,11 +65,7 @@ def environment(
 
 
 def _add_tasks() -> None:
-    """Adds the five tasks to both domains.
-
-    Those of augmented robots are not tagged as benchmarking, since results of different seeds are
-    not comparable.
-    """
+    """Adds the tasks to both domains; results of different augmented robots are no benchmark."""
     for task in TASKS:
         plain, augmented = partial(environment, task), partial(environment, task, augment=0)
         for make in (plain, augmented):
@@ -111,7 +107,6 @@ class Jitterbug(base.Task):
     def __init__(
         self, task: str, random_pose: bool = True, random: np.random.RandomState | int | None = None
     ) -> None:
-        """Initializes the task; see `environment`."""
         self._task = task
         self._random_pose = random_pose
         super().__init__(random=random)

@@ -33,15 +33,12 @@ def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:
 def read_state(
     qpos: NDArray[np.float64], qvel: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> State:
-    """Returns the tasks' `State` for MuJoCo's state of a batch of robots.
+    """Returns the tasks' `State`, a copy, of a batch of robots.
 
     Args:
         qpos: (..., 16) joint positions.
         qvel: (..., 15) joint velocities.
         offset: (3,) the torso's center of mass, from `torso_offset`.
-
-    Returns:
-        Copies, which share no memory with the simulator.
     """
     position, velocity = qpos[..., :7].copy(), qvel[..., :6].copy()
     return State(

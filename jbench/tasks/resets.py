@@ -27,11 +27,8 @@ def episode_generator(seed: int, episode: int) -> np.random.Generator:
 def draw_starts(task: str, generators: Iterable[Random]) -> tuple[NDArray[np.float64], Target]:
     """Draws the initial state of an episode per generator: first the pose, then the target.
 
-    Args:
-        generators: one per episode; may contain a generator several times.
-
-    Returns:
-        Orientations (episodes, 4), and targets with positions (episodes, 3) and yaws (episodes,).
+    Returns orientations (episodes, 4), and targets with positions (episodes, 3) and yaws
+    (episodes,).
     """
     starts = [(draw_quaternion(random), *draw_target(task, random)) for random in generators]
     quaternions, positions, yaws = (np.stack(part) for part in zip(*starts, strict=True))

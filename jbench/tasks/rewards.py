@@ -61,11 +61,7 @@ _REWARDS: dict[str, Callable[[State, Target, Array | None], Array]] = {
 
 
 def reward(task: str, state: State, target: Target) -> Array:
-    """Returns the reward (...) of a task, in [0, 1], at the end of a control step.
-
-    Args:
-        target: its axes broadcast against the state's.
-    """
+    """Returns the reward (...) of a task, in [0, 1]; the target's axes broadcast."""
     return math.prod(reward_terms(task, state, target).values())
 
 
@@ -74,16 +70,13 @@ def reward_terms(
 ) -> dict[str, Array]:
     """Returns the terms (...) by name whose product is the reward of a task, each in [0, 1].
 
-    Args:
-        target: its axes broadcast against the state's.
-        angle: `angle_to_target`, if it is known already, which saves time.
+    `angle_to_target` may be given if it is known already, which saves time.
     """
     names = TASK_SPECS[task].rewards
     return {name: _REWARDS[name](state, target, angle) for name in names}
 
 
 def _gaussian(distance: Array, margin: float) -> Array:
-    """Returns dm_control's Gaussian tolerance: 1 at distance 0, 0.1 at the margin."""
     xp = array_namespace(distance)
     scaled = distance * (_GAUSSIAN_SCALE / margin)
     return xp.exp(-0.5 * scaled * scaled)

@@ -22,12 +22,9 @@ _NEIGHBORS = (
 
 
 def load_model(augment: int | None = None, *, vary_masses: bool = False) -> mujoco.MjModel:
-    """Returns a new MuJoCo model of the plain robot, or of an augmented one.
+    """Returns a new MuJoCo model of the plain robot, or of an augmented one with this seed.
 
-    Args:
-        augment: seed of the augmented robot's morphology (see `jbench.tasks.augmented.draw`), or
-            None for the plain robot.
-        vary_masses: whether to vary the augmented robot's densities and gear as well.
+    `vary_masses` varies the augmented robot's densities and gear as well.
 
     Raises:
         ValueError: if the seed is negative, or `vary_masses` is set for the plain robot.

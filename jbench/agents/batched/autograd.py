@@ -142,7 +142,6 @@ class AutogradLearner(OffPolicyLearner):
 
     @torch.no_grad()
     def _call(self, method: str, *inputs: Tensor) -> Tensor:
-        """Returns what a method of the rule makes of inputs (..., N, any)."""
         rule = self.rule
 
         def call_seed(parameters: dict[str, Tensor], *seed_inputs: Tensor) -> Any:
@@ -155,13 +154,7 @@ class AutogradLearner(OffPolicyLearner):
 
 
 class _FlatParameters:
-    """The parameters of an attribute of a rule, as views (..., *shape) of one flat tensor.
-
-    Attributes:
-        flat: (..., count).
-        values: by the name of the parameter in the rule.
-        gradients: in the same order; like `adam`, only of an attribute that is trained.
-    """
+    """A rule's attribute: `values` by name of the parameter, views of one `flat` (..., count)."""
 
     gradients: list[Tensor]
     adam: Adam

@@ -20,7 +20,6 @@ class DDPG(OffPolicyLearner):
     def __init__(
         self, settings: DDPGSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
-        """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")

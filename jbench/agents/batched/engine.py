@@ -45,10 +45,7 @@ class Group(NamedTuple):
 class BatchedEngine(Engine):
     """Trains a learner per seed, and optionally computes all of them in one stack.
 
-    Attributes:
-        tensors: the state of the agents.
-        learners: one per seed, on the same tensors as the one of the stack.
-        groups: one per seed, or one of all seeds.
+    Learners of the stack and of the seeds share their tensors; a group is a seed, or all of them.
     """
 
     updates: int
@@ -63,12 +60,6 @@ class BatchedEngine(Engine):
         time_limit: TimeLimit,
         stacked: bool,
     ) -> None:
-        """Starts with untrained agents; see `make_engine`.
-
-        Raises:
-            RequestError: if the number of environments does not divide the training interval, or
-                `settings.mirror` is not for the encoder of a seed.
-        """
         super().__init__(environments, settings.rollout_steps(environments.observations.shape[1]))
         self.tensors, self._saved, self.updates = tensors, tensors.saved, 0
         self._settings, self._time_limit = settings, time_limit
@@ -100,11 +91,7 @@ class BatchedEngine(Engine):
         return policy
 
     def load_policy(self, seed: int, policy: SavedNetwork, control_steps: int) -> None:
-        """Sets the deterministic policy of one seed after these control steps, for `act`.
-
-        Raises:
-            ValueError: if it has other layers than the seed's agent.
-        """
+        """Sets a seed's policy after these control steps, for `act`; see `Learner.load_policy`."""
         self.learners[seed].load_policy(policy)
         self.control_steps = control_steps
 
@@ -136,11 +123,7 @@ class BatchedEngine(Engine):
         return SeedState(copies, scalars)
 
     def restore(self, states: Sequence[SeedState]) -> None:
-        """See `Engine.restore`.
-
-        Raises:
-            ValueError: if the seeds have made different numbers of control steps.
-        """
+        """See `Engine.restore`; different numbers of control steps are a ValueError."""
         first = states[0].scalars
         if any(state.scalars["control_steps"] != first["control_steps"] for state in states):
             raise ValueError(
@@ -156,20 +139,13 @@ class BatchedEngine(Engine):
         self._collected = first["collected"]
 
     def _draw_normal(self, shape: tuple[int, ...]) -> Tensor:
-        """Returns standard normal numbers (seeds, *shape) for exploration."""
         generators = self.environments.generators
         return torch.from_numpy(np.stack([g.actions.standard_normal(shape) for g in generators]))
 
     def _run(self, method: Callable[..., Tensor], *inputs: Tensor) -> Tensor:
-        """Evaluates a method of every agent on its inputs.
+        """Returns what a method makes of every agent and inputs (seeds, N, any), on the CPU.
 
-        Args:
-            method: function of a learner and tensors (..., N, any); it must be the same object at
-                every call, because it is recorded on a GPU.
-            inputs: (seeds, N, any).
-
-        Returns:
-            (seeds, N, any), on the CPU.
+        It must be the same object at every call, because it is recorded on a GPU.
         """
         if self._stack is None:
             per_seed = zip(self.learners, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
@@ -196,14 +172,12 @@ class BatchedEngine(Engine):
             self._record_divergence(seed, divergent_loss(self.losses(seed)) or "losses")
 
     def _not_finite(self, name: str) -> list[int]:
-        """Returns the seeds whose tensor `name` is not finite."""
         values = self._saved[name]
         finite = values.isfinite().view(len(values), -1).all(dim=1)
         # Only one small copy from a GPU.
         return [seed for seed, is_finite in enumerate(finite.tolist()) if not is_finite]
 
     def _still_learning(self, group: Group) -> bool:
-        """Returns whether any seed of a group has not diverged."""
         return not all(seed in self.diverged for seed in group.seeds)
 
     @abstractmethod

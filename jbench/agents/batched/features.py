@@ -23,15 +23,11 @@ MIN_DEVIATION = 1e-3
 class DenseLayers:
     """Layers of SiLU units, each of which takes the inputs and all previous units.
 
-    Inputs and units share one row: every layer reads the beginning of the row and writes the
-    columns that follow.
-
-    Attributes:
-        size: number of inputs and units together.
+    Inputs and units share one row of `size` numbers: every layer reads the beginning of the row and
+    writes the columns that follow.
     """
 
     def __init__(self, view: Tensors, name: str, inputs: int, layers: Sequence[Layer]) -> None:
-        """Connects layers, each of which has the inputs and the units of all before as inputs."""
         self._view, self._name, self._layers = view, name, layers
         self._spans: list[tuple[int, int]] = []
         self.size = inputs
@@ -62,12 +58,10 @@ class DenseLayers:
         """Backpropagates through the layers; adds to `by_rows` in place.
 
         Args:
-            by_rows: (..., batch, size - first) gradient of a loss by the columns of the last
-                forward pass from `first` on.
-            first: the first column that has a gradient, at most the number of inputs.
+            by_rows: (..., batch, size - first) gradient by the columns from `first` on.
+            first: at most the number of inputs.
             learn: whether to write the gradient by the layers' parameters.
-            selected: indices of the batch that `by_rows` belongs to; None for all. Requires a
-                single seed and `learn=False`.
+            selected: indices of the batch that `by_rows` belongs to (a single seed, not `learn`).
         """
         layers = list(zip(self._layers, self._raw, self._spans, strict=True))
         for layer, raw, (start, end) in reversed(layers):
@@ -85,20 +79,13 @@ class Features:
 
     A linear layer predicts the next observation from z_oa. The inputs of phi_o and phi_oa are
     standardized by mean and variance over the minibatches of the first updates. Observations that
-    are appended to the features for the agent are not standardized.
-
-    Attributes:
-        size: of z_o.
-        state_action_size: of z_oa.
-        values: (..., parameters) flat parameters; `gradient` has the same shape.
-        shapes: inputs and units of the layers of phi_o and phi_oa and of the output layer.
-        layers: these layers, as views of `values`.
+    are appended to the features for the agent are not standardized. `size` is that of z_o, and
+    `layers` are those of phi_o and phi_oa and the output layer.
     """
 
     def __init__(
         self, settings: OFESettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
-        """Makes the networks."""
         self._settings, self._view = settings, view
         self._observation_size, self._action_size = observation_size, action_size
         self._appended = settings.units > observation_size
@@ -144,10 +131,7 @@ class Features:
     def action_gradient(self, by_features: Tensor, selected: Tensor | None) -> Tensor:
         """Returns the gradient (..., N, dim(A)) by the actions of the last `state_action_features`.
 
-        Args:
-            by_features: (..., N, dim(A) + units) gradient of a loss by the columns of z_oa after
-                z_o; overwritten.
-            selected: see `DenseLayers.backward`.
+        Overwrites that by the columns of z_oa after z_o, (..., N, dim(A) + units).
         """
         self._phi_oa.backward(by_features, self.size, learn=False, selected=selected)
         return by_features[..., : self._action_size]
@@ -204,7 +188,6 @@ class Features:
             self._variance.copy_(torch.where(missed, nearest + step * unit, self._variance))
 
     def _forward(self, observations: Tensor) -> Tensor:
-        """Returns rows of the standardized observations and the units of phi_o."""
         rows = self._phi_o.rows(observations.shape[-2])
         rows[..., : self._observation_size].copy_(self._standardized(observations))
         self._phi_o.forward(rows)
@@ -228,10 +211,7 @@ class Features:
         return (self._variance + MIN_DEVIATION**2).sqrt_()
 
     def _standardize_by(self, observations: Tensor) -> None:
-        """Merges a minibatch into mean and variance during the first updates.
-
-        Source: Chan, Golub and LeVeque (1979), variance of the union of two sets.
-        """
+        """Merges a minibatch into mean and variance (Chan, Golub and LeVeque, 1979)."""
         before = self._adam.steps.unsqueeze(-1)
         weight = (before < self._settings.standardize_updates).to(self._mean.dtype) / (before + 1)
         variance, mean = torch.var_mean(observations, dim=-2, correction=0)
@@ -243,5 +223,4 @@ class Features:
 
 
 def _shapes(inputs: int, widths: list[int]) -> list[tuple[int, int]]:
-    """Returns inputs and units of densely connected layers."""
     return [(inputs + sum(widths[:i]), width) for i, width in enumerate(widths)]

@@ -24,7 +24,6 @@ class Captured:
     """
 
     def __init__(self, device: torch.device) -> None:
-        """Records nothing yet; on a CPU the function is always called directly."""
         self._device = device
         self._called: set[Hashable] = set()
         self._graphs: dict[Hashable, torch.cuda.CUDAGraph] = {}
@@ -43,11 +42,7 @@ class Captured:
             self._graphs[argument].replay()
 
     def _warm_up(self, function: Function, argument: Hashable) -> None:
-        """Calls the function on the stream of the recording.
-
-        This loads kernels and allocates buffers and the workspace of cuBLAS for this stream, none
-        of which may happen during a recording.
-        """
+        """Loads kernels and allocates on the recording's stream, where a recording must not."""
         stream, caller = self._stream, torch.cuda.current_stream(self._device)
         stream.wait_stream(caller)
         with torch.cuda.stream(stream):
@@ -55,7 +50,6 @@ class Captured:
         caller.wait_stream(stream)
 
     def _record(self, function: Function, argument: Hashable) -> torch.cuda.CUDAGraph:
-        """Records a call without running it."""
         graph = torch.cuda.CUDAGraph()
         pool = next((other.pool() for other in self._graphs.values()), None)
         # Entering `graph` synchronizes the current device, which may be another one.

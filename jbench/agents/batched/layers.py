@@ -10,15 +10,10 @@ from jbench.agents.batched.tensors import Tensors, flat_parts, flat_size
 
 
 class Affine(NamedTuple):
-    """One layer's parameters, as views of the flat parameters of its network.
+    """One layer's parameters, as views of the flat parameters of its network."""
 
-    Attributes:
-        weight: (..., inputs, units), the transpose of torch.nn.Linear's.
-        bias: (..., units).
-    """
-
-    weight: Tensor
-    bias: Tensor
+    weight: Tensor  # (..., inputs, units), the transpose of torch.nn.Linear's
+    bias: Tensor  # (..., units)
 
 
 def affine_count(shapes: Iterable[tuple[int, int]]) -> int:
@@ -107,7 +102,6 @@ class LowPrecisionLayer(Layer):
         out.copy_(self._product(low_delta, low_weight.mT, out=by_inputs)[..., :rows, :])
 
     def _low(self, name: str, like: Tensor) -> Tensor:
-        """Returns a bfloat16 buffer, shared by the layers of a workspace."""
         return self._scratch(name, *like.shape[-2:])
 
     def _scratch(self, name: str, *shape: int) -> Tensor:
@@ -118,5 +112,4 @@ _ROWS = 32  # bfloat16 products of variable size are padded to a multiple of thi
 
 
 def _weights_and_biases(shapes: Iterable[tuple[int, int]]) -> list[tuple[int, ...]]:
-    """Returns the shapes of weight and bias of each of some (inputs, units) layers."""
     return [shape for inputs, units in shapes for shape in ((inputs, units), (units,))]

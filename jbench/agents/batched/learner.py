@@ -21,14 +21,9 @@ LOSS_SUMS = "losses"
 class Learner:
     """An update rule and its networks, for one seed or for a stack.
 
-    Its state lies in the tensors of its `Tensors`; learners of the same view share their state.
-
-    Attributes:
-        action_size: numbers in an action, each in [-1, 1].
-        policy_layout: of the network of a deterministic policy.
-        actor: whose first outputs are the deterministic action, before `squash`.
-        squash: what bounds the action: "tanh" or "clip".
-        losses: names of the recorded losses, as in the database.
+    Its state lies in the tensors of its `Tensors`; learners of the same view share their state. The
+    first outputs of `actor` are the deterministic action, before `squash`; `losses` are names of
+    columns in the database.
     """
 
     losses: tuple[str, ...]
@@ -97,7 +92,6 @@ class Learner:
         self._loss_sums.zero_()
 
     def _record_loss(self, loss: str, values: Tensor) -> None:
-        """Records the mean of (..., batch, 1) values."""
         torch.mean(values, dim=(-2, -1), out=self._mean)
         self._sums_by_name[loss].add_(self._mean_and_one)
 
@@ -137,10 +131,7 @@ class OffPolicyLearner(Learner):
         return Layout((inputs + self.action_size, *hidden, 1), self.action_size)
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
-        """Returns sampled actions (..., N, action_size) of a stochastic policy.
-
-        They depend on standard normal numbers of the same shape.
-        """
+        """Returns actions (..., N, action_size) of a stochastic policy for normal noise like it."""
         raise NotImplementedError
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
@@ -166,7 +157,6 @@ class OffPolicyLearner(Learner):
         ]
 
     def _twins(self, workspaces: Sequence[str], suffix: str = "", learned: bool = True) -> Twins:
-        """Returns two critics, saved as critic1 and critic2 with a suffix."""
         names = [f"critic{i}{suffix}" for i in (1, 2)]
         return Twins(self._critics(names, workspaces, learned))
 

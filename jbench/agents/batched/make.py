@@ -44,15 +44,14 @@ def make_engine(
 
     Args:
         algo: one of `jbench.settings.algorithms.ALGORITHMS`, or an update rule of another package.
-        time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         ofe: settings of features learned with the agent (not with PPO); None for no features.
         precision: one of `jbench.names.PRECISIONS`; parameters are float32 in any case.
-        stacked: whether to compute all seeds at once or one after another; None for the faster
-            way: stacked on a GPU.
+        stacked: whether to compute all seeds at once; None for the faster way: on a GPU.
         dtype: of all tensors; tests use float64.
 
     Raises:
-        RequestError: if the device does not have the precision, or there are too many environments.
+        RequestError: if the device does not have the precision, the number of environments is
+            wrong, or `settings.mirror` is not for the encoder of a seed.
         WorkError: if the replay buffers exceed a GPU's memory, or the rule can't be trained.
         UnsupportedPolicyError: if the rule's policy can't be saved.
     """
@@ -87,7 +86,6 @@ def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:
 
 
 def _set_precision(device: torch.device, precision: str) -> None:
-    """Sets the precision of a GPU's matrix products; other devices lack tf32: RequestError."""
     if device.type == "cuda":
         products = torch.backends.cuda.matmul
         products.fp32_precision = "tf32" if precision == "tf32" else "ieee"

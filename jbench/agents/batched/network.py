@@ -26,16 +26,11 @@ class Layout(NamedTuple):
 
     Hidden units are padded to whole vectors of the processor, which makes the products a tenth
     faster. Weights and gradients of the padding are 0; actions that join take its first places.
-
-    Attributes:
-        sizes: inputs, units of each hidden layer, outputs.
-        actions: number of the last inputs that are actions.
-        joins: index of the layer that takes them.
     """
 
-    sizes: tuple[int, ...]
-    actions: int = 0
-    joins: int = 0
+    sizes: tuple[int, ...]  # inputs, units of each hidden layer, outputs
+    actions: int = 0  # number of the last inputs that are actions
+    joins: int = 0  # index of the layer that takes them
 
     @property
     def inputs(self) -> list[int]:
@@ -69,9 +64,7 @@ class Layout(NamedTuple):
 class Network:
     """A network of one seed, or of each seed of a stack.
 
-    Attributes:
-        layers: as views of the parameters `values`, without padding.
-        step: makes a step of the optimizer; only a learned network has it.
+    Its `layers` are views of the parameters, without padding; only a learned network has `step`.
     """
 
     step: Callable[[], None]
@@ -85,13 +78,10 @@ class Network:
         *,
         workspace: str,
     ) -> None:
-        """Makes the views of the parameters.
+        """Makes the views of the parameters, and of their `gradient` if it is learned.
 
-        Args:
-            values: (..., layout.length) flat parameters.
-            gradient: like `values`, written by `backward`; None for a network without gradient.
-            workspace: name of the activation buffers. Of the networks that share them, only the
-                last one that was evaluated can go backward.
+        Of the networks that share the activation buffers of a workspace, only the last one that was
+        evaluated can go backward.
         """
         self.layout, self.values, self.gradient = layout, values, gradient
         self.view, self._workspace = view, workspace
@@ -136,12 +126,9 @@ class Network:
         self._layers[0].differentiate(delta, self._inputs.mT)
 
     def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
-        """Returns the gradient (..., batch, actions) of a loss by the actions.
+        """Returns the gradient (..., batch, actions) by the actions, given that by the outputs.
 
-        Args:
-            delta: gradient of the loss by the outputs, same shape.
-            rows: indices of the batch that the loss depends on, as in `delta`; None for all.
-                Requires a single seed.
+        Of a single seed, it may be that of a loss of some rows of the batch, given their indices.
         """
         return self._input_gradient(delta, self._columns, rows)
 
@@ -156,7 +143,6 @@ class Network:
         return self._layers[self._joins].propagate_to(delta, columns)
 
     def _propagate(self, i: int, delta: Tensor, rows: Tensor | None = None) -> Tensor:
-        """Returns the gradient by the inputs of layer i before their ReLU."""
         units, before = self._units.units[i - 1], self._units.deltas[i - 1]
         if rows is not None:
             units, before = units.index_select(0, rows), before[: len(rows)]
@@ -193,7 +179,6 @@ class Twins:
     """Two critics of the same inputs, as TD3 and SAC have, evaluated and fitted together."""
 
     def __init__(self, networks: Sequence[Network]) -> None:
-        """Wraps two networks."""
         self.networks = networks
 
     def forward(self, inputs: Tensor) -> list[Tensor]:
@@ -201,13 +186,9 @@ class Twins:
         return [network.forward(inputs) for network in self.networks]
 
     def fit(self, inputs: Tensor, targets: Tensor, scale: float) -> Tensor:
-        """Makes a step of each towards targets y, (..., N, 1).
+        """Makes a step of each towards targets y, (..., N, 1), by the gradient c (Q(s, a) - y) / N.
 
-        Args:
-            scale: c in the gradient c (Q(s, a) - y) / N of the loss by the values.
-
-        Returns:
-            (..., N, 1) the sum of the squared errors before the step.
+        Returns the sum (..., N, 1) of the squared errors before the step.
         """
         all_errors = []
         for network in self.networks:

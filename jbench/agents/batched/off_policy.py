@@ -59,7 +59,6 @@ class OffPolicyEngine(BatchedEngine):
         return np.clip(noisy_actions, -1, 1).astype(np.float32)
 
     def _policy_actions(self, observations: Tensor) -> Tensor:
-        """Returns actions (seeds, environments, action_size) of the policies, without noise."""
         if not self.learners[0].is_stochastic:
             return self._run(act, observations)
         shape = self._noise.previous.shape[1:]
@@ -101,8 +100,7 @@ def _explore(agent: OffPolicyLearner, observations: Tensor, noise: Tensor) -> Te
 class ActionNoise:
     """Normal or Ornstein-Uhlenbeck noise for each robot of each seed.
 
-    Attributes:
-        previous: (seeds, environments, action_size) state of the process; zeros for normal noise.
+    The state of the process, `previous`, is zeros for normal noise.
     """
 
     def __init__(self, settings: OffPolicySettings, shape: tuple[int, int, int]) -> None:

@@ -38,7 +38,6 @@ class OnFeatures(OffPolicyLearner):
         *,
         ofe: OFESettings,
     ) -> None:
-        """See `Learner`."""
         self.features = Features(ofe, observation_size, action_size, view)
         self.pretraining, self.losses = ofe.pretraining, (*self.losses, _LOSS)
         super().__init__(settings, self.features.size, action_size, view)
@@ -78,7 +77,6 @@ class OnFeatures(OffPolicyLearner):
         return self.features.observation_features(observations, out)
 
     def _on_features(self, batch: Batch) -> Batch:
-        """Returns the minibatch with features in place of observations."""
         shape = batch.rows.shape[-2], self.features.size + self.action_size + 1
         rows, next_rows = (self.view.scratch(f"{n} on features", *shape) for n in ("s", "s'"))
         encoded = Batch(rows, next_rows, batch.discounts, batch.noise, self.action_size)
@@ -97,7 +95,6 @@ class OnFeatures(OffPolicyLearner):
     def _critics(
         self, names: Sequence[str], workspaces: Sequence[str], learned: bool = True
     ) -> list[Network]:
-        """See `OffPolicyLearner._critics`; z_oa is computed once for all critics."""
         critics: list[Network] = []
         for name, workspace in zip(names, workspaces, strict=True):
             make = partial(FeatureCritic, self.features, critics[0] if critics else None)

@@ -69,9 +69,7 @@ class OnPolicyEngine(BatchedEngine):
 def estimate(
     rows: Tensor, ends: NDArray[np.bool_], last_values: Tensor, settings: PPOSettings
 ) -> None:
-    """Writes advantages and returns by generalized advantage estimation.
-
-    Source: Schulman et al., 2016, equation 16; a return is the advantage plus the value.
+    """Writes advantages (Schulman et al., 2016, equation 16) and returns: advantage plus value.
 
     Args:
         rows: (seeds, environments, steps, width) of a rollout; see `ppo.split_minibatch`.
@@ -94,7 +92,6 @@ class Epochs:
     """The updates of one group of seeds after each rollout: shuffled minibatches."""
 
     def __init__(self, settings: PPOSettings, group: Group, rollout: Tensor) -> None:
-        """Makes the buffers; the rows of the rollout are those of all seeds."""
         self.group, self._learner, self._settings = group, group.learner, settings
         rows = rollout[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.
@@ -122,7 +119,6 @@ class Epochs:
         return self._view.scratch("indices", size, dtype=torch.int64)
 
     def _update_once(self, size: int) -> None:
-        """Makes one update from the minibatch at the current indices."""
         width = self._rows.shape[-1]
         batch = self._view.scratch("minibatch", size, width)
         indices = self._indices(size).view(-1)

@@ -16,23 +16,14 @@ _ADAM_EPSILON = 1e-5  # stable-baselines 2 and 3
 
 
 class Minibatch(NamedTuple):
-    """Transitions of a rollout, (..., N, 1) but for observations and actions.
+    """Transitions of a rollout, (..., N, 1) but for observations and actions."""
 
-    Attributes:
-        observations: (..., N, dim(O)).
-        actions: (..., N, action_size), not clipped.
-        log_likelihoods: of the actions under the policy that collected the rollout.
-        values: estimates of V(s) at the time of the rollout.
-        advantages: of the actions.
-        returns: targets of V(s).
-    """
-
-    observations: Tensor
-    actions: Tensor
-    log_likelihoods: Tensor
-    values: Tensor
-    advantages: Tensor
-    returns: Tensor
+    observations: Tensor  # (..., N, dim(O))
+    actions: Tensor  # (..., N, action_size), not clipped
+    log_likelihoods: Tensor  # of the actions under the policy that collected the rollout
+    values: Tensor  # estimates of V(s) at the time of the rollout
+    advantages: Tensor  # of the actions
+    returns: Tensor  # targets of V(s)
 
 
 COLUMNS = 5
@@ -55,7 +46,6 @@ class PPO(Learner):
     def __init__(
         self, settings: PPOSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
-        """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         # One network with the outputs mu(s) and V(s), or two networks.
         outputs = (action_size + 1,) if settings.shared_layers else (action_size, 1)
@@ -92,10 +82,7 @@ class PPO(Learner):
                 _initialize_orthogonal(output, next(gains), generator)
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
-        """Returns (..., N, action_size + 2) sampled actions, their log likelihoods, and V(s).
-
-        They depend on standard normal numbers (..., N, action_size).
-        """
+        """Returns (..., N, action_size + 2) sampled actions, their log likelihoods, and V(s)."""
         log_sigma = self.log_sigma.unsqueeze(-2)
         means, values = self._forward(observations, exact=True)
         actions = means + log_sigma.exp() * noise
@@ -180,7 +167,6 @@ class PPO(Learner):
         return outputs[0][..., : self.action_size], outputs[-1][..., -1:]
 
     def _backward(self, by_mean: Tensor, by_value: Tensor) -> None:
-        """Writes the gradient by the parameters, given those by mu(s) and V(s)."""
         if self.actor is self.critic:
             self.actor.backward(torch.cat([by_mean, by_value], dim=-1))
         else:

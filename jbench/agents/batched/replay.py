@@ -13,16 +13,13 @@ class Batch:
     """Transitions (s, a, r, s') in reused buffers; a stack of seeds has a leading axis.
 
     Attributes:
-        rows: (..., batch, dim(O) + dim(A) + 1) s, a and r; the next four attributes are views of
-            it.
+        rows: (..., batch, dim(O) + dim(A) + 1) s, a and r, of which four attributes are views:
         state_actions: (..., batch, dim(O) + dim(A)) s and a, the input of a critic.
         observations: (..., batch, dim(O)) s.
         actions: (..., batch, dim(A)) a; overwritten by an update.
         rewards: (..., batch, 1) r.
-        next_rows: (..., batch, dim(O) + dim(A) + 1) s' and unused columns.
-        next_state_actions: (..., batch, dim(O) + dim(A)) s' and the next action.
-        next_observations: (..., batch, dim(O)) s'.
-        next_actions: (..., batch, dim(A)) written by an update.
+        next_rows: s' and unused columns, with the following three views.
+        next_state_actions, next_observations, next_actions: an update writes the actions.
         discounts: (..., batch, 1) gamma, or 0 where s' is terminal.
         noise: (..., batch, noise_per_transition) standard normal numbers.
         mean_weight: (..., batch, 1) 1 / batch, the gradient of a mean over the batch.
@@ -36,7 +33,6 @@ class Batch:
         noise: Tensor,
         action_size: int = 1,
     ) -> None:
-        """Makes the views of the given buffers."""
         size = rows.shape[-1] - action_size - 1
         self.rows, self.next_rows = rows, next_rows
         self.discounts, self.noise = discounts, noise
@@ -55,10 +51,8 @@ class ReplayBuffer:
     training, is in row number t + t // n. A row is overwritten when all transitions that use it
     have expired. A million transitions with 16 observed numbers take 72 MB in float32.
 
-    New rows are collected on the CPU until `flush` copies them to the buffers.
-
-    Attributes:
-        row: number of the row of the current observation, whose action is not yet known.
+    New rows are collected on the CPU until `flush` copies them to the buffers. `row` is the number
+    of the row of the current observation, whose action is not yet known.
     """
 
     def __init__(
@@ -77,10 +71,8 @@ class ReplayBuffer:
         """Allocates the buffers; on a CPU the system provides memory as they fill.
 
         Args:
-            environments: per seed.
             capacity: transitions per seed, over all its environments.
             flush_every: maximum number of steps between calls of `flush`.
-            episode_steps: transitions in an episode.
         """
         self._episode_steps = episode_steps
         self._capacity = max(capacity // environments, 1)
@@ -163,19 +155,13 @@ class ReplayBuffer:
         return self._rows[seed].index_select(1, indices).cpu()
 
     def restore(self, seed: int, rows: Tensor, row: int) -> None:
-        """Restores the rows before number `row`; call `begin` afterwards.
-
-        Args:
-            rows: (environments, rows, width) up to row number `row` - 1.
-            row: number of the row of the current observation, the same for all seeds.
-        """
+        """Restores the rows (environments, rows, width) before number `row`; then call `begin`."""
         rows = rows[:, -self._ring :]
         self._write(slice(seed, seed + 1), row - rows.shape[1], rows[None])
         self.row = self._flushed = row
 
     @property
     def _current_row(self) -> Tensor:
-        """The row of the current observation, (seeds, environments, width)."""
         return self._new[:, :, self.row - self._flushed]
 
     def _write(self, seeds: slice, first: int, rows: Tensor) -> None:

@@ -25,19 +25,12 @@ _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
 
 
 class SampledActions(NamedTuple):
-    """Sampled actions a = tanh(u), u = mu(s) + sigma(s) e; each (..., N, action_size).
+    """Sampled actions a = tanh(u), u = mu(s) + sigma(s) e; each (..., N, action_size)."""
 
-    Attributes:
-        actions: a.
-        log_likelihoods: (..., N, 1) log pi(a | s), the sum over the numbers of an action.
-        scaled_noise: sigma(s) e, the derivative of u by log sigma(s).
-        in_bounds: whether log sigma(s) lies within its bounds.
-    """
-
-    actions: Tensor
-    log_likelihoods: Tensor
-    scaled_noise: Tensor
-    in_bounds: Tensor
+    actions: Tensor  # a
+    log_likelihoods: Tensor  # (..., N, 1) log pi(a | s), the sum over the numbers of an action
+    scaled_noise: Tensor  # sigma(s) e, the derivative of u by log sigma(s)
+    in_bounds: Tensor  # whether log sigma(s) lies within its bounds
 
 
 class SAC(OffPolicyLearner):
@@ -50,7 +43,6 @@ class SAC(OffPolicyLearner):
     def __init__(
         self, settings: SACSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
-        """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         self.noise_per_transition = 2 * action_size
         self._target_entropy = -float(action_size)
@@ -148,13 +140,7 @@ class SAC(OffPolicyLearner):
         )
 
     def _minimum_gradient(self, first: Tensor, second: Tensor, by_minimum: Tensor) -> Tensor:
-        """Returns the gradient of a loss by the actions of the critics' last evaluation.
-
-        Args:
-            first: (..., N, 1) values of the first critic.
-            second: (..., N, 1) values of the second critic.
-            by_minimum: (..., N, 1) gradient of the loss by the lower value.
-        """
+        """Returns the gradient by the actions, given that by the lower value (..., N, 1)."""
         is_first = first <= second
         if self.view.is_stack:
             by_first = is_first.to(by_minimum.dtype).mul_(by_minimum)
@@ -176,17 +162,12 @@ class SAC(OffPolicyLearner):
     ) -> Tensor:
         """Returns the gradient (..., N, 2 action_size) of L_pi by mu(s) and log sigma(s).
 
-        With a = tanh(u), u = mu + sigma e and
+        With a = tanh(u), u = mu + sigma e, `temperature` alpha, `mean_weight` 1 / N and
         log pi(a | s) = -e^2 / 2 - log sigma - log(1 - a^2) + constant:
 
-            dL_pi / da = -1/N dmin Q / da + alpha / N 2 a / (1 - a^2)
+            dL_pi / da = `by_action` + alpha / N 2 a / (1 - a^2)    (`by_action` = -1/N dmin Q / da)
             dL_pi / dmu = dL_pi / du = dL_pi / da (1 - a^2)
             dL_pi / dlog sigma = dL_pi / du sigma e - alpha / N    (0 outside log sigma's bounds)
-
-        Args:
-            temperature: alpha.
-            by_action: (..., N, action_size) the critics' term, -1/N dmin Q / da.
-            mean_weight: 1 / N.
         """
         weight = temperature * mean_weight
         actions = sample.actions

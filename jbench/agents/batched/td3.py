@@ -20,7 +20,6 @@ class TD3(OffPolicyLearner):
     def __init__(
         self, settings: TD3Settings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
-        """Makes the networks; see `Learner`."""
         super().__init__(settings, observation_size, action_size, view)
         self.noise_per_transition = action_size
         # Only the actor's activations must outlive a forward pass of another network.

@@ -45,9 +45,7 @@ class Tensors:
 
     Attributes:
         saved: (seeds, ...) tensors of all seeds by name, the complete state of the agents.
-        low_precision: whether networks multiply their hidden layers in bfloat16.
-        batch_shape: leading axes of what `state` and `scratch` return: () for one seed, (seeds,)
-            for the stack.
+        batch_shape: leading axes of `state` and `scratch`: () for one seed, (seeds,) for the stack.
     """
 
     def __init__(
@@ -58,7 +56,6 @@ class Tensors:
         *,
         low_precision: bool = False,
     ) -> None:
-        """Starts as the stack of all seeds, without tensors."""
         self.seeds, self.dtype, self.low_precision = seeds, dtype, low_precision
         self.device = torch.device(device)
         self.batch_shape: tuple[int, ...] = (seeds,)
@@ -98,10 +95,9 @@ class Tensors:
 
 
 class Adam:
-    """Adam over flat parameters of one seed or of a stack (Kingma and Ba, 2015, Algorithm 1).
+    """Adam over flat parameters (..., count) of one seed or of a stack, and their gradient.
 
-    Attributes:
-        steps: (...,) number of steps made, float32.
+    Source: Kingma and Ba (2015), Algorithm 1. `name` is the prefix of the saved tensors.
     """
 
     def __init__(
@@ -113,12 +109,6 @@ class Adam:
         learning_rate: float,
         epsilon: float = 1e-8,
     ) -> None:
-        """Refers to parameters and their gradient, both (..., count), without copying them.
-
-        Args:
-            name: prefix of the saved tensors.
-            epsilon: added to the root of the second moment.
-        """
         count = values.shape[-1]
         first, second = (view.state(f"{name}.{n}_moment", count) for n in ("first", "second"))
         self.steps = view.state(f"{name}.steps", dtype=torch.float32)

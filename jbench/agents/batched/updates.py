@@ -35,7 +35,6 @@ class Updates:
 
         Args:
             replay: buffers of all seeds.
-            time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
             mirror: (2, seeds, width) of all seeds: the first half of the rows of each minibatch,
                 which are in random order, becomes gain * rows + offset; None to mirror none.
         """
@@ -94,12 +93,10 @@ class Updates:
             self._update(self._update_once, delayed)
 
     def _update_once(self, delayed: bool) -> None:
-        """Makes one update from the indices and noise in the buffers."""
         self._gather()
         self._learner.update(self._batch, delayed)
 
     def _pretrain_once(self, _: None) -> None:
-        """Trains features on the minibatch whose indices are in the buffers."""
         self._gather()
         self._learner.features.learn(self._batch)
 

@@ -19,12 +19,7 @@ _MIN_DYNAMIC_VARIANCE = 1e-9  # relative to the largest variance; smaller ones c
 
 
 class Linear(Kind):
-    """Projects the centered state on directions; the decoder is linear.
-
-    Attributes:
-        forth: name of the weights (latents, size) of the encoder, from which "mean" is subtracted.
-        back: name of the weights (latents, size) of the decoder, to which "mean" is added.
-    """
+    """Projects the centered state on the weights named `forth`; those named `back` decode."""
 
     forth: ClassVar[str] = "directions"
     back: ClassVar[str] = "back"
@@ -201,9 +196,7 @@ def linear_decoder(
 def canonical_directions(covariance: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
     """Returns the canonical directions of the present (size, size) and their correlations (size,).
 
-    Args:
-        covariance: of rows (present, future, actions), the first two of `size` numbers.
-        size: of a state.
+    The covariance is that of rows (present, future, actions), the first two of `size` numbers.
     """
     given = covariance[2 * size :, 2 * size :]
     pair = covariance[: 2 * size, : 2 * size]

@@ -182,11 +182,7 @@ class PlanarReduction(Fitted):
 def planar_weights(
     task: str, scaling: Scaling, extremes: Scaling, center_of_mass: FloatArray
 ) -> dict[str, FloatArray]:
-    """Returns the weights of the kind, given scaling of the features and extremes of the latents.
-
-    Args:
-        center_of_mass: (3,) of the torso in its own frame (m).
-    """
+    """Returns the weights of the kind for scaling of the features and extremes of the latents."""
     gain, offset = physical_scaling(task, scaling)
     half_width, center = extremes.half_width_and_center()
     return {

@@ -39,8 +39,7 @@ class Predictive(Learned):
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         """Returns the (outputs, inputs) of the layers between encoder and decoder, hidden first.
 
-        Args:
-            actions: numbers of the actions of `horizon` control steps.
+        `actions` is the size of the actions of `horizon` control steps.
         """
 
     def initial(
@@ -160,11 +159,7 @@ class Contrastive(Predictive):
 
 
 def state_changes(batch: StatePairs, periods: Tensor) -> Tensor:
-    """Returns the (rows, size) changes of the scaled features; angles change the shorter way.
-
-    Args:
-        periods: (size,) from `angle_periods`.
-    """
+    """Returns the (rows, size) changes of the scaled features; angles change the shorter way."""
     change = batch.later - batch.now
     return change - periods * torch.where(periods > 0, change / periods, 0).round()
 

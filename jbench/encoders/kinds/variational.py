@@ -153,8 +153,7 @@ def divergence(
         dynamics: from the state to the next one.
         predicted: (rows, latents) mean of the predicted latent, whose covariance is A S A'.
         log_variance: (rows, latents) log diagonal of S, the covariance of the state's latent.
-        mean: (rows, latents) mean of the next state's latent.
-        later_log_variance: (rows, latents) log variance of the next state's latent.
+        mean, later_log_variance: (rows, latents) of the next state's latent.
     """
     v, r, variance = dynamics.v, dynamics.r, log_variance.exp()
     around = (r.square() * variance).sum(1, keepdim=True)

@@ -13,14 +13,7 @@ from torch import Tensor, nn
 from jbench.agents.divergence import divergent_loss
 from jbench.agents.engine import CPU, Engine, SeedState
 from jbench.agents.environments import Environments, StepResult
-from jbench.agents.plugin import (
-    Agent,
-    EnvironmentSpec,
-    Transition,
-    is_resumable,
-    pack,
-    unpack,
-)
+from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable, pack, unpack
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
 from jbench.policies.copied import copy_module

@@ -1,7 +1,6 @@
 """Encoders: reduced-order representations of an observation, and their training."""
 
-from jbench.encoders.find import find_draws, find_encoder, load_encoder
-from jbench.encoders.saved import Encoder
+from jbench.encoders.saved import Encoder, find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import action_signs, on_observations
 
 __all__ = [

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from jbench.encoders.kind import ClosedForm, Kind
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
-from jbench.encoders.moments import FloatArray, Moments
+from jbench.encoders.scaling import FloatArray, Moments
 from jbench.encoders.states import Shard, States
 from jbench.names import TASKS
 from jbench.simulation import find_task, rollout

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from jbench.encoders.moments import Moments
-from jbench.encoders.scaling import not_rescaled, rescaled
+from jbench.encoders.scaling import Moments, not_rescaled, rescaled
 from jbench.encoders.states import Scale, StatePairs, States
 from jbench.settings.base import Settings, omissible
 from jbench.simulation import find_task

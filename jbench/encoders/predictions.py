@@ -15,8 +15,7 @@ from torch import Tensor
 
 from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
-from jbench.encoders.moments import Moments
-from jbench.encoders.scaling import physical_scaling
+from jbench.encoders.scaling import Moments, physical_scaling
 from jbench.encoders.states import Shard, States
 from jbench.names import TASKS
 from jbench.simulation import find_task

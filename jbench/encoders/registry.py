@@ -103,7 +103,7 @@ class EncoderSettings(Settings):
 
     @property
     def representation(self) -> str:
-        """Name of the latents, such as dae12-whitened: kind, size, and scales if not the defaults."""
+        """Name of its latents, such as dae12-whitened: kind, size, and scales if not default."""
         return "-".join([f"{_short_name(self.kind)}{self.latents}", *self._scales.values()])
 
     @property

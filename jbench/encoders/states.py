@@ -15,8 +15,7 @@ from torch import Tensor
 
 from jbench.datasets import Dataset
 from jbench.datasets.reader import Block
-from jbench.encoders.moments import Moments
-from jbench.encoders.scaling import Scaling
+from jbench.encoders.scaling import Moments, Scaling
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import find_task

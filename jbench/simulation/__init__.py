@@ -5,12 +5,4 @@ from jbench.simulation.robots import Robots
 from jbench.simulation.rollout import Act, ControlStep, rollout
 from jbench.simulation.task import Task, Worlds
 
-__all__ = [
-    "Act",
-    "ControlStep",
-    "Robots",
-    "Task",
-    "Worlds",
-    "find_task",
-    "rollout",
-]
+__all__ = ["Act", "ControlStep", "Robots", "Task", "Worlds", "find_task", "rollout"]

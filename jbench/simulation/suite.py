@@ -147,19 +147,14 @@ class DmWorlds(Worlds):
 
     def __init__(self, task: DmTask, count: int) -> None:
         self._task, self._steps = task, 0
-        self._environments = [task.environment(0) for _ in range(count)]
+        self.environments = [task.environment(0) for _ in range(count)]
         self._seeds = np.zeros(count, np.int64)
         self._observations = np.zeros((count, task.observation_size), np.float32)
 
     def close(self) -> None:
         """Closes the environments."""
-        for environment in self._environments:
+        for environment in self.environments:
             _close(environment)
-
-    @property
-    def environments(self) -> Sequence[Any]:
-        """The `dm_env.Environment` of each world."""
-        return self._environments
 
     def reset(self, generators: Sequence[Generator]) -> NDArray[np.float32]:
         """Begins an episode in each world with a seed of 32 bits from its generator."""
@@ -175,10 +170,10 @@ class DmWorlds(Worlds):
                 not finite, or a reward is not in [0, 1].
         """
         self._steps += 1
-        rewards = np.empty(len(self._environments))
+        rewards = np.empty(len(self.environments))
         observations = np.empty_like(self._observations)
         commands = self._task.commands(actions)
-        for i, environment in enumerate(self._environments):
+        for i, environment in enumerate(self.environments):
             timestep = environment.step(commands[i])
             reward = rewards[i] = np.nan if timestep.reward is None else timestep.reward
             if not -_ROUNDING <= reward <= 1 + _ROUNDING:
@@ -209,11 +204,11 @@ class DmWorlds(Worlds):
         for world, seed in zip(worlds, seeds, strict=True):
             self._seeds[world] = seed
             if self._task.reseeds:
-                self._environments[world].task.random.seed(seed)
+                self.environments[world].task.random.seed(seed)
             else:
-                _close(self._environments[world])
-                self._environments[world] = self._task.environment(seed)
-            timestep = self._environments[world].reset()
+                _close(self.environments[world])
+                self.environments[world] = self._task.environment(seed)
+            timestep = self.environments[world].reset()
             self._observe(self._observations[world], timestep.observation)
         return self._observations
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError, WorkError
 from jbench.tasks import model, rewards
 
-Vector = tuple[float, float, float]
+Vector = tuple[float, ...]
 """Components along x, y and z of the torso's frame at rest, or along an ellipsoid's axes."""
 
 LEGS = (1, 2, 3, 4)
@@ -27,10 +27,8 @@ LEGS = (1, 2, 3, 4)
 _LEG_SD = (0.003, 0.003, 0.002)  # m, of knees and feet
 _MASS_SD = (0.0015, 0.002, 0.001)  # m
 _SEMI_AXIS_SD = 0.0007  # m
-_TORSO_UPPER_SD = 10.0  # kg/m^3
-_TORSO_LOWER_SD = 80.0  # kg/m^3
-_STEEL_SD = 200.0  # kg/m^3
-_GEAR_SD = 0.001  # N m
+# Of the density of the torso's upper and lower box and of steel (kg/m^3), and of the gear (N m).
+_MORE_SD = (10.0, 80.0, 200.0, 0.001)
 
 # Shifts of the mass forward (-y) and down are limited to a millimeter (m).
 _MIN_MASS_SHIFT = (-math.inf, -0.001, -0.001)
@@ -90,22 +88,12 @@ def _draw_once(
     seed: int, redraws: int, random: np.random.Generator, vary_masses: bool
 ) -> Morphology:
     knees, feet = (
-        tuple(_vector(shift) for shift in random.normal(0, _LEG_SD, (len(LEGS), 3)))
-        for _ in range(2)
+        tuple(map(tuple, random.normal(0, _LEG_SD, (len(LEGS), 3)).tolist())) for _ in range(2)
     )
-    mass = _vector(np.maximum(random.normal(0, _MASS_SD), _MIN_MASS_SHIFT))
-    semi_axes = _vector(random.normal(0, _SEMI_AXIS_SD, 3))
-    if not vary_masses:
-        return Morphology(seed, redraws, knees, feet, mass, semi_axes)
-    deviations = (_TORSO_UPPER_SD, _TORSO_LOWER_SD, _STEEL_SD, _GEAR_SD)
-    return Morphology(
-        seed, redraws, knees, feet, mass, semi_axes, *random.normal(0, deviations).tolist()
-    )
-
-
-def _vector(values: NDArray[np.float64]) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
+    mass = tuple(np.maximum(random.normal(0, _MASS_SD), _MIN_MASS_SHIFT).tolist())
+    semi_axes = tuple(random.normal(0, _SEMI_AXIS_SD, 3).tolist())
+    more = random.normal(0, _MORE_SD).tolist() if vary_masses else ()
+    return Morphology(seed, redraws, knees, feet, mass, semi_axes, *more)
 
 
 def build(morphology: Morphology) -> mujoco.MjModel:

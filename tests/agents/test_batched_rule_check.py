@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from benchmarks.rules import TD3
-from jbench.agents.batched.rule_check import checked_rule
+from jbench.agents.batched.make import checked_rule
 from jbench.errors import RequestError, WorkError
 from jbench.policies.copied import UnsupportedPolicyError
 from tests.agents.batched_oracle import SIZE

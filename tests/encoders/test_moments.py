@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
-from jbench.encoders.moments import Moments
-from jbench.encoders.scaling import Scaling
+from jbench.encoders.scaling import Moments, Scaling
 
 OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)
 

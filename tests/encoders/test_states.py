@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.encoders.moments import Moments
+from jbench.encoders.scaling import Moments
 from jbench.encoders.states import States, split_episodes
 from jbench.errors import RequestError
 from jbench.store import Results

@@ -4,12 +4,11 @@
     layers.py        layers with hand-written gradients; network.py: networks of them, and twins
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; on_features.py: the update rules on them
-    rule.py          base class of other packages' rules; rule_check.py: refuses faulty ones;
-                     autograd.py: trains them
+    rule.py          base class of other packages' rules; autograd.py: trains them
     replay.py        replay buffers and minibatches; updates.py: updates from them
     engine.py        the agents of all seeds; off_policy.py, on_policy.py: the two kinds of engines
     graphs.py        CUDA graphs
-    make.py          jbench's update rules by name; makes an engine
+    make.py          jbench's update rules by name; checks other rules; makes an engine
 
 Every update rule is written once, for tensors with or without a leading axis of seeds. On a CPU
 the seeds are computed one after another: a seed's numbers do not depend on the other seeds, bit for

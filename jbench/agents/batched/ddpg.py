@@ -1,9 +1,8 @@
 """Deep deterministic policy gradient (Lillicrap et al., 2015, Algorithm 1)."""
 
 import torch
-from torch import Generator
 
-from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
+from jbench.agents.batched.learner import OffPolicyLearner, tanh_gradient
 from jbench.agents.batched.network import Layout
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
@@ -31,13 +30,6 @@ class DDPG(OffPolicyLearner):
     def critic_layout(self) -> Layout:
         """Layout of the critic; the settings say which layer takes the action."""
         return super().critic_layout._replace(joins=self.settings.action_layer)
-
-    def initialize(self, generator: Generator) -> None:
-        """Draws the initial parameters of one seed."""
-        kind, bound = self.settings.initialization, self.settings.last_layer_bound
-        for network, target in ((self.actor, self.actor_target), (self.critic, self.critic_target)):
-            initialize_uniform(network.layers, generator, kind, bound)
-            target.values.copy_(network.values)
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Makes one update from a minibatch of N transitions (s, a, r, s').
@@ -72,9 +64,7 @@ class DDPG(OffPolicyLearner):
             self.critic.step()
         self.actor.step()
 
-        # Update the target networks.
-        self.critic_target.polyak_update(self.critic, settings.tau)
-        self.actor_target.polyak_update(self.actor, settings.tau)
+        self._update_targets(settings.tau)
 
         self._record_loss("critic_loss", errors.square())
         self._record_loss("actor_loss", losses)

@@ -18,6 +18,9 @@ LOSS_SUMS = "losses"
 """Name of the tensor (..., losses, 2) with the sum and the number of values of each loss."""
 
 
+_TARGET = "_target"  # ends the name of a target network
+
+
 class Learner:
     """An update rule and its networks, for one seed or for a stack.
 
@@ -42,10 +45,7 @@ class Learner:
         # A mean loss, and the count of 1 that is added with it.
         self._mean_and_one = view.scratch("mean_and_one", 2).fill_(1)
         self._mean = self._mean_and_one[..., 0]
-
-    def initialize(self, generator: Generator) -> None:
-        """Draws the initial parameters of one seed."""
-        raise NotImplementedError
+        self._by_name: dict[str, Network] = {}
 
     def act(self, observations: Tensor) -> Tensor:
         """Returns deterministic actions (..., N, action_size) for inputs (..., N, inputs)."""
@@ -107,6 +107,7 @@ class Learner:
         values = self.view.state(name, layout.length)
         gradient = self.view.scratch(f"{name}.gradient", layout.length) if learned else None
         network = make(self.view, layout, values, gradient, workspace=workspace)
+        self._by_name[name] = network
         if gradient is not None:
             network.step = Adam(self.view, name, values, gradient, self.settings.learning_rate).step
         return network
@@ -129,6 +130,21 @@ class OffPolicyLearner(Learner):
         """Layout of a critic, whose last inputs are the action."""
         inputs, *hidden, _ = self.policy_layout.sizes
         return Layout((inputs + self.action_size, *hidden, 1), self.action_size)
+
+    def initialize(self, generator: Generator) -> None:
+        """Draws the initial parameters of one seed; targets begin as copies."""
+        kind = getattr(self.settings, "initialization", "fan-in")
+        last_bound = getattr(self.settings, "last_layer_bound", None)
+        for name, network in self._by_name.items():
+            if not name.endswith(_TARGET):
+                initialize_uniform(network.layers, generator, kind, last_bound)
+        self._update_targets(1)
+
+    def _update_targets(self, tau: float) -> None:
+        """Updates the target networks: target <- (1 - tau) target + tau network."""
+        for name, network in self._by_name.items():
+            if name.endswith(_TARGET):
+                network.values.lerp_(self._by_name[name.removesuffix(_TARGET)].values, tau)
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns actions (..., N, action_size) of a stochastic policy for normal noise like it."""

@@ -1,9 +1,10 @@
-"""Builds an engine from settings."""
+"""Builds an engine from settings; a rule that does not keep to what `Rule` describes is refused."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import torch
+from torch import nn
 
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.ddpg import DDPG
@@ -12,8 +13,8 @@ from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_features import OnFeatures
 from jbench.agents.batched.on_policy import OnPolicyEngine
 from jbench.agents.batched.ppo import PPO
-from jbench.agents.batched.rule import Rule
-from jbench.agents.batched.rule_check import checked_rule
+from jbench.agents.batched.replay import Batch
+from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
 from jbench.agents.batched.sac import SAC
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import Tensors
@@ -21,6 +22,7 @@ from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
 from jbench.errors import RequestError, WorkError
 from jbench.names import TimeLimit
+from jbench.policies.copied import copy_module
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
 
@@ -93,3 +95,88 @@ def _set_precision(device: torch.device, precision: str) -> None:
         products.allow_bf16_reduced_precision_reduction = False
     elif precision == "tf32":
         raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
+
+
+def checked_rule(
+    kind: type[Rule], settings: OffPolicySettings, observation_size: int, action_size: int = 1
+) -> Rule:
+    """Returns a rule, after updates of a seed and of two in a stack with minibatches of zeros.
+
+    A rule must be computable in a stack on a CPU too: its runs may be resumed on a GPU.
+
+    Raises:
+        RequestError: if it is for actions of size 1, and the task's are larger.
+        WorkError: if it does not keep to what `Rule` describes.
+        UnsupportedPolicyError: if its policy can't be saved.
+    """
+    sizes = observation_size, action_size
+    with torch.random.fork_rng(devices=[]):
+        rule, again = (make_rule(kind, settings, *sizes) for _ in range(2))
+        fault, cause = next(_faults(rule, again, action_size), None), None
+        if fault is None:
+            try:
+                _update(rule, seeds=1)
+                _update(rule, seeds=2)
+            except Exception as error:
+                text = str(error) or type(error).__name__
+                reason = text.removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
+                fault, cause = f"an update of one or two seeds fails ({reason.rstrip('.')})", error
+    if fault is not None:
+        raise WorkError(
+            f"The rule {kind.__name__} can't be trained: {fault}; docs/your-own-rule.md says what "
+            "a rule may do."
+        ) from cause
+    copy_module(mean_actor(rule), *sizes)
+    return rule
+
+
+def _faults(rule: Rule, again: Rule, action_size: int) -> Iterator[str]:
+    """Yields what is wrong with the attributes of a rule, of which `again` has other weights."""
+    if rule.action_size != action_size:
+        yield "its __init__ does not pass action_size on to Rule.__init__"
+    actor = getattr(rule, "actor", None)
+    last = actor[-1] if isinstance(actor, nn.Sequential) and actor else None
+    if not isinstance(last, nn.Linear) or last.bias is None:
+        yield "its actor is no nn.Sequential that ends in a Linear layer with a bias"
+    elif last.out_features < action_size:
+        yield f"its actor has {last.out_features} outputs, and an action has {action_size} numbers"
+    if not rule.losses:
+        yield "it has no losses"
+    for loss, trained in rule.losses.items():
+        if not hasattr(rule, loss) or trained not in parameter_names(rule):
+            yield f"it has no method {loss}, or no network or parameter {trained}"
+    changing = {*rule.losses.values(), *(f"{name}_target" for name in rule.targets)}
+    for name in sorted(set(rule.delayed) - changing):
+        yield f"{name} is delayed, but neither trained nor a target network"
+    others = dict(again.named_buffers())
+    for name, buffer in rule.named_buffers():
+        if not torch.equal(buffer, others[name]):
+            yield f"its buffer {name} is random, but seeds share buffers; make it a parameter"
+    first = {module: name for name, module in rule.named_modules()}
+    for name, module in rule.named_modules(remove_duplicate=False):
+        if name != first[module] and any(True for _ in module.parameters()):
+            yield f"{name} is the module {first[module]}; each must have its own"
+
+
+def _update(rule: Rule, seeds: int) -> None:
+    """Makes an update of initial parameters with a minibatch of zeros, of one seed or a stack.
+
+    This fails if a loss is no number, does not depend on what it trains, draws random numbers,
+    changes a buffer, or has shapes or branches that depend on values.
+    """
+    sizes, is_stack = (rule.observation_size, rule.action_size), seeds > 1
+    make = partial(AutogradLearner, rule.settings, *sizes, rule=rule)
+    tensors = Tensors(seeds)
+    learner = make(view=tensors if is_stack else tensors.select(0))
+    for seed in range(seeds):
+        make(view=tensors.select(seed)).initialize(torch.Generator().manual_seed(seed))
+    shape = (*((seeds,) if is_stack else ()), rule.settings.batch_size)
+    rows, next_rows = torch.zeros(2, *shape, sum(sizes) + 1)
+    noise = torch.zeros(*shape, rule.noise_per_transition)
+    batch = Batch(rows, next_rows, torch.zeros(*shape, 1), noise, rule.action_size)
+    learner.update(batch)
+    if learner.is_stochastic:
+        actions = learner.explore(batch.observations, batch.actions)
+        shape, wanted = (tuple(values.shape[-2:]) for values in (actions, batch.actions))
+        if shape != wanted:
+            raise ValueError(f"explore returns {shape} numbers, not actions {wanted}")

@@ -132,10 +132,6 @@ class Network:
         """
         return self._input_gradient(delta, self._columns, rows)
 
-    def polyak_update(self, network: "Network", tau: float) -> None:
-        """Updates a target network: target <- (1 - tau) target + tau network."""
-        self.values.lerp_(network.values, tau)
-
     def _input_gradient(self, delta: Tensor, columns: slice, rows: Tensor | None) -> Tensor:
         """Returns the gradient (..., batch, columns) by some inputs of the layer `joins`."""
         for i in range(len(self._layers) - 1, self._joins, -1):
@@ -198,8 +194,3 @@ class Twins:
             all_errors.append(errors)
         first, second = all_errors
         return first.square().addcmul_(second, second)
-
-    def polyak_update(self, networks: "Twins", tau: float) -> None:
-        """Updates both target networks; see `Network.polyak_update`."""
-        for target, network in zip(self.networks, networks.networks, strict=True):
-            target.polyak_update(network, tau)

@@ -6,12 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Generator, Tensor
 
-from jbench.agents.batched.learner import (
-    OffPolicyLearner,
-    initialize_uniform,
-    sum_over_actions,
-    tanh_gradient,
-)
+from jbench.agents.batched.learner import OffPolicyLearner, sum_over_actions, tanh_gradient
 from jbench.agents.batched.network import Layout
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Adam, Tensors
@@ -62,11 +57,7 @@ class SAC(OffPolicyLearner):
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
-        for network in (self.actor, *self.critics.networks):
-            initialize_uniform(network.layers, generator)
-        pairs = zip(self.critic_targets.networks, self.critics.networks, strict=True)
-        for target, critic in pairs:
-            target.values.copy_(critic.values)
+        super().initialize(generator)
         initial = 1.0 if self.settings.ent_coef == "auto" else self.settings.ent_coef
         self.log_temperature.fill_(initial).log_()
 
@@ -121,9 +112,8 @@ class SAC(OffPolicyLearner):
             self._temperature_gradient.add_(self._target_entropy).neg_()
             self._temperature_adam.step()
 
-        # Update the target networks.
         if delayed:
-            self.critic_targets.polyak_update(self.critics, self.settings.tau)
+            self._update_targets(self.settings.tau)
 
     def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> SampledActions:
         """Samples an action per observation with noise e (..., N, action_size)."""

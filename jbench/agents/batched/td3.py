@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import torch
-from torch import Generator
 
-from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
+from jbench.agents.batched.learner import OffPolicyLearner, tanh_gradient
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
@@ -28,14 +27,6 @@ class TD3(OffPolicyLearner):
         self.critics = self._twins(workspaces)
         self.actor_target = self._network("actor_target", self.policy_layout, "critic", False)
         self.critic_targets = self._twins(workspaces, "_target", learned=False)
-
-    def initialize(self, generator: Generator) -> None:
-        """Draws the initial parameters of one seed."""
-        networks = (self.actor, *self.critics.networks)
-        targets = (self.actor_target, *self.critic_targets.networks)
-        for network, target in zip(networks, targets, strict=True):
-            initialize_uniform(network.layers, generator, self.settings.initialization)
-            target.values.copy_(network.values)
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether actor and target networks are updated."""
@@ -78,7 +69,4 @@ class TD3(OffPolicyLearner):
             self.actor.backward(tanh_gradient(by_action, batch.actions))
             self.actor.step()
             self._record_loss("actor_loss", -values)
-
-            # Update the target networks.
-            self.critic_targets.polyak_update(self.critics, settings.tau)
-            self.actor_target.polyak_update(self.actor, settings.tau)
+            self._update_targets(settings.tau)

@@ -7,8 +7,13 @@ import torch
 from pydantic import Field
 
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Weights, tanh
-from jbench.encoders.moments import FloatArray, Moments, with_positive_largest
-from jbench.encoders.scaling import inverse, physical_scaling
+from jbench.encoders.scaling import (
+    FloatArray,
+    Moments,
+    inverse,
+    physical_scaling,
+    with_positive_largest,
+)
 from jbench.encoders.states import States
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import find_task

@@ -24,8 +24,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from jbench.encoders.kind import Fitted, Weights
-from jbench.encoders.moments import FloatArray
-from jbench.encoders.scaling import Scaling, physical_scaling
+from jbench.encoders.scaling import FloatArray, Scaling, physical_scaling
 from jbench.encoders.states import States
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks import geometry, model

@@ -9,8 +9,7 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
-from jbench.encoders.moments import Moments
-from jbench.encoders.scaling import inverse
+from jbench.encoders.scaling import Moments, inverse
 from jbench.encoders.states import StatePairs, States
 from jbench.names import EPISODE_STEPS
 from jbench.task_specs import TASK_SPECS

@@ -97,8 +97,6 @@ def _rows(
     pairs = shard.pairs(1)
     random = torch.Generator().manual_seed(_SEED)
     batch = shard.take(torch.randperm(pairs, generator=random)[:max_rows], 1, with_actions=True)
-    assert batch.rewards is not None
-    assert batch.actions is not None
     latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
     if states.task not in TASKS:
         changes = torch.cat([batch.later - batch.now, batch.rewards], 1)

@@ -6,7 +6,7 @@ that does not fit in memory is read in each epoch, file by file in random order.
 
 from collections.abc import Iterable, Iterator
 from functools import reduce
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -34,9 +34,9 @@ class StatePairs(NamedTuple):
 
     now: Tensor  # (rows, size) states to encode, corrupted by some kinds
     later: Tensor  # (rows, size) clean states `steps_ahead` control steps later
-    actions: Tensor | None = None  # (rows, steps_ahead), if the kind uses actions
-    noise: Tensor | None = None  # (rows, latents) standard normal, of random latents
-    rewards: Tensor | None = None  # (rows, steps_ahead), if the kind uses actions
+    actions: Any = None  # (rows, steps_ahead), if the kind uses actions
+    noise: Any = None  # (rows, latents) standard normal, of random latents
+    rewards: Any = None  # (rows, steps_ahead), if the kind uses actions
 
     def split(self, rows: int) -> list["StatePairs"]:
         """Returns parts of this many rows; the last one may be smaller."""

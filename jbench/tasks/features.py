@@ -15,14 +15,8 @@ from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks.geometry import (
-    Array,
-    State,
-    Target,
-    angle_to_target,
-    speed_in_target_frame,
-    target_in_jitterbug_frame,
-)
+from jbench.tasks import geometry
+from jbench.tasks.geometry import Array, State, Target
 
 
 class Feature(NamedTuple):
@@ -75,13 +69,13 @@ FEATURES = {
         lambda state, target: state.motor_velocity[..., None], "rad/s", 180.0
     ),
     "angle_to_target": _number(
-        lambda state, target: angle_to_target(state, target)[..., None], "rad", math.pi
+        lambda state, target: geometry.angle_to_target(state, target)[..., None], "rad", math.pi
     ),
     "speed_in_target_frame": Feature(
-        speed_in_target_frame, _POINT, ("m/s",) * 3, (-1.0,) * 3, (1.0,) * 3, (1, -1, 1)
+        geometry.speed_in_target_frame, _POINT, ("m/s",) * 3, (-1.0,) * 3, (1.0,) * 3, (1, -1, 1)
     ),
     "target_in_jitterbug_frame": Feature(
-        value=target_in_jitterbug_frame,
+        value=geometry.target_in_jitterbug_frame,
         axes=_POINT,
         units=("m",) * 3,
         low=(-3.0, -3.0, -0.1),

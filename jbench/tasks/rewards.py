@@ -10,14 +10,8 @@ from collections.abc import Callable
 from array_api_compat import array_namespace
 
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks.geometry import (
-    Array,
-    State,
-    Target,
-    angle_to_target,
-    distance_to_target,
-    speed_in_target_frame,
-)
+from jbench.tasks import geometry
+from jbench.tasks.geometry import Array, State, Target
 
 # A Gaussian that decays to 0.1 at the margin: exp(-(_GAUSSIAN_SCALE * distance / margin)^2 / 2).
 _GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))
@@ -34,13 +28,13 @@ def upright_reward(state: State) -> Array:
 
 def near_reward(state: State, target: Target) -> Array:
     """Returns a Gaussian tolerance of the 3D distance to the target; 0.1 at 5 cm."""
-    return _gaussian(distance_to_target(state, target), _NEAR_MARGIN)
+    return _gaussian(geometry.distance_to_target(state, target), _NEAR_MARGIN)
 
 
 def heading_reward(state: State, target: Target, angle: Array | None = None) -> Array:
     """Returns (1 + cos 2a) / 2 for an angle to the target |a| < pi / 2, otherwise 0."""
     xp = array_namespace(state.position)
-    angle = angle_to_target(state, target) if angle is None else angle
+    angle = geometry.angle_to_target(state, target) if angle is None else angle
     facing = (1 + xp.cos(2 * angle)) / 2
     return xp.where(xp.abs(angle) < math.pi / 2, facing, xp.zeros_like(facing))
 
@@ -48,7 +42,7 @@ def heading_reward(state: State, target: Target, angle: Array | None = None) -> 
 def speed_reward(state: State, target: Target) -> Array:
     """Returns the speed along the target's x axis divided by 0.1 m/s, clipped to [0, 1]."""
     xp = array_namespace(state.torso_velocity)
-    return xp.clip(speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
+    return xp.clip(geometry.speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
 
 
 _REWARDS: dict[str, Callable[[State, Target, Array | None], Array]] = {

@@ -2,7 +2,7 @@
 
 import torch
 
-from jbench.agents.batched.learner import OffPolicyLearner, tanh_gradient
+from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.network import Layout
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
@@ -23,8 +23,8 @@ class DDPG(OffPolicyLearner):
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")
         (self.critic,) = self._critics(["critic"], ["critic"])
-        self.actor_target = self._network("actor_target", self.policy_layout, "critic", False)
-        (self.critic_target,) = self._critics(["critic_target"], ["critic"], learned=False)
+        self.actor_target = self._network("actor_target", self.policy_layout, "critic")
+        (self.critic_target,) = self._critics(["critic_target"], ["critic"])
 
     @property
     def critic_layout(self) -> Layout:
@@ -59,7 +59,7 @@ class DDPG(OffPolicyLearner):
         torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
         losses = -self.critic.forward(batch.state_actions)
         by_action = self.critic.action_gradient(-batch.mean_weight)
-        self.actor.backward(tanh_gradient(by_action, batch.actions))
+        self.actor.backward(torch.ops.aten.tanh_backward(by_action, batch.actions))
         if settings.gradients_first:
             self.critic.step()
         self.actor.step()

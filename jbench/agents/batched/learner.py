@@ -96,20 +96,16 @@ class Learner:
         self._sums_by_name[loss].add_(self._mean_and_one)
 
     def _network(
-        self,
-        name: str,
-        layout: Layout,
-        workspace: str,
-        learned: bool = True,
-        make: Callable[..., Network] = Network,
+        self, name: str, layout: Layout, workspace: str, make: Callable[..., Network] = Network
     ) -> Network:
-        """Returns a network whose parameters and moments are saved under `name`; see `Network`."""
-        values = self.view.state(name, layout.length)
-        gradient = self.view.scratch(f"{name}.gradient", layout.length) if learned else None
-        network = make(self.view, layout, values, gradient, workspace=workspace)
-        self._by_name[name] = network
+        """Returns a network, saved under `name`, which is learned unless it is a target network."""
+        view, size = self.view, layout.length
+        values, gradient = view.state(name, size), None
+        if not name.endswith(_TARGET):
+            gradient = view.scratch(f"{name}.gradient", size)
+        network = self._by_name[name] = make(view, layout, values, gradient, workspace=workspace)
         if gradient is not None:
-            network.step = Adam(self.view, name, values, gradient, self.settings.learning_rate).step
+            network.step = Adam(view, name, values, gradient, self.settings.learning_rate).step
         return network
 
 
@@ -163,18 +159,15 @@ class OffPolicyLearner(Learner):
         """Makes one update from a minibatch, whose actions and next actions it overwrites."""
         raise NotImplementedError
 
-    def _critics(
-        self, names: Sequence[str], workspaces: Sequence[str], learned: bool = True
-    ) -> list[Network]:
+    def _critics(self, names: Sequence[str], workspaces: Sequence[str]) -> list[Network]:
         """Returns critics; each forward pass evaluates the first one before the others."""
         return [
-            self._network(name, self.critic_layout, workspace, learned)
+            self._network(name, self.critic_layout, workspace)
             for name, workspace in zip(names, workspaces, strict=True)
         ]
 
-    def _twins(self, workspaces: Sequence[str], suffix: str = "", learned: bool = True) -> Twins:
-        names = [f"critic{i}{suffix}" for i in (1, 2)]
-        return Twins(self._critics(names, workspaces, learned))
+    def _twins(self, workspaces: Sequence[str], suffix: str = "") -> Twins:
+        return Twins(self._critics([f"critic{i}{suffix}" for i in (1, 2)], workspaces))
 
 
 def initialize_uniform(
@@ -203,9 +196,3 @@ def initialize_uniform(
 def sum_over_actions(values: Tensor) -> Tensor:
     """Returns the sum (..., 1) of values (..., action_size), the values themselves if it is 1."""
     return values if values.shape[-1] == 1 else values.sum(dim=-1, keepdim=True)
-
-
-def tanh_gradient(gradient: Tensor, outputs: Tensor) -> Tensor:
-    """Returns the gradient by the inputs of tanh: gradient * (1 - outputs^2)."""
-    by_inputs: Tensor = torch.ops.aten.tanh_backward(gradient, outputs)
-    return by_inputs

@@ -100,8 +100,10 @@ class Network:
             else layer
             for i, (pair, layer) in enumerate(zip(pairs, self._exact, strict=True))
         ]
-        self._memory: dict[int, _Memory] = {}
-        self._inputs, self._units = torch.empty(0), _Memory([], [], [])
+        # Of each size of batch, buffers (..., batch, units) of each hidden layer, their transposes
+        # and those of the gradients.
+        self._memory: dict[int, list[list[Tensor]]] = {}
+        self._inputs, self._used = torch.empty(0), list[list[Tensor]]()
 
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
         """Returns the outputs (..., batch, sizes[-1]) for inputs (..., batch, sizes[0]).
@@ -110,9 +112,9 @@ class Network:
         """
         layers = self._exact if exact else self._layers
         self._inputs = inputs[..., : -self._actions] if self._joins else inputs
-        self._units = self._buffers(inputs.shape[-2])
+        self._used = self._buffers(inputs.shape[-2])
         values = self._inputs
-        for i, (layer, units) in enumerate(zip(layers, self._units.units, strict=False), 1):
+        for i, (layer, units) in enumerate(zip(layers, self._used[0], strict=False), 1):
             values = layer.forward(values, units).clamp_min_(0)
             if i == self._joins:
                 values[..., self._columns].copy_(inputs[..., -self._actions :])
@@ -121,7 +123,7 @@ class Network:
     def backward(self, delta: Tensor) -> None:
         """Writes the gradient by the parameters, given that by the outputs (same shape)."""
         for i in range(len(self._layers) - 1, 0, -1):
-            self._layers[i].differentiate(delta, self._units.transposed[i - 1])
+            self._layers[i].differentiate(delta, self._used[1][i - 1])
             delta = self._propagate(i, delta)
         self._layers[0].differentiate(delta, self._inputs.mT)
 
@@ -139,7 +141,7 @@ class Network:
         return self._layers[self._joins].propagate_to(delta, columns)
 
     def _propagate(self, i: int, delta: Tensor, rows: Tensor | None = None) -> Tensor:
-        units, before = self._units.units[i - 1], self._units.deltas[i - 1]
+        units, before = self._used[0][i - 1], self._used[2][i - 1]
         if rows is not None:
             units, before = units.index_select(0, rows), before[: len(rows)]
         self._layers[i].propagate(delta, before)
@@ -150,7 +152,7 @@ class Network:
             before[..., self._columns].zero_()
         return before
 
-    def _buffers(self, batch: int) -> "_Memory":
+    def _buffers(self, batch: int) -> list[list[Tensor]]:
         if batch not in self._memory:
             units, deltas = (
                 [
@@ -159,16 +161,8 @@ class Network:
                 ]
                 for name in (self._workspace, "delta")
             )
-            self._memory[batch] = _Memory(units, [unit.mT for unit in units], deltas)
+            self._memory[batch] = [units, [unit.mT for unit in units], deltas]
         return self._memory[batch]
-
-
-class _Memory(NamedTuple):
-    """Activations and their gradients (..., batch, units) of each hidden layer, in buffers."""
-
-    units: list[Tensor]
-    transposed: list[Tensor]
-    deltas: list[Tensor]
 
 
 class Twins:

@@ -92,13 +92,11 @@ class OnFeatures(OffPolicyLearner):
         inputs = self.features.state_action_size
         return Layout((inputs, *self.policy_layout.sizes[1:-1], 1))
 
-    def _critics(
-        self, names: Sequence[str], workspaces: Sequence[str], learned: bool = True
-    ) -> list[Network]:
+    def _critics(self, names: Sequence[str], workspaces: Sequence[str]) -> list[Network]:
         critics: list[Network] = []
         for name, workspace in zip(names, workspaces, strict=True):
             make = partial(FeatureCritic, self.features, critics[0] if critics else None)
-            critics.append(self._network(name, self.critic_layout, workspace, learned, make))
+            critics.append(self._network(name, self.critic_layout, workspace, make))
         return critics
 
 

@@ -1,12 +1,11 @@
 """Soft actor-critic with a learned temperature (Haarnoja et al., 2018b, Algorithm 1)."""
 
 import math
-from typing import NamedTuple
 
 import torch
 from torch import Generator, Tensor
 
-from jbench.agents.batched.learner import OffPolicyLearner, sum_over_actions, tanh_gradient
+from jbench.agents.batched.learner import OffPolicyLearner, sum_over_actions
 from jbench.agents.batched.network import Layout
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Adam, Tensors
@@ -17,15 +16,6 @@ _MIN_LOG_SIGMA, _MAX_LOG_SIGMA = -20, 2
 # Keeps the logarithm of tanh's derivative finite at actions of 1 and -1, as in the authors' code.
 _EPSILON = 1e-6
 _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
-
-
-class SampledActions(NamedTuple):
-    """Sampled actions a = tanh(u), u = mu(s) + sigma(s) e; each (..., N, action_size)."""
-
-    actions: Tensor  # a
-    log_likelihoods: Tensor  # (..., N, 1) log pi(a | s), the sum over the numbers of an action
-    scaled_noise: Tensor  # sigma(s) e, the derivative of u by log sigma(s)
-    in_bounds: Tensor  # whether log sigma(s) lies within its bounds
 
 
 class SAC(OffPolicyLearner):
@@ -48,7 +38,7 @@ class SAC(OffPolicyLearner):
         self.actor = self._network("actor", layout, workspace="actor")
         # Both critics' activations are needed at the same time, those of their targets are not.
         self.critics = self._twins(["critic1", "critic2"])
-        self.critic_targets = self._twins(["critic1", "critic1"], "_target", learned=False)
+        self.critic_targets = self._twins(["critic1", "critic1"], "_target")
         self.log_temperature = view.state("log_temperature", 1)
         self._temperature_gradient = view.scratch("log_temperature.gradient", 1)
         if self.settings.ent_coef == "auto":
@@ -63,7 +53,7 @@ class SAC(OffPolicyLearner):
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns actions sampled from pi(. | s)."""
-        return self._sample(observations, noise, exact=True).actions
+        return self._sample(observations, noise, exact=True)[0]
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether the target networks are updated."""
@@ -73,19 +63,24 @@ class SAC(OffPolicyLearner):
         """Makes one update from a minibatch of N transitions (s, a, r, s').
 
         With a' ~ pi(. | s') and y = r + gamma (min Q'_i(s', a') - alpha log pi(a' | s')) constant,
-        and a ~ pi(. | s) reparametrized (see `_policy_gradient`):
+        and a = tanh(u) ~ pi(. | s), u = mu + sigma e, reparametrized, so that
+        log pi(a | s) = -e^2 / 2 - log sigma - log(1 - a^2) + constant:
 
             L_Q  = sum_i 1/2N sum (Q_i(s, a) - y)^2            dL_Q / dQ_i = (Q_i(s, a) - y) / N
             L_pi = 1/N sum (alpha log pi(a | s) - min Q_i(s, a))
+            dL_pi / da = -1/N dmin Q / da + alpha / N 2 a / (1 - a^2)
+            dL_pi / dmu = dL_pi / du = dL_pi / da (1 - a^2)
+            dL_pi / dlog sigma = dL_pi / du sigma e - alpha / N    (0 outside log sigma's bounds)
             L_alpha = -1/N sum log alpha (log pi(a | s) + target entropy)
         """
         temperature = self.log_temperature.exp().unsqueeze(-1)
 
-        next_sample = self._sample(batch.next_observations, batch.noise[..., self.action_size :])
+        noise, next_noise = batch.noise.split(self.action_size, dim=-1)
+        next_actions, next_likelihoods, *_ = self._sample(batch.next_observations, next_noise)
         # The next actions are columns of `next_state_actions`, and the actions of `state_actions`.
-        batch.next_actions.copy_(next_sample.actions)
+        batch.next_actions.copy_(next_actions)
         next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
-        next_values.addcmul_(temperature, next_sample.log_likelihoods, value=-1)
+        next_values.addcmul_(temperature, next_likelihoods, value=-1)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
         # Minimize L_Q over the critics.
@@ -93,30 +88,34 @@ class SAC(OffPolicyLearner):
         self._record_loss("critic_loss", squared_errors.mul_(0.5))
 
         # Minimize L_pi over the actor.
-        sample = self._sample(batch.observations, batch.noise[..., : self.action_size])
-        batch.actions.copy_(sample.actions)
+        actions, likelihoods, scaled_noise, in_bounds = self._sample(batch.observations, noise)
+        batch.actions.copy_(actions)
         first, second = self.critics.forward(batch.state_actions)
-        self._record_loss(
-            "actor_loss", temperature * sample.log_likelihoods - torch.minimum(first, second)
-        )
+        losses = temperature * likelihoods - torch.minimum(first, second)
+        self._record_loss("actor_loss", losses)
         by_action = self._minimum_gradient(first, second, -batch.mean_weight)
-        self.actor.backward(
-            self._policy_gradient(sample, temperature, by_action, batch.mean_weight)
-        )
+        weight = temperature * batch.mean_weight
+        by_action = by_action + weight * 2 * actions / (1 + _EPSILON - actions.square())
+        by_mu = torch.ops.aten.tanh_backward(by_action, actions)
+        by_log_sigma = (by_mu * scaled_noise - weight) * in_bounds
+        self.actor.backward(torch.cat([by_mu, by_log_sigma], dim=-1))
         self.actor.step()
 
         # Minimize L_alpha over log alpha.
         self._record_loss("entropy_coefficient", temperature)
         if self.settings.ent_coef == "auto":
-            torch.mean(sample.log_likelihoods, dim=-2, out=self._temperature_gradient)
+            torch.mean(likelihoods, dim=-2, out=self._temperature_gradient)
             self._temperature_gradient.add_(self._target_entropy).neg_()
             self._temperature_adam.step()
 
         if delayed:
             self._update_targets(self.settings.tau)
 
-    def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> SampledActions:
-        """Samples an action per observation with noise e (..., N, action_size)."""
+    def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> list[Tensor]:
+        """Samples actions a with noise e (..., N, action_size), like a.
+
+        Returns a, log pi(a | s) (..., N, 1), sigma(s) e, and whether log sigma(s) is in its bounds.
+        """
         outputs = self.actor.forward(observations, exact=exact)
         mean, raw = outputs.split(self.action_size, dim=-1)
         log_sigma = raw.clamp(_MIN_LOG_SIGMA, _MAX_LOG_SIGMA)
@@ -125,9 +124,7 @@ class SAC(OffPolicyLearner):
         # log pi(a | s) = log N(u; mu, sigma) - log da/du
         log_slope = torch.log(1 + _EPSILON - actions.square())
         log_likelihoods = -0.5 * noise.square() - log_sigma - _HALF_LOG_2_PI - log_slope
-        return SampledActions(
-            actions, sum_over_actions(log_likelihoods), scaled_noise, raw == log_sigma
-        )
+        return [actions, sum_over_actions(log_likelihoods), scaled_noise, raw == log_sigma]
 
     def _minimum_gradient(self, first: Tensor, second: Tensor, by_minimum: Tensor) -> Tensor:
         """Returns the gradient by the actions, given that by the lower value (..., N, 1)."""
@@ -146,22 +143,3 @@ class SAC(OffPolicyLearner):
             gradient = critic.action_gradient(by_minimum.index_select(0, rows), rows)
             by_action.index_copy_(0, rows, gradient)
         return by_action
-
-    def _policy_gradient(
-        self, sample: SampledActions, temperature: Tensor, by_action: Tensor, mean_weight: Tensor
-    ) -> Tensor:
-        """Returns the gradient (..., N, 2 action_size) of L_pi by mu(s) and log sigma(s).
-
-        With a = tanh(u), u = mu + sigma e, `temperature` alpha, `mean_weight` 1 / N and
-        log pi(a | s) = -e^2 / 2 - log sigma - log(1 - a^2) + constant:
-
-            dL_pi / da = `by_action` + alpha / N 2 a / (1 - a^2)    (`by_action` = -1/N dmin Q / da)
-            dL_pi / dmu = dL_pi / du = dL_pi / da (1 - a^2)
-            dL_pi / dlog sigma = dL_pi / du sigma e - alpha / N    (0 outside log sigma's bounds)
-        """
-        weight = temperature * mean_weight
-        actions = sample.actions
-        by_action = by_action + weight * 2 * actions / (1 + _EPSILON - actions.square())
-        by_mu = tanh_gradient(by_action, actions)
-        by_log_sigma = (by_mu * sample.scaled_noise - weight) * sample.in_bounds
-        return torch.cat([by_mu, by_log_sigma], dim=-1)

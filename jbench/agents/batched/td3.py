@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import torch
 
-from jbench.agents.batched.learner import OffPolicyLearner, tanh_gradient
+from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
@@ -23,10 +23,9 @@ class TD3(OffPolicyLearner):
         self.noise_per_transition = action_size
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")
-        workspaces = ["critic"] * 2
-        self.critics = self._twins(workspaces)
-        self.actor_target = self._network("actor_target", self.policy_layout, "critic", False)
-        self.critic_targets = self._twins(workspaces, "_target", learned=False)
+        self.critics = self._twins(["critic"] * 2)
+        self.actor_target = self._network("actor_target", self.policy_layout, "critic")
+        self.critic_targets = self._twins(["critic"] * 2, "_target")
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether actor and target networks are updated."""
@@ -66,7 +65,7 @@ class TD3(OffPolicyLearner):
             critic = self.critics.networks[0]
             values = critic.forward(batch.state_actions)
             by_action = critic.action_gradient(-batch.mean_weight)
-            self.actor.backward(tanh_gradient(by_action, batch.actions))
+            self.actor.backward(torch.ops.aten.tanh_backward(by_action, batch.actions))
             self.actor.step()
             self._record_loss("actor_loss", -values)
             self._update_targets(settings.tau)

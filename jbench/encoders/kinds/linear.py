@@ -167,7 +167,6 @@ class DynamicModes(Linear, Fitted):
         moments = Moments.none(2 * states.size + self.horizon * states.action_size)
         for shard in states.learn():
             for batch in shard.blocks(self.horizon, with_actions=True):
-                assert batch.actions is not None
                 rows = torch.cat([batch.now, batch.later, batch.actions], 1).double()
                 moments = moments.merged(Moments.of(rows.cpu().numpy()))
         directions, correlations = canonical_directions(moments.covariance, states.size)

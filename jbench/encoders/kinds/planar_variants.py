@@ -3,14 +3,8 @@
 from array_api_compat import array_namespace
 
 from jbench.encoders.kind import Weights
-from jbench.encoders.kinds.planar import (
-    SIGNS,
-    Numbers,
-    PlanarReduction,
-    by_axis,
-    swing_and_twist,
-    task_and_features,
-)
+from jbench.encoders.kinds import planar
+from jbench.encoders.kinds.planar import SIGNS, Numbers, PlanarReduction
 from jbench.tasks.features import split
 from jbench.tasks.geometry import Array
 
@@ -35,11 +29,11 @@ class HeadingFrame(PlanarReduction):
         """Returns planar numbers, x, y (m), cosine and sine of the heading h, and speed (m/s)."""
         by_name = split(task, physical)
         position = by_name["position"]
-        _, _, _, cosine, sine = swing_and_twist(position[..., 3:])
+        _, _, _, cosine, sine = planar.swing_and_twist(position[..., 3:])
         turn = {"x": position[..., 0], "y": position[..., 1], "cosine": cosine, "sine": sine}
         if "speed_in_target_frame" in by_name:
             speed = by_name["speed_in_target_frame"]
-            turn |= by_axis("speed", [speed[..., axis] for axis in range(3)])
+            turn |= planar.by_axis("speed", [speed[..., axis] for axis in range(3)])
         return super().numbers(task, physical) | turn
 
 
@@ -56,12 +50,12 @@ class PlanarMirror(PlanarReduction):
 
     def numbers(self, task: str, physical: Array) -> Numbers:
         where = array_namespace(physical).where
-        planar = super().numbers(task, physical)
-        is_right = _side(planar) < 0
-        return {n: where(is_right, SIGNS[n] * value, value) for n, value in planar.items()}
+        numbers = super().numbers(task, physical)
+        is_right = _side(numbers) < 0
+        return {n: where(is_right, SIGNS[n] * value, value) for n, value in numbers.items()}
 
     def action_signs(self, weights: Weights, scaled: Array) -> Array:
-        task, physical = task_and_features(weights, scaled)
+        task, physical = planar.task_and_features(weights, scaled)
         # An observed angle is a feature, without the rotations that take most of the time.
         angle = split(task, physical).get("angle_to_target")
         side = _side(super().numbers(task, physical))[..., None] if angle is None else angle
@@ -70,6 +64,6 @@ class PlanarMirror(PlanarReduction):
         return xp.where(side < 0, -sign, sign)
 
 
-def _side(planar: Numbers) -> Array:
+def _side(numbers: Numbers) -> Array:
     """Returns what is negative if the target is on the right."""
-    return planar["angle"] if "angle" in planar else planar["target_x"]
+    return numbers["angle"] if "angle" in numbers else numbers["target_x"]

@@ -67,7 +67,6 @@ class Predictive(Learned):
 
     def hidden_units(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         """Returns the (rows, hidden) activations for the latents and actions of a batch."""
-        assert batch.actions is not None
         units: Tensor = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
         return units
 
@@ -95,7 +94,6 @@ class ForwardModel(Predictive):
             for batch in shard.blocks(self.horizon, with_actions=True):
                 changes = state_changes(batch, periods.to(states.device))
                 change_moments = change_moments.merged(Moments.of(changes.cpu().numpy()))
-                assert batch.rewards is not None
                 reward_moments = reward_moments.merged(
                     Moments.of(batch.rewards.mean(1, True).cpu().numpy())
                 )
@@ -107,7 +105,6 @@ class ForwardModel(Predictive):
         return {name: value.to(states.device) for name, value in constants.items()}
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
-        assert batch.rewards is not None
         hidden = self.hidden_units(weights, latents, batch)
         changes = state_changes(batch, weights["change.turn"]) * weights["change.scale"]
         rewards = batch.rewards.mean(1, keepdim=True) * weights["reward.scale"]
@@ -127,7 +124,6 @@ class InverseModel(Predictive):
         return {"hidden": (self.hidden, 2 * latents), "action": (actions, self.hidden)}
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
-        assert batch.actions is not None
         pair = torch.cat([latents, self.encode(weights, batch.later)], 1)
         actions = affine(weights, "action", tanh(affine(weights, "hidden", pair)))
         return torch.nn.functional.mse_loss(actions, batch.actions)

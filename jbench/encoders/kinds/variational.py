@@ -112,7 +112,6 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
         """Returns equation 12 of the paper without constants, in nats per pair of states."""
-        assert batch.actions is not None
         mean, log_variance = self.posterior(weights, batch.now)
         latents = sample_latents(mean, log_variance, batch)
         dynamics = self.transition(weights, latents)
@@ -131,7 +130,6 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
 
 def sample_latents(mean: Tensor, log_variance: Tensor, batch: StatePairs) -> Tensor:
     """Samples latents with the noise of a prepared batch (section 2.4)."""
-    assert batch.noise is not None
     return mean + (log_variance / 2).exp() * batch.noise
 
 

@@ -104,10 +104,7 @@ def settings_class(algo: str) -> type[Settings]:
 
 
 def describe_settings(algo: str) -> dict[str, tuple[Any, str]]:
-    """Returns the default, as a JSON value, and the meaning of each setting of an algorithm.
-
-    The default of a setting that must be given is "required". Errors are those of `settings_class`.
-    """
+    """Returns the default (JSON or "required") and the meaning of each setting of an algorithm."""
     kind = settings_class(algo)
     return {
         name: (

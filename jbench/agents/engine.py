@@ -19,8 +19,7 @@ AfterStep = Callable[[NDArray[np.float64] | None], bool]
 
 CPU = torch.device("cpu")
 
-_WORLD = "environments/"
-"""Prefix of the tensors of the robots in a state."""
+_WORLD = "environments/"  # prefix of the tensors of the robots in a state
 
 
 class SeedState(NamedTuple):
@@ -33,15 +32,9 @@ class SeedState(NamedTuple):
 class Engine(Closing):
     """Trains several seeds side by side; each learns what it would learn alone.
 
-    Use it as a context manager: it holds threads.
-
-    Attributes:
-        control_steps, updates: per seed, over all its environments; None if unknown.
-        diverged: the diverged seeds by index. Their robots get the action 0 and they may stop
-            learning; the other seeds are not affected.
-        is_resumable: whether there are `state` and `restore`.
-        keeps_policy_exactly: whether the actions of a copy from `policy`, loaded again, are those
-            of the agent bit for bit.
+    Use it as a context manager: it holds threads. `control_steps` and `updates` (None if unknown)
+    are per seed. Robots of the `diverged` seeds, by index, get the action 0; the others are not
+    affected. If it `keeps_policy_exactly`, a copy from `policy` acts like the agent bit for bit.
     """
 
     is_resumable = keeps_policy_exactly = True

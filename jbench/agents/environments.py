@@ -62,14 +62,8 @@ class StepResult(NamedTuple):
 class Environments(Closing):
     """Seeds x environments robots of a task, reset together.
 
-    Use it as a context manager: it holds threads.
-
-    Attributes:
-        encoders: of each seed's observations; None for the full observation.
-        size: dimension of the agents' inputs.
-        observations: (seeds, environments, size) current inputs of the agents, float32.
-        episodes: completed episodes of each robot.
-        steps: control steps made in the current episode.
+    Use it as a context manager: it holds threads. The current inputs of the agents, `observations`,
+    are (seeds, environments, size), float32; `steps` are those of the current episode.
     """
 
     def __init__(
@@ -83,10 +77,7 @@ class Environments(Closing):
         augment: Augment = lambda episode: None,
         episode_steps: int = EPISODE_STEPS,
     ) -> None:
-        """Starts the first episodes of `count` environments of each seed.
-
-        The encoders, if any, have the same number of latents. Tests use short episodes.
-        """
+        """Starts the first episodes; encoders of different numbers of latents are a ValueError."""
         self.task, self.threads, self.episode_steps = task, threads, episode_steps
         self.encoders = encoders or [None] * len(seeds)
         self.generators = [Generators(seed, count) for seed in seeds]

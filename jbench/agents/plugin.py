@@ -64,13 +64,10 @@ class Transition(NamedTuple):
 
 
 class Agent(ABC):
-    """An agent that jbench trains.
+    """An agent that jbench trains, with the class of its settings.
 
     torch's, numpy's and Python's global random generators are seeded before it is made, and are
     part of a checkpoint; what `act` and `policy` draw from them is drawn again in training.
-
-    Attributes:
-        Settings: class of its settings.
     """
 
     Settings: ClassVar[type[AgentSettings]] = AgentSettings
@@ -138,11 +135,7 @@ def is_resumable(kind: type[Agent]) -> bool:
 def pack(value: Any, tensors: dict[str, Tensor], where: str = "state()") -> Any:
     """Returns a value as JSON; adds copies of its tensors and arrays to `tensors`, on the CPU.
 
-    Args:
-        where: name of the value in errors.
-
-    Raises:
-        WorkError: if it contains anything else than `Agent.state` may return.
+    What `Agent.state` may not return is a WorkError, which names it as `where`.
     """
     if value is None or isinstance(value, bool | int | str):
         return value

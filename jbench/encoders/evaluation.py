@@ -96,10 +96,7 @@ def reconstruction_errors(
 def heuristic_episodes(
     task: str, augment: int | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Returns (10, 1001, size) observations of a task's heuristic, (10, 1000) actions and rewards.
-
-    The seeds are fixed, so the episodes are the same in every process.
-    """
+    """Returns (10, 1001, size) observations of the heuristic, (10, 1000) actions and rewards."""
     generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
     policy = heuristic(task)
     policy.reset(_EPISODES)

@@ -20,8 +20,7 @@ from jbench.settings.base import Settings, omissible
 from jbench.simulation import find_task
 from jbench.tasks.geometry import Array
 
-Weights = Mapping[str, Any]
-"""Named float32 arrays, either all numpy or all torch."""
+Weights = Mapping[str, Any]  # named float32 arrays, either all numpy or all torch
 
 Rescale = Literal["whitened", "extremes"]
 

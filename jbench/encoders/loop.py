@@ -91,11 +91,7 @@ class EncoderLearner:
         return bytes(safetensors.torch.save({**tensors, _RANDOM: self.random.get_state()}))
 
     def restore(self, content: bytes) -> None:
-        """Restores a state that `to_bytes` returned, on this device or another.
-
-        Raises:
-            WorkError: if it can't be read, such as one that an older jbench wrote on a GPU.
-        """
+        """Restores what `to_bytes` returned, on any device; an unusable one is a WorkError."""
         try:
             saved = safetensors.torch.load(content)
             with torch.no_grad():
@@ -198,11 +194,7 @@ def _prefetch(items: Iterator[_Item]) -> Iterator[_Item]:
 
 
 def check_kind(kind: Learned, name: str, states: States, latents: int) -> None:
-    """Calls every method of a kind of another package once, before a training that may take hours.
-
-    Raises:
-        WorkError: if a method fails, or returns another shape than it must.
-    """
+    """Calls the methods of a kind of another package, before hours of training: WorkError."""
     method = "initial or constants"
     try:
         learner = EncoderLearner(kind, states, latents)

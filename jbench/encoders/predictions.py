@@ -66,10 +66,7 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
 
 
 def effective_rank(rows: NDArray[np.floating]) -> float:
-    """Returns the effective rank of centered rows (rows, columns); 0 if they are constant.
-
-    It is exp of the entropy of the singular values (Roy and Vetterli, 2007).
-    """
+    """Returns exp of the entropy of the singular values (Roy and Vetterli, 2007); 0 if constant."""
     centered = rows.astype(np.float64) - rows.mean(0, dtype=np.float64)
     singular = np.sqrt(np.maximum(np.linalg.eigvalsh(centered.T @ centered), 0))
     if not singular.sum():

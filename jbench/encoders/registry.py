@@ -63,11 +63,7 @@ def find_kind(name: str) -> type[Kind]:
 
 
 def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
-    """Returns a kind with the given options.
-
-    Raises:
-        RequestError: if the kind or an option does not exist, or a value is invalid.
-    """
+    """Returns a kind with the given options; a RequestError if one does not exist or is invalid."""
     return settings_with(find_kind(name), name, options, "option")
 
 
@@ -131,11 +127,7 @@ class EncoderSettings(Settings):
 
 
 def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> EncoderSettings:
-    """Returns the settings of an encoder with every option of its kind, some of them given.
-
-    Raises:
-        RequestError: if there is no such kind or option, or a value is invalid.
-    """
+    """Returns the settings of an encoder with every option of its kind; see `make_kind`."""
     full = make_kind(kind, options).model_dump(mode="json")
     return validated(EncoderSettings, "the encoder", kind=kind, options=full, **values)
 

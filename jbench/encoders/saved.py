@@ -64,11 +64,7 @@ class SavedEncoder:
 
     @classmethod
     def from_files(cls, description: dict[str, Any], weights: bytes) -> "SavedEncoder":
-        """Reads an encoder from its JSON description and its safetensors.
-
-        Raises:
-            ValueError, KeyError, TypeError: if they are invalid or do not match.
-        """
+        """Reads JSON and safetensors; invalid ones are a ValueError, KeyError or TypeError."""
         try:
             tensors = {
                 name: np.asarray(value, np.float32)
@@ -167,9 +163,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
 def find_draws(
     results: Results, name: str, task: str, seeds: Sequence[int]
 ) -> tuple[str, dict[int, str]]:
-    """Returns the encoders of each seed that have the settings of the named one otherwise.
-
-    They are the hash of the settings without the seed, and the id of each seed's encoder.
+    """Returns a hash of the named encoder's settings without the seed, and the ids by seed.
 
     Raises:
         RequestError: if there is none for one of the seeds.

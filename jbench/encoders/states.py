@@ -82,11 +82,7 @@ class Shard(NamedTuple):
 
 
 def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Returns the indices of the training episodes (80%) and of the held-out ones (20%).
-
-    Raises:
-        RequestError: if there is a single episode.
-    """
+    """Returns the indices of the training episodes (80%) and of the held-out ones (20%)."""
     if episodes < 2:
         raise RequestError(
             "The dataset has a single episode, and an encoder is trained on some and tested on "
@@ -135,11 +131,7 @@ class States:
         return self.dataset.episodes * _STATES * self.size * 4 <= self._memory
 
     def read(self, device: torch.device) -> None:
-        """Reads the dataset if necessary, and moves it to a device.
-
-        Raises:
-            WorkError: if the dataset is damaged or contains values that are not finite.
-        """
+        """Reads the dataset if necessary, and moves it to a device; WorkError if it is damaged."""
         if not hasattr(self, "scaling"):
             self._read_all()
         if device != self.device:

@@ -85,9 +85,6 @@ def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDAr
     An encoder needs no method for it: the mirror is found by encoding random observations and
     their mirror images. A mirror that acts on each input alone either keeps it or reflects it.
 
-    Args:
-        encoder: None for the full observation.
-
     Raises:
         RequestError: if a mirror mixes its latents, or it encodes mirror images itself.
     """

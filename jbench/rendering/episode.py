@@ -18,8 +18,7 @@ from jbench.simulation.suite_env import SuiteEnv
 from jbench.tasks.features import goal, padded
 from jbench.tasks.gym import JitterbugEnv
 
-Picture = NDArray[np.uint8]
-"""(height, width, 3), red, green and blue in [0, 255]."""
+Picture = NDArray[np.uint8]  # (height, width, 3), red, green and blue in [0, 255]
 
 # Fewer than the model's default: without a GPU an image takes half the time and looks the same.
 # With 4096, dots appear in the corners of the overhead view.
@@ -77,12 +76,7 @@ def render_episode(
     at: Collection[int],
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Iterator[Frame]:
-    """Simulates an episode and yields images of some of its control steps in order.
-
-    Args:
-        at: control steps, starting at 0 (the initial state); the episode ends at the last one.
-        progress: called with the number of completed control steps.
-    """
+    """Yields images of the control steps `at`, 0 being the initial state; ends at the last one."""
     env = scene.environment()
     try:
         observation, _ = env.reset(seed=scene.seed)

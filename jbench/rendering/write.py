@@ -12,19 +12,11 @@ from PIL import Image
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS
 from jbench.policies.acting import ActingPolicy
-from jbench.rendering.episode import (
-    SCALE,
-    Frame,
-    Picture,
-    Scene,
-    render_episode,
-    strip_picture,
-    video_picture,
-)
+from jbench.rendering import episode
+from jbench.rendering.episode import SCALE, Frame, Picture, Scene, render_episode, strip_picture
 from jbench.store.files import check_output, write_atomic
 
-SUFFIXES = (".mp4", ".gif", ".png")
-"""Supported file suffixes: video, animation, strip of images."""
+SUFFIXES = (".mp4", ".gif", ".png")  # supported file suffixes: video, animation, strip of images
 
 _VIDEO_SIZE, _MOMENT_SIZE = (640, 480), (320, 240)  # pixels
 _INTERVAL = 0.04  # s between the images of a video or an animation, before rounding to steps
@@ -64,7 +56,7 @@ def render_to_file(
     steps: int = EPISODE_STEPS,
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Frame:
-    """Writes an episode of a policy to a file, whose suffix determines the format.
+    """Writes an episode in the format of the file's suffix; returns the last frame.
 
     Args:
         name: of the policy, for the text in a video or an animation.
@@ -72,18 +64,16 @@ def render_to_file(
         steps: control steps to show, 1 to 1000.
         progress: called with the number of completed control steps.
 
-    Returns:
-        The last frame.
-
     Raises:
         RequestError: if the file can't be written.
         WorkError: if the disk is full or fails.
     """
     _check(path)
     suffix = path.suffix.lower()
+    is_strip = suffix == ".png"
     stride = max(1, round(speed * _INTERVAL / scene.timestep))
     seconds = stride * scene.timestep / speed  # between two images
-    at = strip_steps(steps) if suffix == ".png" else [*range(0, steps, stride), steps]
+    at = strip_steps(steps) if is_strip else [*range(0, steps, stride), steps]
     title = f"{scene.task}, {name}"
     is_jitterbug = scene.task in TASKS
     camera = scene.camera or ("tracking" if is_jitterbug else None)
@@ -99,7 +89,7 @@ def render_to_file(
     def pictures() -> Iterator[Picture]:
         for frame in render_episode(policy, scene, at, progress):
             last_frame[:] = [frame]
-            yield strip_picture(frame) if suffix == ".png" else video_picture(frame, title, note)
+            yield strip_picture(frame) if is_strip else episode.video_picture(frame, title, note)
 
     if suffix == ".mp4":
         content = mp4(pictures(), (scene.width, scene.height), seconds)

@@ -49,10 +49,7 @@ def find_task(name: str) -> Task:
 
 @lru_cache(maxsize=64)
 def checked_task(name: str) -> Task:
-    """Returns a task after an episode of random actions, before something new is made with it.
-
-    Errors are those of `find_task` and `DmTask.check`.
-    """
+    """Returns a task after an episode of random actions; see `find_task` and `DmTask.check`."""
     task = find_task(name)
     if isinstance(task, DmTask):
         task.check()
@@ -65,11 +62,7 @@ def dataset_robot(task: Task) -> dict[str, Any]:
 
 
 def check_specs(name: str, recorded: Specs | None) -> None:
-    """Checks that a task is the one of a record; other errors are those of `find_task`.
-
-    Raises:
-        RequestError: if its robot, observation or actions are others.
-    """
+    """Raises a RequestError if a task has another robot, observation or action than recorded."""
     now = find_task(name).specs
     if now == recorded:
         return

@@ -17,26 +17,19 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.records import Specs
 from jbench.simulation.task import Task, Worlds, WorldsState, model_hash
 
-Make = Callable[[int], Any]
-"""Returns a new `dm_env.Environment` with this seed."""
+Make = Callable[[int], Any]  # returns a new `dm_env.Environment` with this seed
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
 _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
 
 
 class DmTask(Task):
-    """A task that a `dm_env.Environment` implements.
-
-    `reseeds`: its environments get a new seed, instead of being made again.
-    """
+    """A task that a `dm_env.Environment` implements; `reseeds`: it is not made again."""
 
     def __init__(self, name: str, make: Make, *, takes_random: bool = True) -> None:
-        """Makes an environment and reads its specifications.
+        """Makes an environment and reads its specifications: RequestError if it is unusable.
 
         The seed must decide about its random numbers, or `takes_random` is false.
-
-        Raises:
-            RequestError: if jbench can't train on it.
         """
         self.name, self._make = name, make
         environment = self.environment(0)
@@ -96,12 +89,7 @@ class DmTask(Task):
         return self._minimum + scaled
 
     def check(self) -> None:
-        """Runs an episode of random actions.
-
-        Raises:
-            RequestError: if the task is not one of `Task`: an observation is not finite or changes
-                its size, the episode ends early, or a reward is not in [0, 1].
-        """
+        """Runs an episode of random actions; one that is not as in `Task` is a RequestError."""
         random = np.random.default_rng(0)
         try:
             with self.worlds(1) as worlds:
@@ -163,12 +151,7 @@ class DmWorlds(Worlds):
     def step(
         self, actions: NDArray[np.floating]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Applies actions; see `Worlds.step`.
-
-        Raises:
-            WorkError: if an episode ends early, the size of an observation changes, a number is
-                not finite, or a reward is not in [0, 1].
-        """
+        """Applies actions; what is not as in `Task` and `Worlds` is a WorkError."""
         self._steps += 1
         rewards = np.empty(len(self.environments))
         observations = np.empty_like(self._observations)

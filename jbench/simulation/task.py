@@ -54,12 +54,7 @@ class Worlds(Closing):
 
     @abstractmethod
     def state(self, rows: slice) -> WorldsState:
-        """Returns what `restore` needs of some worlds.
-
-        Raises:
-            WorkError: if the task's worlds have a state between two episodes only, and these are
-                within one.
-        """
+        """Returns what `restore` needs of some worlds; within an episode, it may be a WorkError."""
 
     @abstractmethod
     def restore(self, rows: slice, state: WorldsState) -> NDArray[np.float32]:

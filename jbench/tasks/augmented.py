@@ -20,8 +20,7 @@ from jbench.tasks import model, rewards
 Vector = tuple[float, ...]
 """Components along x, y and z of the torso's frame at rest, or along an ellipsoid's axes."""
 
-LEGS = (1, 2, 3, 4)
-"""The legs: 1 and 2 on the robot's left (x > 0), 2 and 3 at its front."""
+LEGS = (1, 2, 3, 4)  # the legs: 1 and 2 on the robot's left (x > 0), 2 and 3 at its front
 
 # Standard deviations.
 _LEG_SD = (0.003, 0.003, 0.002)  # m, of knees and feet
@@ -67,8 +66,6 @@ class Morphology:
 def draw(seed: int, *, vary_masses: bool = False) -> Morphology:
     """Returns the morphology of a seed: its first draw whose robot stands.
 
-    `vary_masses` varies densities and the motor's gear as well.
-
     Raises:
         RequestError: if the seed is not a whole number of at least 0; a ValueError.
         WorkError: if no robot stands after a hundred redraws.
@@ -111,16 +108,12 @@ def build(morphology: Morphology) -> mujoco.MjModel:
 
 
 def hinge_axis(leg: int, knee: NDArray[np.float64]) -> Vector:
-    """Returns the axis (not normalized) of a leg's shoulder and elbow.
+    """Returns the axis (not normalized) of a leg's shoulder and elbow, given its knee at rest (m).
 
     Let (x, y) be the vector from the corner of the torso's upper box, (.0055, .006) on the left and
     (-.0055, .006) on the right, to the knee, seen from above. The plain robot's axes are (x, -y)
     for the back legs and (-x, y) for the front ones, (2.32, -2.68) for leg 1 in centimeters. They
     are horizontal, but not perpendicular to the legs; augmented robots follow the same rule.
-
-    Args:
-        leg: one of `LEGS`.
-        knee: (3,) or (2,) position in the torso's frame at rest (m).
     """
     side = 1 if leg in (1, 2) else -1
     x, y = knee[:2] - _CORNER * (side, 1)

@@ -119,10 +119,7 @@ class Driver(Law):
         drive_scale: Array | float = 1.0,
         more: Array | float = 0.0,
     ) -> Array:
-        """Returns the torque (robots,) that drives towards a bearing (robots,).
-
-        `drive_scale` is a factor of the energy term, `more` is torque to add.
-        """
+        """Returns the torque (robots,) that drives towards a bearing (robots,), plus `more`."""
         to_bearing = np.exp(-1j * bearing)
         sine, cosine = np.sin(motion.mass - bearing), np.cos(motion.mass - bearing)
         torque = (

@@ -10,11 +10,9 @@ from typing import Any, NamedTuple
 
 from array_api_compat import array_namespace
 
-Array = Any
-"""A numpy or torch array."""
+Array = Any  # A numpy or torch array
 
-TARGET_HEIGHT = 0.035
-"""Height of every target, equal to that of the torso's frame at rest (m)."""
+TARGET_HEIGHT = 0.035  # height of every target, equal to that of the torso's frame at rest (m)
 
 
 class State(NamedTuple):

@@ -53,14 +53,12 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             task: one of `jbench.names.TASKS`.
             render_mode: "rgb_array", "human", or None for no rendering.
             camera: one of `CAMERAS`.
-            width: of a picture, in pixels, at least 1.
-            height: of a picture, in pixels, at least 1.
+            width, height: of a picture, in pixels, at least 1.
             augment: seed of an augmented robot's morphology, or None for the plain robot.
             vary_masses: whether to vary the augmented robot's densities and gear as well.
 
         Raises:
-            ValueError: if the task, camera, render mode or robot does not exist, or the size of the
-                picture is wrong.
+            ValueError: if an argument is none of these.
         """
         for value, known in (
             (task, TASKS),
@@ -189,11 +187,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 def outcome(
     task: str, state: State, target: Target
 ) -> tuple[NDArray[np.float32], Array, dict[str, Array]]:
-    """Returns observation, reward and `info` of states of a task.
-
-    Args:
-        state: of one environment, or with any leading axes `...`.
-        target: with the same leading axes.
+    """Returns observation, reward and `info` of states of a task, with any leading axes `...`.
 
     Returns:
         The observation (..., dim(O)), the reward (...), and by name

@@ -25,8 +25,7 @@ from jbench.tasks.robots import load_model
 # Length of an episode in seconds (paper, section 4.1).
 _DEFAULT_TIME_LIMIT = 10
 
-SUITE = containers.TaggedTasks()
-"""The domain `jitterbug`."""
+SUITE = containers.TaggedTasks()  # the domain `jitterbug`
 
 AUGMENTED_SUITE = containers.TaggedTasks()
 """The domain `augmented_jitterbug`: robots of randomized morphology, by default that of seed 0."""

@@ -25,11 +25,7 @@ def episode_generator(seed: int, episode: int) -> np.random.Generator:
 
 
 def draw_starts(task: str, generators: Iterable[Random]) -> tuple[NDArray[np.float64], Target]:
-    """Draws the initial state of an episode per generator: first the pose, then the target.
-
-    Returns orientations (episodes, 4), and targets with positions (episodes, 3) and yaws
-    (episodes,).
-    """
+    """Draws poses (episodes, 4) and targets, one of each after the other from each generator."""
     starts = [(draw_quaternion(random), *draw_target(task, random)) for random in generators]
     quaternions, positions, yaws = (np.stack(part) for part in zip(*starts, strict=True))
     return quaternions, Target(positions, yaws)
@@ -73,10 +69,8 @@ def option_target(
 ) -> Target | None:
     """Returns the target that the options of `reset` choose, or None if they choose none.
 
-    Args:
-        options: {"target": numbers}, the inverse of `target_numbers`: (n,), or (count, n) for a
-            target for each of several robots.
-        count: number of robots, or None for a target without leading axes.
+    Of {"target": numbers}, the inverse of `target_numbers`, the numbers are (n,), or (count, n) for
+    a target for each of several robots.
 
     Raises:
         RequestError: if there is another option, the task has no random target, or the numbers are

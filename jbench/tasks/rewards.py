@@ -62,10 +62,7 @@ def reward(task: str, state: State, target: Target) -> Array:
 def reward_terms(
     task: str, state: State, target: Target, angle: Array | None = None
 ) -> dict[str, Array]:
-    """Returns the terms (...) by name whose product is the reward of a task, each in [0, 1].
-
-    `angle_to_target` may be given if it is known already, which saves time.
-    """
+    """Returns the terms (...), each in [0, 1], whose product is the reward; `angle` saves time."""
     names = TASK_SPECS[task].rewards
     return {name: _REWARDS[name](state, target, angle) for name in names}
 

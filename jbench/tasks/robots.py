@@ -24,8 +24,6 @@ _NEIGHBORS = (
 def load_model(augment: int | None = None, *, vary_masses: bool = False) -> mujoco.MjModel:
     """Returns a new MuJoCo model of the plain robot, or of an augmented one with this seed.
 
-    `vary_masses` varies the augmented robot's densities and gear as well.
-
     Raises:
         ValueError: if the seed is negative, or `vary_masses` is set for the plain robot.
     """

@@ -32,8 +32,7 @@ class Group(NamedTuple):
     def stack(self, per_seed: Sequence[NDArray[Any]], offset: int = 0) -> Tensor:
         """Stacks draws (count, ...) of each seed to (count, seeds, ...), on the device.
 
-        Those of one seed without a stack remain (count, ...). The offset is added once to those of
-        the second seed, twice to those of the third, and so on.
+        Those of one seed without a stack remain. Draws of seed i are increased by i times `offset`.
         """
         if not self.learner.view.is_stack:
             return torch.from_numpy(per_seed[0])
@@ -43,10 +42,7 @@ class Group(NamedTuple):
 
 
 class BatchedEngine(Engine):
-    """Trains a learner per seed, and optionally computes all of them in one stack.
-
-    Learners of the stack and of the seeds share their tensors; a group is a seed, or all of them.
-    """
+    """Trains a learner per seed; those of a stack are also one learner on the same tensors."""
 
     updates: int
 

@@ -5,22 +5,19 @@ from typing import Any
 
 import torch
 
-Function = Callable[[Any], None]
-"""A function that `Captured` calls with an argument."""
+Function = Callable[[Any], None]  # A function that `Captured` calls with an argument
 
 
 class Captured:
     """Calls a function, which is recorded on a GPU, once per argument, and then replayed.
 
-    It does not keep the function: an owner that keeps this object and calls one of its own methods
-    is then freed with its last reference, and not at some later collection of cycles.
+    It does not keep the function: an owner that calls one of its own methods is then freed with its
+    last reference, and not at some later collection of cycles.
 
     The function must be the same at every call. It must read and write the same tensors, must not
     branch on their values, and may depend only on its argument. An update of a small network is a
-    hundred kernels, which Python takes longer to launch than they take to run.
-
-    Recordings share memory for intermediate results, because only one runs at a time. A result
-    that must outlive the next recording must be referenced or lie in memory of the caller.
+    hundred kernels, which Python takes longer to launch than they take to run. Recordings share
+    memory for intermediate results: one that must outlive the next recording must be referenced.
     """
 
     def __init__(self, device: torch.device) -> None:

@@ -61,7 +61,7 @@ class Layer:
         self._affine(out, delta, self._transposed[..., columns], out=out)
 
 
-class LowPrecisionLayer(Layer):
+class BFloat16Layer(Layer):
     """A layer that multiplies in bfloat16; its inputs and outputs are not rounded.
 
     The backward pass reuses the numbers rounded in the forward pass.

@@ -25,8 +25,7 @@ class Learner:
     """An update rule and its networks, for one seed or for a stack.
 
     Its state lies in the tensors of its `Tensors`; learners of the same view share their state. The
-    first outputs of `actor` are the deterministic action, before `squash`; `losses` are names of
-    columns in the database.
+    first outputs of `actor` are the deterministic action before `squash`.
     """
 
     losses: tuple[str, ...]
@@ -63,11 +62,7 @@ class Learner:
         return SavedNetwork([*self.feature_layers(features), *relu_layers(actor, self.squash)])
 
     def load_policy(self, policy: SavedNetwork) -> None:
-        """Sets the deterministic policy of one seed; inverts `policy`, bit for bit.
-
-        Raises:
-            ValueError: if the policy has other layers than the learner.
-        """
+        """Sets the policy of one seed, bit for bit; a ValueError if its layers are others."""
         if policy.structure() != self.policy().structure():
             raise ValueError("its layers are not those of its settings")
         self._load_layers(policy)
@@ -112,8 +107,7 @@ class Learner:
 class OffPolicyLearner(Learner):
     """An update rule that learns from the transitions of any policy."""
 
-    noise_per_transition: int
-    """Standard normal numbers that an update needs per transition."""
+    noise_per_transition: int  # standard normal numbers that an update needs per transition
 
     pretraining: float = 0.0
     """Updates of learned features per control step, made before the first update of the agent."""
@@ -147,12 +141,7 @@ class OffPolicyLearner(Learner):
         raise NotImplementedError
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
-        """Returns whether an update includes the parts that TD3 and SAC update less often.
-
-        Args:
-            update: number since the start of training, counted from 1.
-            update_of_call: number within the current learning phase, counted from 0.
-        """
+        """Returns whether targets or actor are updated, too; see `Rule.is_delayed_update`."""
         return True
 
     def update(self, batch: Batch, delayed: bool = True) -> None:

@@ -103,11 +103,6 @@ def checked_rule(
     """Returns a rule, after updates of a seed and of two in a stack with minibatches of zeros.
 
     A rule must be computable in a stack on a CPU too: its runs may be resumed on a GPU.
-
-    Raises:
-        RequestError: if it is for actions of size 1, and the task's are larger.
-        WorkError: if it does not keep to what `Rule` describes.
-        UnsupportedPolicyError: if its policy can't be saved.
     """
     sizes = observation_size, action_size
     with torch.random.fork_rng(devices=[]):

@@ -11,13 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.layers import (
-    Affine,
-    Layer,
-    LowPrecisionLayer,
-    affine_count,
-    affine_views,
-)
+from jbench.agents.batched.layers import Affine, BFloat16Layer, Layer, affine_count, affine_views
 from jbench.agents.batched.tensors import Tensors, aligned
 
 
@@ -62,10 +56,7 @@ class Layout(NamedTuple):
 
 
 class Network:
-    """A network of one seed, or of each seed of a stack.
-
-    Its `layers` are views of the parameters, without padding; only a learned network has `step`.
-    """
+    """A network of one seed, or of each of a stack; `layers` are views without padding."""
 
     step: Callable[[], None]
 
@@ -78,7 +69,7 @@ class Network:
         *,
         workspace: str,
     ) -> None:
-        """Makes the views of the parameters, and of their `gradient` if it is learned.
+        """Makes the views of the parameters.
 
         Of the networks that share the activation buffers of a workspace, only the last one that was
         evaluated can go backward.
@@ -95,7 +86,7 @@ class Network:
         pairs = list(zip(affine_views(values, shapes), gradients, strict=True))
         self._exact = [Layer(*pair) for pair in pairs]
         self._layers = [
-            LowPrecisionLayer(*pair, view, f"{workspace} {i}")
+            BFloat16Layer(*pair, view, f"{workspace} {i}")
             if view.low_precision and 0 < i < last
             else layer
             for i, (pair, layer) in enumerate(zip(pairs, self._exact, strict=True))

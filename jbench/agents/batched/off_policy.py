@@ -98,10 +98,7 @@ def _explore(agent: OffPolicyLearner, observations: Tensor, noise: Tensor) -> Te
 
 
 class ActionNoise:
-    """Normal or Ornstein-Uhlenbeck noise for each robot of each seed.
-
-    The state of the process, `previous`, is zeros for normal noise.
-    """
+    """Normal or Ornstein-Uhlenbeck noise, whose state is `previous`, for each robot."""
 
     def __init__(self, settings: OffPolicySettings, shape: tuple[int, int, int]) -> None:
         """Starts the processes at 0; the shape is (seeds, environments, action_size)."""

@@ -68,12 +68,7 @@ class ReplayBuffer:
         device: torch.device | str = "cpu",
         episode_steps: int = EPISODE_STEPS,
     ) -> None:
-        """Allocates the buffers; on a CPU the system provides memory as they fill.
-
-        Args:
-            capacity: transitions per seed, over all its environments.
-            flush_every: maximum number of steps between calls of `flush`.
-        """
+        """Allocates buffers for `capacity` transitions per seed; a CPU's memory fills with them."""
         self._episode_steps = episode_steps
         self._capacity = max(capacity // environments, 1)
         self._ring, pending = self._span(self._capacity), self._span(flush_every)
@@ -119,11 +114,9 @@ class ReplayBuffer:
     def sample(
         self, generator: Generator, updates: int, batch: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-        """Samples transitions of one seed uniformly.
+        """Samples rows and next rows of one seed's transitions uniformly, as indices in its buffer.
 
-        Returns:
-            (updates, batch) indices of the rows of the transitions and of their next observations
-            in the seed's buffer, and whether it is the last transition of its episode.
+        Both are (updates, batch), like whether it is the last transition of its episode.
         """
         shape = updates, batch
         # Transitions of each environment at the last `flush`.
@@ -145,10 +138,7 @@ class ReplayBuffer:
         return self._rows[seeds.start : seeds.stop].flatten(0, 2)
 
     def rows_since(self, seed: int, first: int = 0) -> Tensor:
-        """Returns a copy of a seed's rows from number `first` on, (environments, rows, width).
-
-        Expired rows and the row of the current observation are left out.
-        """
+        """Returns a copy of a seed's unexpired rows from number `first` on, but the current one."""
         self.flush()
         first = max(first, self.oldest)
         indices = torch.arange(first, self.row, device=self._rows.device) % self._ring

@@ -33,10 +33,8 @@ class Updates:
     ) -> None:
         """Makes the buffers.
 
-        Args:
-            replay: buffers of all seeds.
-            mirror: (2, seeds, width) of all seeds: the first half of the rows of each minibatch,
-                which are in random order, becomes gain * rows + offset; None to mirror none.
+        The first half of the rows of each minibatch, which are in random order, becomes gain * rows
+        + offset, if `mirror` (2, seeds, width) of all seeds is given.
         """
         self.group, self._learner, self._replay = group, group.learner, replay
         self._size, self._gamma = settings.batch_size, settings.gamma

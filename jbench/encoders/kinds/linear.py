@@ -6,14 +6,9 @@ import numpy as np
 import torch
 from pydantic import Field
 
+from jbench.encoders import scaling
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Weights, tanh
-from jbench.encoders.scaling import (
-    FloatArray,
-    Moments,
-    inverse,
-    physical_scaling,
-    with_positive_largest,
-)
+from jbench.encoders.scaling import FloatArray, Moments, inverse, physical_scaling
 from jbench.encoders.states import States
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import find_task
@@ -47,7 +42,7 @@ class PrincipalComponents(Linear, ClosedForm):
 
     def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, FloatArray]:
         _, vectors = np.linalg.eigh(moments.covariance)
-        components = with_positive_largest(vectors[:, ::-1][:, :latents].T)
+        components = scaling.with_positive_largest(vectors[:, ::-1][:, :latents].T)
         return {"components": components, "mean": moments.mean}
 
 
@@ -210,7 +205,7 @@ def canonical_directions(covariance: FloatArray, size: int) -> tuple[FloatArray,
     white, later_white = _whitening(pair[:size, :size]), _whitening(pair[size:, size:])
     across = later_white @ pair[size:, :size] @ white.T
     _, correlations, rows = np.linalg.svd(across)
-    return with_positive_largest(rows @ white), np.clip(correlations, 0, 1)
+    return scaling.with_positive_largest(rows @ white), np.clip(correlations, 0, 1)
 
 
 def _whitening(covariance: FloatArray) -> FloatArray:

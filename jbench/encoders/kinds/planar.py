@@ -50,8 +50,7 @@ SIGNS = {
 }
 """The planar numbers, each with the factor by which the robot's mirror image has it."""
 
-Numbers = dict[str, Array]
-"""Unscaled latents (...) by name."""
+Numbers = dict[str, Array]  # unscaled latents (...) by name
 
 
 class PlanarReduction(Fitted):
@@ -98,10 +97,8 @@ class PlanarReduction(Fitted):
         """Returns a robot with these numbers, or 0 for those that lack, and its target.
 
         Unless the numbers say its place and turn (`HeadingFrame`), its heading h is 0, and it is at
-        the origin; in `move_from_origin` it is on the other side of the way to the origin.
-
-        Args:
-            center_of_mass: (3,) of the torso in its own frame (m).
+        the origin; in `move_from_origin` it is on the other side of the way to the origin. The
+        torso's center of mass (3,) is in its own frame (m).
         """
         height, a, b = numbers["height"], numbers["tilt_a"], numbers["tilt_b"]
         xp = array_namespace(height)

@@ -36,10 +36,7 @@ class Predictive(Learned):
 
     @abstractmethod
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
-        """Returns the (outputs, inputs) of the layers between encoder and decoder, hidden first.
-
-        `actions` is the size of the actions of `horizon` control steps.
-        """
+        """Returns (outputs, inputs) of the layers in between, hidden first; `actions` is a size."""
 
     def initial(
         self, size: int, latents: int, random: torch.Generator, action_size: int = 1

@@ -95,9 +95,8 @@ class Learner:
     ) -> Network:
         """Returns a network, saved under `name`, which is learned unless it is a target network."""
         view, size = self.view, layout.length
-        values, gradient = view.state(name, size), None
-        if not name.endswith(_TARGET):
-            gradient = view.scratch(f"{name}.gradient", size)
+        values, is_target = view.state(name, size), name.endswith(_TARGET)
+        gradient = None if is_target else view.scratch(f"{name}.gradient", size)
         network = self._by_name[name] = make(view, layout, values, gradient, workspace=workspace)
         if gradient is not None:
             network.step = Adam(view, name, values, gradient, self.settings.learning_rate).step

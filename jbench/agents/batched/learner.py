@@ -107,12 +107,8 @@ class OffPolicyLearner(Learner):
     """An update rule that learns from the transitions of any policy."""
 
     noise_per_transition: int  # standard normal numbers that an update needs per transition
-
-    pretraining: float = 0.0
-    """Updates of learned features per control step, made before the first update of the agent."""
-
-    is_stochastic: bool = False
-    """Whether the policy is stochastic, so that it explores by `explore` instead of `act`."""
+    pretraining: float = 0.0  # updates of features per control step, before the agent's first
+    is_stochastic: bool = False  # whether it explores by `explore` instead of `act`
 
     @property
     def critic_layout(self) -> Layout:

@@ -11,13 +11,9 @@ if TYPE_CHECKING:
 
 
 def find_device(name: str) -> "torch.device":
-    """Returns the device of a name.
+    """Returns the device "cpu", "cuda", "cuda:N" (one of several GPUs) or "auto" (a GPU, if any).
 
-    Args:
-        name: "cpu", "cuda", "cuda:N" for one of several GPUs, or "auto" for a GPU if there is one.
-
-    Raises:
-        RequestError: if the name is unknown, or there is no such device.
+    Raises a RequestError if the name is unknown, or there is no such device.
     """
     import torch
 

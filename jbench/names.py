@@ -167,10 +167,7 @@ def kind_in(representation: str) -> str:
 
 
 def number_in_name(digits: str) -> int:
-    """Returns the number of the digits in a name such as dae12; at most 10^9.
-
-    Python itself refuses to read thousands of digits.
-    """
+    """Returns the number of digits as in dae12, at most 10^9; Python refuses to read thousands."""
     return int(digits) if len(digits) < 10 else 10**9
 
 
@@ -205,11 +202,7 @@ def evaluation_interval(steps: int) -> int:
 
 
 def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
-    """Returns the value if it is one of the names.
-
-    Raises:
-        RequestError: if it is not; the message lists the names.
-    """
+    """Returns the value if it is one of the names; raises a RequestError that lists them if not."""
     for name in names:
         if name == value:
             return name

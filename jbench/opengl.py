@@ -41,10 +41,8 @@ def choose_backend() -> str:
     """Returns a working backend, and sets MUJOCO_GL to it for this process.
 
     A backend in MUJOCO_GL is used if it works. Otherwise the first working one of "glfw" (if there
-    is a display), "egl" and "osmesa" is used.
-
-    Raises:
-        RequestError: if the backend in MUJOCO_GL, or every backend, fails.
+    is a display), "egl" and "osmesa" is used. Raises a RequestError if that in MUJOCO_GL, or every
+    one, fails.
     """
     requested = os.environ.get("MUJOCO_GL", "").strip().lower()
     if requested in ("", *OFF):
@@ -91,7 +89,6 @@ def open_display() -> bool:
 
 @cache
 def _draws(backend: str) -> bool:
-    """Returns whether a backend can render."""
     try:
         answer = subprocess.run(
             [sys.executable, "-c", _PROBE],

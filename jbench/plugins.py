@@ -21,12 +21,7 @@ _IMPORTED = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*")
 
 
 def offered(group: str, pattern: re.Pattern[str], taken: Collection[str]) -> dict[str, EntryPoint]:
-    """Returns the entry points of a group by name.
-
-    Args:
-        pattern: of valid names; others are left out.
-        taken: names of jbench's own, which are left out.
-    """
+    """Returns the entry points of a group by name, but for invalid names and those of jbench."""
     return {
         point.name: point
         for point in entry_points(group=group)
@@ -35,13 +30,9 @@ def offered(group: str, pattern: re.Pattern[str], taken: Collection[str]) -> dic
 
 
 def load(what: str, point: EntryPoint) -> Any:
-    """Returns what an entry point names.
+    """Returns what an entry point names; `what` it is in error messages is such as "policy".
 
-    Args:
-        what: what it is in error messages, such as "kind of encoder".
-
-    Raises:
-        WorkError: if it can't be imported, or several packages offer this name.
+    Raises a WorkError if it can't be imported, or several packages offer this name.
     """
     others = entry_points(group=point.group, name=point.name)
     packages = sorted({distribution(other) or other.value for other in others})
@@ -64,15 +55,10 @@ def is_imported(name: str) -> bool:
 
 
 def imported(what: str, name: str) -> Any:
-    """Returns the attribute of a module; a module in the working directory is found, too.
+    """Returns MODULE:NAME; a module in the working directory is found, too.
 
-    Args:
-        what: what it is in error messages, such as "policy".
-        name: as MODULE:NAME.
-
-    Raises:
-        RequestError: if there is no such module or attribute.
-        WorkError: if the module raises an error.
+    Raises a RequestError if there is no such module or attribute, and a WorkError if the module
+    raises an error.
     """
     module_name, _, attribute = name.partition(":")
     if (here := os.getcwd()) not in sys.path and "" not in sys.path:
@@ -105,14 +91,8 @@ def made_with(package: str | None) -> dict[str, str | None]:
 def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, str | None]:
     """Returns provenance of the code of others: a distribution's version, or a module's checksum.
 
-    Args:
-        what: what it is, such as "policy".
-        name: MODULE:NAME, which is imported, or a name among the entry points.
-        points: entry points by name.
-
-    Raises:
-        RequestError: if a MODULE:NAME does not exist.
-        WorkError: if the module raises an error.
+    The name is one among the entry points, or MODULE:NAME, which is imported, and raises as
+    `imported`.
     """
     if not is_imported(name):
         return made_with(distribution(points[name]))

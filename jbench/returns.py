@@ -12,35 +12,23 @@ def final_episodes(
 ) -> NDArray[np.int64]:
     """Returns the number of last episodes over which the final return is averaged.
 
-    This is a quarter of the run's episodes, limited to 1 to `max_episodes`.
-
-    Args:
-        episodes: (runs,) number of episodes of each run.
+    This is a quarter of the (runs,) numbers of episodes, limited to 1 to `max_episodes`.
     """
     return np.clip(episodes // 4, 1, max_episodes)
 
 
 def final_return(returns: NDArray[np.float64]) -> float | None:
-    """Returns the final training return of a run.
+    """Returns the mean of the last `final_episodes` of a run's returns (episodes,) in order.
 
-    Args:
-        returns: (episodes,) episode returns in order; non-finite returns are ignored.
-
-    Returns:
-        The mean return over the last `final_episodes`; None if none of them is finite.
+    Non-finite returns are ignored; None if none of them is finite.
     """
     return _finite_mean(returns[-int(final_episodes(np.array(len(returns)))) :])
 
 
 def final_evaluation(evaluations: NDArray[np.int32], returns: NDArray[np.float64]) -> float | None:
-    """Returns the final evaluation return of a run.
+    """Returns the mean return of the last evaluation; `evaluations` and `returns` are (episodes,).
 
-    Args:
-        evaluations: (episodes,) number of the evaluation of each episode.
-        returns: (episodes,) episode returns.
-
-    Returns:
-        The mean return over the last evaluation; None if there is none, or no finite return in it.
+    None if there is none, or no finite return in it.
     """
     last = returns[evaluations == evaluations.max()] if len(evaluations) else returns
     return _finite_mean(last)

@@ -12,8 +12,7 @@ def parse_numbers(
 ) -> list[int]:
     """Returns the whole numbers of a text like 0-9 or 0,2,5-7, each once, in order.
 
-    Raises:
-        RequestError: if it is not such a text; it names the option and the example.
+    Raises a RequestError, which names option and example, if it is not such a text.
     """
     numbers: set[int] = set()
     for part in text.split(","):

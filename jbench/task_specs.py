@@ -9,11 +9,8 @@ _STATE = ("position", "velocity", "motor_position", "motor_velocity")
 class TaskSpec:
     """One of the five tasks as data (paper, section 4.2).
 
-    Attributes:
-        features: names of the observed `FEATURES`, in the order of the observation.
-        rewards: names of the terms whose product is the reward.
-        draws_position: whether the target's position is random; otherwise the origin.
-        draws_yaw: whether the target's yaw is random; otherwise 0.
+    `rewards` are the names of the terms whose product is the reward. The target is at the origin
+    with yaw 0 unless they are drawn.
     """
 
     features: tuple[str, ...]

@@ -174,7 +174,6 @@ def reproduce(
 
 
 def _sentence(part: "Repeated | None", otherwise: str) -> str:
-    """Returns what became of a part of a run that was repeated, or another sentence."""
     if part is None:
         return otherwise
     if part.verdict != "equal":

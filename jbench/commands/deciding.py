@@ -66,7 +66,6 @@ def decide(
 
 
 def _introduction(chosen: Sequence[MatrixComparison], max_seeds: int) -> str:
-    """Returns the sentence on the comparisons and their error rate, before they are decided."""
     shares = [comparison.share for comparison in chosen]
     rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
     return (
@@ -88,11 +87,7 @@ _VERDICTS = {
 def _show_outcomes(
     reached: Sequence[ComparisonOutcome], tried: Container[str], output: Output
 ) -> None:
-    """Prints each comparison's decision, its number of seeds, and the error rate spent.
-
-    Args:
-        tried: ids of the runs that were trained, finished or not.
-    """
+    """Prints each comparison's decision; runs with the tried ids were trained, finished or not."""
     rows = []
     for outcome in reached:
         decision, verdict = outcome.decision, _VERDICTS[outcome.decision.verdict]
@@ -111,7 +106,6 @@ def _show_outcomes(
 
 
 def _described(outcome: ComparisonOutcome) -> dict[str, Any]:
-    """Returns the entry of a comparison in the JSON document."""
     comparison = outcome.comparison
     return {
         "comparison": comparison.name,

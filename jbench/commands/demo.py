@@ -85,7 +85,6 @@ _CURVES = """
 
 
 def _show_curves(results: "Results", output: Output) -> None:
-    """Prints the evaluation returns of each representation as a row with a sparkline."""
     from jbench.commands.progress import sparkline
     from jbench.store.query import query_results
 

@@ -116,7 +116,6 @@ def _train_one(
     device: "torch.device",
     output: Output,
 ) -> "Record":
-    """Trains an encoder and says what was trained, or that it is finished already."""
     from jbench.encoders.loop import CHECKPOINT
     from jbench.encoders.training import train_encoder
 
@@ -168,10 +167,8 @@ def _planned(
 ) -> list["EncoderSettings"]:
     """Returns the settings of an encoder for each task, seed, kind and number of latents.
 
-    If any kind has several sizes, --latent is ignored for kinds that have only one.
-
-    Args:
-        source: dataset to train on; None if it is not known yet.
+    If any kind has several sizes, --latent is ignored for kinds that have only one. The dataset is
+    None if it is not known yet.
     """
     from jbench.encoders.registry import encoder_settings, latent_sizes, options_with_epochs
 
@@ -206,7 +203,6 @@ _ERRORS = {
 
 
 def _show_errors(record: "Record", output: Output) -> None:
-    """Prints the tables of the errors of an encoder, with some of its epochs."""
     for name, title in _ERRORS.items():
         frame = record.read(name).to_pandas().drop(columns=["encoder", "index"], errors="ignore")
         if len(frame):

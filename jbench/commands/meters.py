@@ -16,11 +16,9 @@ class Meters(Progress):
     """Shows on standard error how much of each task is done, its speed and the time left."""
 
     def __init__(self, plain_every: float = 10, alone: bool = True) -> None:
-        """Shows nothing yet.
+        """Shows nothing yet; without a terminal, it prints lines every so many seconds.
 
-        Args:
-            plain_every: s between plain lines, which are printed if there is no terminal.
-            alone: whether a single task is shown, with a bar, and a plain line when it is done.
+        If `alone`, a single task is shown, with a bar, and a plain line when it is done.
         """
         super().__init__(
             _Cell(0),

@@ -26,13 +26,9 @@ def with_settings(
 ) -> Callable[[_Command], _Command]:
     """Returns a decorator that gives a command an option for each of some fields of a class.
 
-    The command takes their values as keyword arguments by the names of the fields.
-
-    Args:
-        kind: settings or a dataclass, whose fields have type, description, default and unit.
-        chosen: of the fields.
-        main: names of the parameters that everybody needs; the help lists the others, those of the
-            command included, as "Advanced". If empty, they are one list.
+    The command takes their values as keyword arguments by the names of the fields. These have type,
+    description, default and unit. Parameters that are not `main` ones, those of the command
+    included, are listed as "Advanced" by the help, unless `main` is empty.
     """
     fields = _fields(kind)
 
@@ -52,7 +48,6 @@ def with_settings(
 
 
 def _fields(kind: type) -> dict[str, FieldInfo]:
-    """Returns the fields of settings or of a dataclass by name."""
     if issubclass(kind, BaseModel):
         return kind.model_fields
     hints = get_type_hints(kind, include_extras=True)
@@ -63,7 +58,6 @@ def _fields(kind: type) -> dict[str, FieldInfo]:
 
 
 def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
-    """Returns the parameter of a command for a field."""
     default, help = typed_default(field), str(field.description)
     if default is PydanticUndefined:  # it must be typed
         default = ...

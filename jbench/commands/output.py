@@ -84,14 +84,7 @@ class Output:
         self.table(title, list(map(str, frame.columns)), [list(map(short, row)) for row in cells])
 
     def warn_of_damage(self, problems: Sequence[str], advice: str = "") -> None:
-        """Prints a warning for each damaged record.
-
-        Args:
-            advice: last sentence of the error.
-
-        Raises:
-            WorkError: if there is any, after the warnings.
-        """
+        """Prints a warning for each damaged record, and then raises a WorkError with advice."""
         for problem in problems:
             self.warn(problem)
         if problems:
@@ -115,11 +108,8 @@ class Output:
     ) -> Iterator[Callable[[int], None]]:
         """Shows progress on standard error inside the `with` block; nothing if the total is 0.
 
-        Args:
-            then: what is done when the total is reached, before the block ends.
-
-        Yields:
-            A function that shows how much of the total is done.
+        Yields a function that shows how much is done. `then` is what is done after that, before the
+        block ends.
         """
         if not total:
             yield lambda done: None

@@ -24,12 +24,7 @@ _SCALES = {"k": 1000, "m": 1_000_000}
 def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> str:
     """Returns the value of a setting if jbench knows it or a run of the results has it.
 
-    Args:
-        setting: `task`, `algo` or `representation`.
-        databases: results whose runs may have other values.
-
-    Raises:
-        RequestError: if the value is unknown; the message lists the others.
+    Raises a RequestError that lists the others if it is unknown.
     """
     known, name = _KNOWN[setting], value.lower()
     if (names.kind_in(name) if setting == "representation" else name) in known:
@@ -53,11 +48,8 @@ def run_filters(
 ) -> dict[str, Collection[Any]]:
     """Returns the allowed values by field of a run's line; None allows every value.
 
-    Args:
-        typed: task, algo and representation; `planar` is every size of this kind.
-
-    Raises:
-        RequestError: if a value is known neither to jbench nor to a run of the results.
+    The representation `planar` is every size of this kind. Raises a RequestError if a value is
+    known neither to jbench nor to a run of the results.
     """
     from jbench.store.listing import setting_values
 
@@ -103,11 +95,7 @@ def all_cores(number: int) -> int:
 
 
 def count(text: str | int) -> int:
-    """Returns a positive whole number typed as 5000000, 5_000_000, 5e6 or 5M.
-
-    Raises:
-        BadParameter: if it is not a positive whole number.
-    """
+    """Returns a positive whole number typed as 5000000, 5_000_000, 5e6 or 5M."""
     typed = str(text)
     scale = _SCALES.get(typed[-1:].lower(), 1)
     try:
@@ -122,8 +110,7 @@ def count(text: str | int) -> int:
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
     """Returns the values by name of assignments such as `tau=0.005` or `hidden_layers=64,64`.
 
-    Raises:
-        RequestError: if an assignment is not of the form NAME=VALUE, or a name is repeated.
+    Raises a RequestError if one is not of the form NAME=VALUE, or a name is repeated.
     """
     overrides: dict[str, Any] = {}
     for assignment in assignments:

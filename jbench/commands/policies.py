@@ -144,7 +144,6 @@ def view(
 def _find(
     results: Path, policy: str | None, option: str | None, task: str | None, default: str
 ) -> tuple["Results", str, str]:
-    """Returns writable results, the full name of the typed policy, and its task or the default."""
     from jbench.policies.find import find_run, full_name
     from jbench.simulation.find import checked_task
 
@@ -160,10 +159,7 @@ def _find(
 
 
 def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
-    """Returns writable results, and the policy's name in them.
-
-    With `--results reference`, the id of a run is read as `reference/ID`.
-    """
+    """Returns writable results, and the policy's name: reference/ID with `--results reference`."""
     from jbench.policies.find import SHIPPED
 
     if not names.is_reference(results):

@@ -67,7 +67,6 @@ class TrainingView(Meters):
         return f"{len(self._ended)} of {counted(len(self._runs), 'run')} ended"
 
     def _update(self, event: Event) -> None:
-        """Shows the progress of a run."""
         run, process = self._runs[event.run], self._processes.get(event.run)
         if event.is_last:
             self._ended.add(run.id)

@@ -111,8 +111,6 @@ def report(
 def _watch(
     directories: Sequence[Path], database: "Results", out: Path, request: Request, output: Output
 ) -> None:
-    """Writes a page whenever the results change, and the whole report after Ctrl-C."""
-
     def write(request: Request) -> None:
         try:
             _report(database, out, request, output)
@@ -132,7 +130,6 @@ def _watch(
 
 
 def _report(database: "Results", out: Path, request: Request, output: Output) -> None:
-    """Writes a report, prints its main tables and notes, and where its page is."""
     from jbench.report.report import write_report
     from jbench.report.tables import tables
     from jbench.store.query import records
@@ -216,10 +213,6 @@ def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[No
 
 
 def open_page(page: Path) -> bool:
-    """Opens a page in a browser if the command was typed in a terminal with a display.
-
-    Returns:
-        Whether it was opened.
-    """
+    """Opens a page in a browser, if there is a terminal and a display; returns whether it was."""
     shows = sys.stdout.isatty() and has_display() and page.exists()
     return shows and webbrowser.open(page.resolve().as_uri())

@@ -128,7 +128,6 @@ def tail(
 
 
 def _last(rows: list[tuple[str, "Row"]], episodes: int) -> list[tuple[str, "Row"]]:
-    """Returns the rows of the last training episodes and those after them."""
     starts = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
     if episodes == 0:
         return []
@@ -169,7 +168,6 @@ def _text_lines(change: "Change") -> Iterator[str]:
 
 
 def _mean(values: list[float | None], format: str) -> str:
-    """Formats the mean of values; one that is not finite is None."""
     known = [value for value in values if value is not None]
     if len(known) < len(values):
         return "not finite"

@@ -118,7 +118,6 @@ def train(
 def _show_outcome(
     runs: Sequence[RunSettings], failures: dict[str, str], results: "Results", output: Output
 ) -> None:
-    """Prints what became of the runs; raises a WorkError if one has failed, now or before."""
     from jbench.commands import training
     from jbench.training.status import failures_among, run_statuses
 

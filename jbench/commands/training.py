@@ -26,10 +26,9 @@ from jbench.wording import counted, duration
 
 
 def check_runs(runs: Sequence[RunSettings], keep_state: bool, output: Output) -> None:
-    """Checks runs, one of each configuration, before they are trained.
+    """Checks runs, one of each configuration: their state must be one that can be kept, if asked.
 
-    Their state must be one that can be kept, if it is to be; unexpected numbers of control steps
-    are warned of.
+    Unexpected numbers of control steps are warned of.
     """
     if keep_state:
         check_state_can_be_kept(runs)
@@ -65,17 +64,10 @@ def train_cells(
     wait: bool = True,
     **worker: Any,
 ) -> dict[str, str]:
-    """Trains the missing runs of cells, and shows their progress; see `sweep`.
+    """Trains the missing runs of cells, and shows their progress; returns and raises as `sweep`.
 
-    Args:
-        log: experiment tracker to which their rows are copied; None for none.
-        worker: other options of the executor.
-
-    Returns:
-        A sentence for each run that failed, by run id.
-
-    Raises:
-        RequestError: if the tracker's library is not installed; see also `sweep`.
+    Their rows are copied to the experiment tracker `log`, if any, whose library must be installed.
+    `worker` are other options of the executor.
     """
     with ExitStack() as stack:
         if output.as_json:  # Ray prints to standard output, which is only for the JSON document
@@ -151,12 +143,7 @@ def show_status(
 ) -> dict[str, Any]:
     """Prints how many seeds of each configuration are finished, and on request the time left.
 
-    Args:
-        jobs: number of processes at a time.
-        device: of the batched engine.
-
-    Returns:
-        The same for the JSON document.
+    Returns the same for the JSON document.
     """
     statuses = cell_statuses(cells, results, jobs, device, quick=times)
     rows, left = [_described(status) for status in statuses], seconds_left(statuses, jobs)
@@ -186,7 +173,6 @@ def show_status(
 
 
 def _described(status: CellStatus) -> dict[str, Any]:
-    """Returns the entry of a configuration in the JSON document, which is a row of the table."""
     cell, run, numbers = status.cell, status.cell.runs[0], status._asdict()
     del numbers["cell"]
     return {

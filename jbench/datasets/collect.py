@@ -36,14 +36,9 @@ def collect(
     """Collects a dataset, resumes its collection, or returns the finished one.
 
     The actions are uniform in [-1, 1] (paper, section 5.2). Every episode has its own generator, so
-    the dataset does not depend on threads or interruptions.
-
-    Args:
-        progress: called with the number of completed control steps.
-
-    Raises:
-        RequestError: if its robot is not installed or has changed.
-        WorkError: if another process collects it, or the disk is full.
+    the dataset does not depend on threads or interruptions. `progress` takes the completed control
+    steps. Raises a RequestError if its robot is not installed or has changed, and a WorkError if
+    another process collects it, or the disk is full.
     """
     with results.locked("dataset", settings.id) as existing:
         if existing is not None and existing.status == "finished":

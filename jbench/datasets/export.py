@@ -53,17 +53,12 @@ def export_minari(
     """Writes a dataset for Minari with the observations and rewards of a task.
 
     The export is atomic: it is written to a hidden directory beside the target. An interrupted
-    export is written again by the next one.
+    export is written again by the next one. `root` is the directory of Minari datasets
+    (MINARI_DATASETS_PATH); `progress` takes the number of completed episodes.
 
-    Args:
-        dataset: a finished dataset.
-        root: directory of Minari datasets (MINARI_DATASETS_PATH).
-        progress: called with the number of completed episodes.
-
-    Raises:
-        RequestError: if Minari is not installed, the target exists, or the dataset is of another
-            robot.
-        WorkError: if the dataset is damaged, another process exports it, or the disk is full.
+    Raises a RequestError if Minari is not installed, the target exists, or the dataset is of
+    another robot, and a WorkError if the dataset is damaged, another process exports it, or the
+    disk is full.
     """
     missing = [name for name in ("minari", "h5py") if importlib.util.find_spec(name) is None]
     if missing:

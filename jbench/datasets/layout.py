@@ -41,22 +41,15 @@ def observations_table(
 ) -> pa.Table:
     """Returns the rows of consecutive episodes of another robot.
 
-    Args:
-        observations: (episodes, steps + 1, size).
-        actions: (episodes, steps, action_size).
-        rewards: (episodes, steps).
+    Observations are (episodes, steps + 1, size), actions (episodes, steps, action_size), and
+    rewards (episodes, steps).
     """
     made = np.concatenate([actions, rewards[..., None]], axis=-1)
     return _table(first_episode, observations, made, observations_schema(task))
 
 
 def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) -> pa.Table:
-    """Returns the rows of consecutive episodes.
-
-    Args:
-        state: with leading axes (episodes, steps + 1).
-        actions: (episodes, steps).
-    """
+    """Returns the rows of episodes: states (episodes, steps + 1), actions (episodes, steps)."""
     parts = (
         np.reshape(getattr(state, part), (*state.motor_position.shape, len(names)))
         for part, names in STATE_COLUMNS.items()
@@ -102,10 +95,8 @@ def episodes_table(first_episode: int, targets: Sequence[Mapping[str, Target]]) 
 def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int) -> str | None:
     """Returns a problem of the rows of whole episodes, to follow "holds"; None if they are valid.
 
-    Args:
-        steps: rows of `STEPS` or of `observations_schema`.
-        targets: rows of `DATASET_EPISODES` or of `SEEDS`.
-        episodes: expected episode numbers.
+    The episodes have the expected numbers; the rows are of `STEPS` or `observations_schema`, and of
+    `DATASET_EPISODES` or `SEEDS`.
     """
     made = [name for name in steps.column_names if name.startswith("action") or name == "reward"]
     numbers, step_numbers = np.arange(episodes.start, episodes.stop), np.arange(episode_steps + 1)

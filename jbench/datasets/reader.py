@@ -23,12 +23,12 @@ from jbench.wording import with_results
 
 
 class Block(NamedTuple):
-    """Episodes of a dataset with the observations and rewards of one task.
+    """Episodes of a dataset with the observations and rewards of one task, in float32.
 
     Attributes:
-        observations: (episodes, 1001, dim(O)) float32, the last after the last action.
-        actions: (episodes, 1000) float32; of another robot (episodes, 1000, action_size).
-        rewards: (episodes, 1000) float32, at the end of each control step.
+        observations: (episodes, 1001, dim(O)), the last after the last action.
+        actions: (episodes, 1000); of another robot (episodes, 1000, action_size).
+        rewards: (episodes, 1000), at the end of each control step.
     """
 
     observations: NDArray[np.float32]
@@ -37,16 +37,12 @@ class Block(NamedTuple):
 
 
 class Dataset:
-    """A collected dataset.
+    """A collected dataset of a robot: "jitterbug", or the task of another one.
 
-    Attributes:
-        id: such as random/s00-1f9a2c4e.
-        robot: "jitterbug", or the task of another robot.
-        parts: the episodes of each file; `blocks(task, parts=[i])` reads part i.
+    `parts` are the episodes of each file; `blocks(task, parts=[i])` reads part i.
     """
 
     def __init__(self, record: Record) -> None:
-        """Opens the dataset of a record; raises a RequestError if its settings are invalid."""
         self.record = record
         self.id = record.id
         self.settings = validated(
@@ -60,14 +56,10 @@ class Dataset:
         self.parts = tuple(range(*pair) for pair in itertools.pairwise(bounds))
 
     def blocks(self, task: str, parts: Iterable[int] | None = None) -> Iterator[Block]:
-        """Yields the dataset for a task, file by file, with one file in memory at a time.
+        """Yields the dataset for a task, file by file (`parts`), with one file in memory at a time.
 
-        Args:
-            parts: indices of `Dataset.parts` in the order of reading; all by default.
-
-        Raises:
-            RequestError: if there is no such task, or the dataset is of another robot.
-            WorkError: if a file is damaged or has invalid columns or values.
+        Raises a RequestError if there is no such task, or the dataset is of another robot, and a
+        WorkError if a file is damaged or has invalid columns or values.
         """
         self.check_task(task)
         files = [self.record.parts(table) for table in self._tables]
@@ -136,8 +128,7 @@ def find_dataset(
 ) -> Dataset:
     """Returns a dataset by its id, or the newest finished one of a robot that is not augmented.
 
-    Raises:
-        RequestError: if there is none, or it is not finished.
+    Raises a RequestError if there is none, or it is not finished.
     """
     results, robot = results_to_read(results), recorded_robot(task)
     option, robot_named = "", ""

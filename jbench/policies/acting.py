@@ -38,11 +38,9 @@ for observations (n, size) as float32 arrays (as tensors for a module). It must 
 
 @dataclass(frozen=True)
 class ActingPolicy:
-    """A policy for a batch of robots, acting on the observations of its task.
+    """A policy: actions (robots, action_size) in [-1, 1] for observations (robots, dim(O)).
 
-    Attributes:
-        act: returns actions (robots, action_size) in [-1, 1] for observations (robots, dim(O)).
-        reset: starts new episodes of this many robots.
+    `reset` starts new episodes of so many robots.
     """
 
     act: Act
@@ -53,10 +51,8 @@ class ActingPolicy:
 def acting(actor: Actor, action_size: int) -> Iterator[Act]:
     """Yields the function that acts, with modules in evaluation mode and without gradients.
 
-    The caller's modules and torch's generator are as before afterwards.
-
-    Raises:
-        RequestError: if it can't be called, or its actions have the wrong shape or are not finite.
+    The caller's modules and torch's generator are as before afterwards. Raises a RequestError if it
+    can't be called, or its actions have the wrong shape or are not finite.
     """
     modules = list(actor.modules()) if isinstance(actor, nn.Module) else []
     modes = [module.training for module in modules]
@@ -134,9 +130,8 @@ def is_imported_policy(name: str) -> bool:
 def imported_policy(name: str, task: str) -> ActingPolicy:
     """Returns a policy of another package, whose actions are checked, after it has acted once.
 
-    Raises:
-        RequestError: if it does not exist, or its actions have the wrong shape or are not finite.
-        WorkError: if its module, its class or its actions raise an error.
+    Raises a RequestError if it does not exist, or its actions have the wrong shape or are not
+    finite; a WorkError if its module, its class or its actions raise an error.
     """
     sizes = find_task(task)
 

@@ -22,7 +22,6 @@ class UnsupportedPolicyError(RequestError):
     """A policy is not a sequence of layers that jbench can save."""
 
     def __init__(self, why: str) -> None:
-        """Makes the error; `why` is a clause."""
         self.why = why
         super().__init__(
             f"This policy can't be kept: {why}; pass a module that applies Linear, LayerNorm, "
@@ -32,17 +31,10 @@ class UnsupportedPolicyError(RequestError):
 
 
 def copy_module(module: object, inputs: int, outputs: int) -> SavedNetwork:
-    """Returns a copy of a module as a policy.
+    """Returns a copy of a module: actions (n, outputs) for (encoded) observations (n, inputs).
 
-    The result is compared with the module on random observations.
-
-    Args:
-        module: takes observations (n, inputs) and returns actions (n, outputs).
-        inputs: size of an (encoded) observation.
-        outputs: size of an action.
-
-    Raises:
-        UnsupportedPolicyError: if it is not a sequence of supported layers.
+    It is compared with the module on random observations. Raises an UnsupportedPolicyError if it is
+    not a sequence of supported layers.
     """
     if not isinstance(module, nn.Module):
         raise UnsupportedPolicyError(f"its type is {type(module).__name__}, no torch module")
@@ -55,8 +47,7 @@ def copy_module(module: object, inputs: int, outputs: int) -> SavedNetwork:
 def module_layers(module: nn.Module) -> list[SavedLayer]:
     """Returns the layers that a module applies to a value that records them.
 
-    Raises:
-        UnsupportedPolicyError: if one is not supported, or takes several results.
+    Raises an UnsupportedPolicyError if one is not supported, or takes several results.
     """
     try:
         result = module(_value([]))
@@ -160,7 +151,6 @@ def float32_array(value: Any) -> Float:
 
 
 def _check(network: SavedNetwork, module: nn.Module, inputs: int, outputs: int) -> None:
-    """Compares a policy with the module that it was made from."""
     if not any(layer.kind == "linear" for layer in network.layers):
         raise UnsupportedPolicyError("it has no Linear layer")
     if (network.inputs, network.outputs) != (inputs, outputs):

@@ -28,17 +28,9 @@ def evaluate(
     """Runs and saves the episodes of a policy, unless they have been saved before.
 
     Each episode has its own generator for pose and target. The random policy is seeded; all others
-    are deterministic.
-
-    Args:
-        results: where it is written; contains the runs.
-        threads: number of robots stepped in parallel.
-        progress: called with the number of control steps done, over all episodes.
-        name: of the policy, such as a path; None for that of the settings.
-
-    Raises:
-        RequestError: if there is no such policy for this task.
-        WorkError: if another process is running this evaluation, or it can't be written.
+    are deterministic. `progress` is called with the control steps done, over all episodes; the name
+    of the policy may be a path. Raises a RequestError if there is no such policy for this task, and
+    a WorkError if another process is running this evaluation, or it can't be written.
     """
     policy = find_policy(results, name or settings.policy, settings.task, settings.seed)
     if settings.specs is not None and (settings.states or settings.target_yaw is not None):
@@ -70,7 +62,6 @@ def _episodes(
     act: Act,
     progress: Callable[[int], None],
 ) -> dict[str, pa.Table]:
-    """Runs episodes in parallel; returns their rows."""
     generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
     if isinstance(worlds, JitterbugWorlds):
         observations = worlds.reset(generators, settings.target_yaw)

@@ -30,15 +30,10 @@ _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e-?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 def find_policy(results: Results, name: str, task: str, seed: int = 0) -> ActingPolicy:
-    """Returns a policy by name.
+    """Returns a policy by name, see `POLICY_NAMES`; the seed is of the random policy.
 
-    Args:
-        name: see `jbench.names.POLICY_NAMES`.
-        seed: of the random policy.
-
-    Raises:
-        RequestError: if there is no such policy, or it was trained on another task.
-        WorkError: if the policy of another package can't be imported.
+    Raises a RequestError if there is no such policy, or it was trained on another task, and a
+    WorkError if the policy of another package can't be imported.
     """
     if name == HEURISTIC:
         if task not in TASKS:
@@ -70,7 +65,6 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
 
 
 def _constant(name: str) -> float:
-    """Returns the command of a constant policy."""
     text = name.removeprefix(_CONSTANT)
     # Python also reads 0_1 and +1, but the name is part of an evaluation's id.
     if not _NUMBER.fullmatch(text) or not -1 <= float(text) <= 1:
@@ -83,9 +77,7 @@ def _constant(name: str) -> float:
 def find_trained_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
     """Returns the id of a run and its trained agent, also for "reference/" and a shipped run's id.
 
-    Raises:
-        RequestError: if there is no such run, or it has no policy.
-        WorkError: if its files are damaged.
+    Raises a RequestError if there is no such run or policy, a WorkError if its files are damaged.
     """
     located, run = _locate(results, name)
     return run, load_agent(located, run)
@@ -95,11 +87,8 @@ def full_name(results: Results, name: str) -> str:
     """Completes the name of a trained policy to the whole id of its run.
 
     `reference/face_direction/ddpg/full` is short for the only shipped policy of these runs, and
-    `face_direction/ddpg` for the only such run of the results.
-
-    Raises:
-        RequestError: if there is no such kind of policy, its command is wrong, no shipped policy
-            matches the name, or several runs do.
+    `face_direction/ddpg` for the only such run of the results. Raises a RequestError if there is no
+    such policy, its command is wrong, or several runs match.
     """
     if is_sb3_zip(name):
         return name
@@ -121,9 +110,8 @@ def shipped_policies() -> list[str]:
 def find_run(results: Results, name: str) -> Run | None:
     """Returns the settings of a trained policy's run; None if there is none, as of other policies.
 
-    Raises:
-        RequestError: if the name is an invalid run id or an unknown shipped policy.
-        WorkError: if the run's manifest can't be read.
+    Raises a RequestError if the name is an invalid run id or an unknown shipped policy, and a
+    WorkError if the run's manifest can't be read.
     """
     if "/" not in name or is_sb3_zip(name):
         return None
@@ -133,10 +121,9 @@ def find_run(results: Results, name: str) -> Run | None:
 
 
 def policy_code(name: str) -> str | None:
-    """Returns what identifies the code or file of a policy; None for policies of jbench.
+    """Returns what identifies the code of a policy that is not jbench's; None for the others.
 
-    Returns:
-        Name and version of its package, or the first 16 digits of the SHA-256 of its file.
+    It is name and version of its package, or the first 16 digits of the SHA-256 of its file.
     """
     if is_sb3_zip(name):
         return sha256_start(name)
@@ -155,7 +142,6 @@ def _locate(results: Results, name: str) -> tuple[Results, str]:
 
 
 def _shipped_run(name: str) -> str:
-    """Returns the run id of the shipped policy whose name is, or begins with, `name`."""
     names = shipped_policies()
     matches = [shipped for shipped in names if shipped.startswith(name)]
     if len(matches) == 1:

@@ -131,8 +131,7 @@ class SavedNetwork:
     def from_files(cls, weights: bytes, description: bytes) -> "SavedNetwork":
         """Inverts `files`, and reads the older format: ReLU layers with a `squash`.
 
-        Raises:
-            ValueError: if the files are invalid, or the sizes of the layers do not match.
+        Raises a ValueError if the files are invalid, or the sizes of the layers do not match.
         """
         try:
             tensors, described = safetensors.numpy.load(weights), json.loads(description)
@@ -156,11 +155,7 @@ def linear_layer(weight: Float, bias: Float) -> SavedLayer:
 
 
 def relu_layers(linear: Sequence[SavedLayer], squash: str) -> list[SavedLayer]:
-    """Returns layers with ReLU between them and "tanh" or "clip" (to [-1, 1]) after the last.
-
-    Raises:
-        KeyError: for another squash.
-    """
+    """Returns layers with ReLU between them and "tanh" or "clip" (to [-1, 1]) after the last."""
     last = {"tanh": SavedLayer("tanh"), "clip": SavedLayer("clip", numbers={"low": -1, "high": 1})}
     between = [layer for affine in linear for layer in (affine, SavedLayer("relu"))]
     return [*between[:-1], last[squash]]
@@ -169,13 +164,11 @@ def relu_layers(linear: Sequence[SavedLayer], squash: str) -> list[SavedLayer]:
 def feature_layers(
     mean: Float, deviation: Float, linear: Sequence[SavedLayer], appended: bool
 ) -> list[SavedLayer]:
-    """Returns densely connected layers of SiLU units on standardized observations.
+    """Returns densely connected layers of SiLU units on observations (size,) that are standardized.
 
     Args:
-        mean: (size,) of the observations.
-        deviation: (size,) standard deviation of the observations.
         linear: each takes the standardized observation and the units of the layers before it.
-        appended: whether the features are the observation followed by the units, or only the units.
+        appended: whether the features are the observation followed by the units, or the units.
     """
     layers = [
         SavedLayer("shift", {"offset": -mean}),
@@ -190,7 +183,6 @@ def feature_layers(
 
 
 def _layer(described: dict[str, Any], i: int, tensors: Mapping[str, Float]) -> SavedLayer:
-    """Returns layer number i from its description and its tensors."""
     kind = described["layer"]
     names = ["earlier"] if kind == _CONCAT else inspect.signature(LAYERS[kind]).parameters
     arrays = {name: tensors[f"{i}.{name}"] for name in names if f"{i}.{name}" in tensors}

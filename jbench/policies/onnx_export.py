@@ -31,26 +31,17 @@ _TOLERANCE = 1e-4  # of an action; float32 rounding in another order is a hundre
 
 
 def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) -> float:
-    """Writes the policy of a run as an ONNX model and compares the two.
+    """Writes the policy of a run as an ONNX model; returns the largest difference of their actions.
 
     The model has an input `observation` (robots, dim(O)) and an output `action` (robots, dim(A)),
     both float32. The scaling of the observation and the encoder are part of it. Its metadata
-    describe the inputs and the outputs; see `metadata`.
+    describe the inputs and the outputs; see `metadata`. The input is the features in SI units, or
+    the observation of the environment, in which the range of each feature of the Jitterbug is
+    mapped to [-1, 1].
 
-    Args:
-        run: id of its run, for the metadata.
-        path: of the file, which is replaced if it exists.
-        in_si_units: whether the input is the features in SI units; otherwise it is the observation
-            of the environment, in which the range of each feature of the Jitterbug is mapped to
-            [-1, 1].
-
-    Returns:
-        The largest absolute difference from the policy's actions.
-
-    Raises:
-        RequestError: if the encoder or the policy has an operation that can't be written, or the
-            units of the observation are not known.
-        WorkError: if the model's actions differ from the policy's, or it can't be written.
+    Raises a RequestError if the encoder or the policy has an operation that can't be written, or
+    the units of the observation are not known, and a WorkError if the model's actions differ from
+    the policy's, or it can't be written.
     """
     if in_si_units and agent.task not in TASK_SPECS:
         raise RequestError(

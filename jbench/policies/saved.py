@@ -33,8 +33,7 @@ class TrainedAgent:
     def act(self, observations: Array) -> Array:
         """Returns actions (..., action_size) for observations (..., dim(O)) of the task.
 
-        Raises:
-            RequestError: if the observations have another size.
+        Raises a RequestError if the observations have another size.
         """
         size = find_task(self.task).observation_size
         if observations.shape[-1:] != (size,):
@@ -51,16 +50,10 @@ def has_policy(record: Record) -> bool:
 
 
 def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
-    """Returns the trained agent of a finished run.
+    """Returns the trained agent of a finished run, by its whole id; see `results_to_read`.
 
-    Args:
-        results: the results or their directory; "reference" names the shipped ones.
-        run: the whole id of the run.
-
-    Raises:
-        RequestError: if the run does not exist, has not finished, or was saved without its policy,
-            or its task is not installed or has changed.
-        WorkError: if its files are damaged.
+    Raises a RequestError if the run does not exist, has not finished, or was saved without its
+    policy, or its task is not installed or has changed, and a WorkError if its files are damaged.
     """
     results = results_to_read(results)
     record = results.find("run", run)

@@ -41,19 +41,15 @@ def is_sb3_zip(name: str) -> bool:
 
 
 def sha256_start(path: str) -> str:
-    """Returns the first 16 digits of the SHA-256 of a file.
-
-    Raises:
-        RequestError: if it can't be read.
-    """
+    """Returns the first 16 digits of a file's SHA-256; raises a RequestError if unreadable."""
     return sha256(_content(path))[:16]
 
 
 def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     """Returns the deterministic policy of a saved model.
 
-    Raises:
-        RequestError: if it can't be read, is no plain `MlpPolicy`, or is for other observations.
+    Raises a RequestError if it can't be read, is no plain `MlpPolicy`, or is for other
+    observations.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(_content(path))) as file:

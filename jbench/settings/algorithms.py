@@ -80,10 +80,7 @@ class OffPolicySettings(AlgorithmSettings):
         """Returns the steps per environment between learning phases, and the updates per phase.
 
         More environments take fewer steps each, so the ratio of updates to control steps does not
-        depend on their number.
-
-        Raises:
-            RequestError: if the number of updates per phase is not an integer.
+        depend on their number. Raises a RequestError if the number of updates is not an integer.
         """
         steps = self.rollout_steps(environments)
         updates, remainder = divmod(self.gradient_steps * steps * environments, self.train_freq)
@@ -221,18 +218,10 @@ def default_base(task: str, base: Base | None = None) -> Base:
 def algorithm_settings(
     algo: str, base: Base = "published", overrides: dict[str, Any] | None = None
 ) -> AlgorithmSettings:
-    """Returns the settings of an algorithm.
+    """Returns the settings of one of `ALGORITHMS`, with some values by name instead.
 
-    Args:
-        algo: one of `jbench.settings.algorithms.ALGORITHMS`.
-        base: "published" for Table 1 with the defaults of stable-baselines 2; "script" for the
-            authors' script; "sb3" for Table 1 with the defaults of stable-baselines3; "suite" for
-            other robots.
-        overrides: values by name that replace them.
-
-    Raises:
-        RequestError: if a setting is unknown, its value is invalid, or the script's algorithm is
-            not implemented.
+    Raises a RequestError if a setting is unknown, its value is invalid, or the script's algorithm
+    is not implemented.
     """
     kind = SETTINGS[algo]
     if base == "script" and algo not in SCRIPT:

@@ -52,9 +52,7 @@ def _shared(values: Mapping[str, Any]) -> Mapping[str, Any]:
 def alike(run: Run, free: Collection[str]) -> str:
     """Returns a key that is equal for runs that differ only in the free settings.
 
-    Args:
-        run: settings, with or without the omitted ones.
-        free: names; a hyperparameter may be named by the last part of its path.
+    A hyperparameter may be named by the last part of its path.
     """
     names, flat = set(free), flatten(run)
     if "algo" in names and run.algo not in SETTINGS:

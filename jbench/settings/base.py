@@ -53,11 +53,9 @@ def omissible(default: Any, **more: Any) -> Any:
 
 
 def typed(default: Any, unit: str | None = None, **more: Any) -> Any:
-    """Returns a field that every record has; users who type none get the default.
+    """Returns a field that every record has; users who type none get the default, or what follows.
 
-    Args:
-        default: for users; None if it follows from other settings.
-        unit: `control steps`, which users may type as 100k or 5e6.
+    The unit is `control steps`, which users may type as 100k or 5e6.
     """
     return Field(json_schema_extra={"typed": default, "unit": unit}, **more)
 
@@ -69,11 +67,7 @@ def typed_default(field: FieldInfo) -> Any:
 
 
 def canonical_json(settings: Mapping[str, Any]) -> str:
-    """Returns the canonical JSON of settings: sorted keys, no spaces, ASCII.
-
-    Raises:
-        ValueError: if a value is NaN or infinite.
-    """
+    """Returns sorted, ASCII JSON without spaces; raises a ValueError if a value is not finite."""
     return json.dumps(settings, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
@@ -106,14 +100,7 @@ _PLAIN = {
 
 
 def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
-    """Returns a settings object.
-
-    Args:
-        whose: name of their owner in error messages, such as "the run".
-
-    Raises:
-        RequestError: if a value is invalid; the message names the setting.
-    """
+    """Returns a settings object; raises a RequestError that names the setting if one is invalid."""
     try:
         return kind(**values)
     except ValidationError as error:
@@ -123,16 +110,10 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
 def settings_with(
     kind: type[_Model], name: str, values: Mapping[str, object], what: str = "setting"
 ) -> _Model:
-    """Returns a settings object with values by name, instead of its defaults.
+    """Returns a settings object with values by name, as JSON values, instead of its defaults.
 
-    Args:
-        name: of their owner in error messages.
-        values: those that differ from the defaults, as JSON values: a list for a tuple. An integer
-            may be a float, such as 1e3.
-        what: what a field is called in error messages.
-
-    Raises:
-        RequestError: if a setting is unknown or a value is invalid.
+    An integer may be a float, such as 1e3. Raises a RequestError if a setting, called `what`, is
+    unknown or a value is invalid.
     """
     fields = kind.model_fields
     typed = {
@@ -170,7 +151,6 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: st
 
 
 def _unknown(location: list[str], kind: type[BaseModel], whose: str, what: str) -> RequestError:
-    """Returns an error that lists the names of the settings, or of a table in them."""
     *tables, name = location
     for table in tables:
         kind, whose = kind.model_fields[table].annotation, f"[{table}]"  # type: ignore[assignment]

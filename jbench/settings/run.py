@@ -214,11 +214,9 @@ class RunSettings(Settings):
         return None if self.augment is None else self.augment + min(robot, self.robots - 1)
 
     def robot_at(self, control_steps: int) -> int:
-        """Returns the index of the robot at a control step.
+        """Returns the index of the robot at a control step, which is counted from 1.
 
-        Args:
-            control_steps: number of steps including this one. An algorithm may train beyond
-                `steps` to the end of a rollout, with the last robot.
+        An algorithm may train beyond `steps` to the end of a rollout, with the last robot.
         """
         done = max(control_steps - 1, 0)
         return min(done * self.robots // self.steps, self.robots - 1)

@@ -33,11 +33,7 @@ _WORDS = {
 def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str, str]:
     """Returns a label for each variant: the settings that differ, such as `learning_rate=0.001`.
 
-    Args:
-        settings: settings of a run, or of another record, by variant.
-
-    Returns:
-        Labels by variant, in the order of the values that differ; "" for a single variant.
+    They are in the order of the values that differ; "" for a single variant.
     """
     return _labels(settings, lambda name, value: f"{name}={_text(value)}")
 
@@ -76,7 +72,6 @@ def _word(name: str, value: Any) -> str:
 
 
 def _is_named(flat: Flat, path: tuple[str, ...]) -> bool:
-    """Returns whether a setting of a run has a name of its own, and is not a default."""
     # The engine of agents of other packages follows from the algorithm.
     ours = flat.get(("algo",)) in SETTINGS
     return ours and bool(_WORDS.get((path[-1], str(flat.get(path)))))
@@ -89,13 +84,9 @@ def _labels(
     *,
     always_named: bool = False,
 ) -> dict[str, str]:
-    """Returns the labels of variants.
+    """Returns the labels of variants, made by a form of names and values.
 
-    Args:
-        form: makes a text of the name and value of a setting.
-        left_out: settings that are not in the labels.
-        always_named: whether settings with a name of their own are in the labels even if all
-            variants agree on them.
+    If `always_named`, settings with a name of their own are in them even if all variants agree.
     """
     flat = {variant: _with_base(flatten(values)) for variant, values in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
@@ -140,7 +131,6 @@ def _with_base(flat: Flat) -> Flat:
 
 @cache
 def _bases(algo: str) -> dict[str, Flat]:
-    """Returns the hyperparameters of an algorithm by the name of their base."""
     omitted = SETTINGS[algo].omitted()
     return {
         base: flatten({_HYPERPARAMETERS: omitted | values.model_dump(mode="json")})

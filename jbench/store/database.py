@@ -38,11 +38,7 @@ class Folder(NamedTuple):
             raise UnreadableError(self.path, self.problem)
 
     def read(self) -> Record | None:
-        """Returns its record; None if it has no manifest, or no longer.
-
-        Raises:
-            RecordError: if the folder or the manifest can't be read, or is damaged.
-        """
+        """Returns its record; None if it has no manifest, or no longer. Raises a RecordError."""
         self.check()
         if MANIFEST not in self.names:
             return None
@@ -53,18 +49,12 @@ class Folder(NamedTuple):
 
 
 class Results:
-    """A results directory.
-
-    Attributes:
-        name: what `--results` and messages call it: the path, or `reference` for the shipped ones.
-    """
+    """A results directory; messages call it by its name: the path, or `reference` if shipped."""
 
     def __init__(self, path: Path | str, name: Path | None = None) -> None:
-        """Opens a results directory, which need not exist yet; its name is the path by default.
+        """Opens a directory, which need not exist yet.
 
-        Raises:
-            RequestError: if the path is not a directory.
-            WorkError: if it can't be read.
+        Raises a RequestError if the path is a file, and a WorkError if it can't be read.
         """
         path = Path(path)
         try:
@@ -77,11 +67,7 @@ class Results:
         self.name = path if name is None else name
 
     def record(self, kind: Kind, id: str) -> Record:
-        """Returns a record, which need not exist yet.
-
-        Raises:
-            RequestError: if the id is invalid.
-        """
+        """Returns a record, which need not exist yet; raises a RequestError for an invalid id."""
         if not _ID.fullmatch(id):  # it could lead out of the results directory
             raise RequestError(
                 f"{id!r} is not an id; an id looks like face_direction/dae12/s00-1f9a2c4e."
@@ -97,11 +83,7 @@ class Results:
     ) -> Record:
         """Creates a record, or restarts an unfinished one without its data; see `Record.begin`.
 
-        Args:
-            made_on: more provenance, such as that of `device_provenance`.
-
-        Raises:
-            RequestError: if the settings can't be recorded.
+        `made_on` is more provenance. Raises a RequestError if the settings can't be recorded.
         """
         record = self.record(kind, id)
         record.begin(Manifest.new(kind, id, settings, made_on or {}))
@@ -115,11 +97,8 @@ class Results:
     def complete_id(self, kind: Kind, text: str) -> str:
         """Returns the id of the only record whose id begins with a text; else the text itself.
 
-        Args:
-            text: id or its beginning, or the path of the record's directory.
-
-        Raises:
-            RequestError: if the text is no part of an id, or the beginning of several ids.
+        The text may also be the path of the record's directory. Raises a RequestError if it is no
+        part of an id, or the beginning of several ids.
         """
         text, root = text.rstrip("/"), (self.path / f"{kind}s").resolve()
         if root in Path(text).resolve().parents:
@@ -137,12 +116,10 @@ class Results:
 
     @contextlib.contextmanager
     def locked(self, kind: Kind, id: str) -> Iterator[Record | None]:
-        """Locks a record and yields it, or None if it does not exist yet.
+        """Locks a record and yields it, or None if it does not exist yet; raises also as `find`.
 
-        Files that an interrupted writer left uncommitted are removed.
-
-        Raises:
-            WorkError: if another process holds the lock; else as `find`.
+        Files that an interrupted writer left uncommitted are removed. Raises a HeldError if another
+        process holds the lock.
         """
         with self.record(kind, id).lock():
             record = self.find(kind, id)
@@ -203,11 +180,7 @@ class Results:
         return next(self.walk(kind, id), Folder(kind, id, self.path / f"{kind}s" / id))
 
     def inside(self, name: str) -> Path:
-        """Returns a path below the results directory.
-
-        Raises:
-            WorkError: if a symlink leads out of it.
-        """
+        """Returns a path below the directory; raises a WorkError if a symlink leads out of it."""
         path = self.path / name
         if not self._holds(path):
             raise WorkError(f"{path} leads out of the results directory; it is not used.")

@@ -38,9 +38,7 @@ def is_missing(error: OSError) -> bool:
 def make_directory(path: Path) -> None:
     """Creates a directory and its parents.
 
-    Raises:
-        RequestError: if the path is a file or not writable.
-        WorkError: if the disk is full or fails.
+    Raises a RequestError if the path is a file or not writable, a WorkError if the disk fails.
     """
     try:
         new = [parent for parent in (path, *path.parents) if not parent.exists()]
@@ -60,10 +58,9 @@ def make_directory(path: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Checks that a file can be written, or replaced, before work whose result it will hold.
+    """Checks that a file can be written or replaced, before work whose result it will hold.
 
-    Raises:
-        RequestError: if the path is a directory or a device, or its directory is not writable.
+    Raises a RequestError if it is a directory or a device, or its directory is not writable.
     """
     make_directory(path.parent)
     if path.exists() and not path.is_file():
@@ -72,11 +69,7 @@ def check_output(path: Path) -> None:
 
 
 def write_atomic(path: Path, content: bytes) -> None:
-    """Writes a file atomically.
-
-    Raises:
-        WorkError: if the disk is full or fails; an existing file is unchanged.
-    """
+    """Writes a file; raises a WorkError if the disk is full or fails, and then changes nothing."""
     temporary = None
     try:
         handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY, dir=path.parent)
@@ -101,11 +94,7 @@ def write_atomic(path: Path, content: bytes) -> None:
 
 
 def move(path: Path, to: Path) -> None:
-    """Moves a file or a directory within a file system, without replacing anything.
-
-    Raises:
-        WorkError: if `to` exists, or the disk fails.
-    """
+    """Moves a file or a directory within a file system; raises a WorkError if `to` exists."""
     make_directory(to.parent)
     try:
         if os.path.lexists(to):
@@ -135,11 +124,7 @@ def _closing(file: _File) -> Iterator[_File]:
 
 @contextlib.contextmanager
 def open_plain(path: Path) -> Iterator[io.BufferedReader]:
-    """Opens a regular file for reading; refuses symlinks, directories and pipes.
-
-    Raises:
-        OSError: if it is not a regular file or can't be opened; see `is_missing`.
-    """
+    """Opens a file for reading; raises an OSError if it is not a regular file, see `is_missing`."""
     _check_plain(os.lstat(path).st_mode)
     handle = os.open(path, os.O_RDONLY | PLAIN)
     try:

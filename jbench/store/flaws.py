@@ -12,11 +12,7 @@ wrote it or reading fails; or a record is intact, with a warning.
 
 
 class RecordError(WorkError):
-    """A record, or a file of it, can't be used.
-
-    Attributes:
-        problem: clause to follow the path in a sentence.
-    """
+    """A record, or a file of it, can't be used; the problem is a clause to follow the path."""
 
     sort: Sort = "damaged"
 

@@ -23,12 +23,9 @@ LOOK_EVERY = 2.0
 class Change(NamedTuple):
     """What a commit has changed in a run.
 
-    Attributes:
-        is_new: whether the run is seen for the first time or has started over. Rows of it that
-            were yielded before are then void.
-        status_changed: whether its status is another one than before, or it is new.
-        rows: new ones, each with its table, in the order of control steps; numbers that are not
-            finite are None.
+    `is_new`: it is seen for the first time or has started over, so that rows of it that were
+    yielded before are void. `status_changed` is then true, too. `rows` are the new ones, each with
+    its table, in the order of control steps; numbers that are not finite are None.
     """
 
     record: Record
@@ -38,17 +35,10 @@ class Change(NamedTuple):
 
 
 class Follower:
-    """Yields each committed row of runs once.
-
-    It only reads, so any number of followers may run beside the processes that write.
-    """
+    """Yields each committed row of runs once. It only reads; any number may run beside writers."""
 
     def __init__(self, results: Results, filters: Mapping[str, Collection[Any]]) -> None:
-        """Follows the runs that match the filters when they are seen for the first time.
-
-        Args:
-            filters: allowed values by field of a run's line; see `listing.make_line`.
-        """
+        """Follows the runs whose lines (`make_line`) have the allowed values when first seen."""
         self._results, self._filters = results, filters
         # By id: the record whose rows were yielded, and the stamp of its manifest.
         self._seen: dict[str, Record] = {}
@@ -69,7 +59,6 @@ class Follower:
                 yield change
 
     def _look_at(self, folder: Folder) -> Change | None:
-        """Returns what a folder's run has changed; None if it has no run, or no new manifest."""
         stamp = _stamp(folder.path / MANIFEST)
         if stamp is not None and stamp == self._stamps.get(folder.id):
             return None
@@ -114,7 +103,6 @@ def _stamp(manifest: Path) -> tuple[int, ...] | None:
 
 
 def _starts_over(record: Record, seen: Record) -> bool:
-    """Returns whether rows that were yielded no longer belong to the run."""
     has_fewer = any(record.rows(table) < seen.rows(table) for table in schema.LOG_TABLES)
     return has_fewer or record.manifest.created != seen.manifest.created
 

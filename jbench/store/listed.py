@@ -45,9 +45,8 @@ def write_checkpoint(directory: Path, role: str, content: bytes) -> FileEntry:
 def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
     """Returns the content of a file; `advice` is a clause for one that is damaged.
 
-    Raises:
-        DamagedError: if it is missing or not what the manifest lists.
-        UnreadableError: if reading it fails, perhaps temporarily.
+    Raises a DamagedError if it is missing or not what the manifest lists, and an UnreadableError if
+    reading it fails, perhaps temporarily.
     """
     with _opened(directory, entry, advice) as file:
         content = file.read()
@@ -58,12 +57,7 @@ def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
 def read_rows(
     directory: Path, entry: FileEntry, advice: str, columns: pa.Schema | None, is_old: bool
 ) -> pa.Table:
-    """Returns the rows of a file; see `read`.
-
-    Args:
-        columns: to return; None for those that it has.
-        is_old: whether it was written with an older schema version.
-    """
+    """Returns columns, or all, of a file, which may be of an older schema version; see `read`."""
     with _opened(directory, entry, advice) as file:
         content = file.read()
         _check_digest(files.sha256(content), entry)

@@ -25,13 +25,9 @@ def list_runs(
 ) -> tuple[list[Row], list[str]]:
     """Returns the lines of the runs, oldest first, and an error for each unreadable one.
 
-    Args:
-        filters: allowed values by field of a line.
-        returns: whether to read the episodes for the final returns.
-
-    Returns:
-        Lines as by `make_line`, but `variant` names the settings in which the listed runs of the
-        same algorithm and representation differ, as in legends.
+    They are as by `make_line`, but `variant` names the settings in which the listed runs of the
+    same algorithm and representation differ, as in legends. If `returns`, the episodes are read.
+    The filters are the allowed values by field of a line.
     """
     records, problems = results.scan(kind)
     lines: list[Row] = []
@@ -62,10 +58,8 @@ def make_line(record: Record) -> Row:
     Its fields are columns of the table `runs` and: `steps_done`, control steps of the committed
     episodes, or of the finished run; `returns`, the kind of return of an import, whose points are
     its `episodes`; `error`, why a failed run failed; and, null until they are read, the final
-    returns `last_return`, that of training or of an import's kind, and `evaluation_return`.
-
-    Raises:
-        DamagedError: if a value of its manifest does not fit into its column.
+    returns `last_return`, that of training or of an import's kind, and `evaluation_return`. Raises
+    a DamagedError if a value of the manifest does not fit into its column.
     """
     row, is_import = make_row(record), record.kind == "import"
     episodes = (row["points"] or 0) if is_import else row["episodes"]
@@ -114,7 +108,6 @@ def evaluation_return(record: Record) -> float | None:
 
 
 def _with_returns(record: Record) -> Row:
-    """Returns the line of a run or an import with its final returns."""
     line = make_line(record)
     if record.kind == "import":
         points = record.read("import_points").to_pandas()

@@ -30,9 +30,8 @@ def hold(
 ) -> Iterator[None]:
     """Holds a lock of a directory during the block; by default exclusive, without waiting.
 
-    Raises:
-        HeldError: if another process holds the lock.
-        WorkError: if the file can't be opened or locked.
+    Raises a HeldError if another process holds it, a WorkError if the file can't be opened or
+    locked.
     """
     path = directory / LOCK
     try:

@@ -36,10 +36,9 @@ _MAX_INTEGER = 2**63  # exclusive bound of a 64-bit column
 
 
 def check_json(value: Any, texts: bool = True) -> Any:
-    """Returns a JSON value whose integers fit a column and whose texts are printable and short.
+    """Returns a JSON value; raises a ValueError if an integer doesn't fit a column.
 
-    Raises:
-        ValueError: if an integer does not fit, or a text is not, which `texts` turns off.
+    So it does if a text is not printable or too long, unless that is not checked.
     """
     stack = [value]
     while stack:
@@ -58,11 +57,7 @@ def check_json(value: Any, texts: bool = True) -> Any:
 
 
 def check_settings(settings: dict[str, Any]) -> dict[str, Any]:
-    """Returns settings that can be recorded.
-
-    Raises:
-        ValueError: if a text or a number can't be; NaN, for example, has no hash.
-    """
+    """Returns settings; raises a ValueError if they can't be recorded: NaN, say, has no hash."""
     canonical_json(settings)
     check_json(settings)
     return settings
@@ -157,9 +152,8 @@ class Manifest(BaseModel):
     def read(cls, path: Path) -> "Manifest | None":
         """Reads a manifest; returns None if the file does not exist.
 
-        Raises:
-            UnreadableError: if reading it fails, perhaps temporarily, or it is of another version.
-            DamagedError: if it is no manifest.
+        Raises an UnreadableError if reading it fails, perhaps temporarily, or it is of another
+        version, and a DamagedError if it is no manifest.
         """
         try:
             with files.open_plain(path) as file:
@@ -186,5 +180,4 @@ class Manifest(BaseModel):
 
 
 def _reason(error: ValidationError) -> str:
-    """Returns the first reason for which a manifest is invalid, as a clause."""
     return error.errors()[0]["msg"].removeprefix("Value error, ")

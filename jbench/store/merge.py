@@ -40,8 +40,7 @@ def merge(
 ) -> list[Merged]:
     """Merges the sources, which are only read, into the results.
 
-    Raises:
-        RequestError: if a source contains no results, or is the destination.
+    Raises a RequestError if a source contains no results, or is the destination.
     """
     for source in sources:
         _check_source(results, source)
@@ -78,7 +77,6 @@ def _check_source(results: Results, source: Results) -> None:
 def _merge_record(
     results: Results, source: Results, folder: Folder, quarantine: Quarantine
 ) -> Outcome:
-    """Copies the record of a folder if it is intact and needed."""
     kind, id = folder.kind, folder.id
     other, flaws = examine(source, kind, id)
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
@@ -97,11 +95,7 @@ def _merge_record(
 
 
 def _choose(mine: Record, other: Record) -> Outcome:
-    """Returns the outcome for a record that exists already.
-
-    Raises:
-        WorkError: if their contents conflict.
-    """
+    """Returns the outcome for a record that exists already; raises a WorkError if they conflict."""
     finished = mine.status == "finished", other.status == "finished"
     if finished == (True, False):
         return "kept"

@@ -42,7 +42,6 @@ def provenance() -> dict[str, Any]:
 
 
 def _installed() -> dict[str, str]:
-    """Returns the versions of the packages that are installed; dm-control is optional."""
     versions = {}
     for name in _PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -66,7 +65,6 @@ def device_provenance(device: "torch.device") -> dict[str, str | None]:
 
 
 def _driver() -> str | None:
-    """Returns the version of the NVIDIA driver, if the system reports it."""
     try:
         return Path("/sys/module/nvidia/version").read_text().strip()
     except OSError:
@@ -74,15 +72,11 @@ def _driver() -> str | None:
 
 
 def _printable(text: str) -> str:
-    """Returns a word of a command as a manifest allows it."""
     return "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Returns what may round numbers differently: [before, now] of each that is not the same.
-
-    Entries that an older version did not record are not compared.
-    """
+    """Returns what may round numbers differently: [before, now] of each recorded change."""
     packages = before.get("packages")
     then = {**before, **(packages if isinstance(packages, Mapping) else {})}
     return {

@@ -37,12 +37,10 @@ def load(
     coded: bool = False,
     columns: Mapping[str, Sequence[str]] | None = None,
 ) -> Tables:
-    """Reads and checks tables of a results directory.
+    """Reads and checks tables of a results directory; files of other tables are not read.
 
-    Args:
-        names: of the tables; files of other tables are not read.
-        coded: whether to return ids as Arrow dictionaries, which need a tenth of the memory.
-        columns: to select, by table; all columns of other tables.
+    `columns` selects some by table. If `coded`, ids are Arrow dictionaries, which need a tenth of
+    the memory.
     """
     selected = columns or {}
     tables: dict[str, pa.Table] = {}
@@ -107,8 +105,7 @@ def named_tables(sql: str) -> set[str]:
 def run_sql(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
     """Runs one SELECT over the tables, without access to files or network.
 
-    Raises:
-        RequestError: if it is not one SELECT, or DuckDB reports an error.
+    Raises a RequestError if it is not one SELECT, or DuckDB reports an error.
     """
     try:
         return _select(sql, tables)
@@ -205,8 +202,6 @@ def records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
 def _read(
     records: Sequence[Record], schemas: Mapping[str, pa.Schema]
 ) -> tuple[list[tuple[Row, dict[str, pa.Table]]], list[str]]:
-    """Returns the row and the tables of each record, and an error for each damaged one."""
-
     def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
         def row_and_tables() -> tuple[Row, dict[str, pa.Table]]:
             return make_row(record), {name: record.read(name, schemas[name]) for name in schemas}

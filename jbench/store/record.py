@@ -94,8 +94,7 @@ class Record:
     def read(self, table: str, columns: pa.Schema | None = None) -> pa.Table:
         """Returns the committed rows of a table, by default with all columns of `schema.FILES`.
 
-        Raises:
-            RecordError: see `listed.read`, or if a file lacks a column.
+        Raises a RecordError as `listed.read`, or if a file lacks a column.
         """
         columns = schema.FILES[table] if columns is None else columns
         parts = [self.read_part(entry, columns) for entry in self.parts(table)]
@@ -137,9 +136,8 @@ class Record:
     def begin(self, manifest: Manifest) -> None:
         """Makes the record, or replaces what it holds.
 
-        Raises:
-            RequestError: if the directory is not writable.
-            WorkError: if the disk is full or fails; this is true of all methods that write.
+        As all methods that write, raises a RequestError if the directory is not writable, and a
+        WorkError if the disk is full or fails.
         """
         files.make_directory(self.path)
         self._commit(manifest)
@@ -156,8 +154,8 @@ class Record:
         """Adds rows to tables and replaces checkpoints in one atomic commit.
 
         Args:
-            checkpoints: content by role, a file name such as `checkpoint.safetensors`; the state
-                needed to resume after these rows. It replaces the previous file of the role.
+            checkpoints: the state to resume after these rows: content by role, a file name such as
+                `checkpoint.safetensors`, which replaces the previous file of the role.
             drop: roles of checkpoints to remove.
             replace: tables whose existing rows are dropped.
         """
@@ -175,8 +173,7 @@ class Record:
     ) -> dict[str, list[Any]]:
         """Records that unfinished or failed work is resumed, and where, as JSON values.
 
-        Returns:
-            The `differences` of the provenance, to which `made_on` is added, since the start.
+        Returns the `differences` of the provenance, to which `made_on` is added, since the start.
         """
         before = self.manifest.provenance
         changed = differences(before, {**provenance(), **(made_on or {})})
@@ -194,12 +191,9 @@ class Record:
         compact: bool = True,
         keep: Collection[str] = (),
     ) -> None:
-        """Marks the record as finished and removes its checkpoints.
+        """Marks the record as finished, adds files by name, and removes checkpoints not to keep.
 
-        Args:
-            new_files: content of additional files by name.
-            compact: whether to join each table into one file, which must fit in memory.
-            keep: roles of checkpoints that are not removed.
+        If `compact`, each table is joined into one file, which must fit in memory.
         """
         before = self.manifest.files
         kept = [e for e in before if e.table is None and (e.role is None or e.role in keep)]

@@ -34,7 +34,6 @@ class Quarantine:
     """A new quarantine directory, created on first use."""
 
     def __init__(self, results: Results, dry_run: bool = False) -> None:
-        """Chooses the directory; in a dry run nothing is moved."""
         self.moved: dict[Path, Path] = {}
         self.dry_run = dry_run
         self._results = results
@@ -78,8 +77,7 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
 def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
     """Repairs a folder, unless another process is writing there.
 
-    Returns:
-        The command that makes its damaged record again, if its manifest tells.
+    Returns the command that makes its damaged record again, if its manifest tells.
     """
     folder = results.look(kind, id)
     folder.check()

@@ -27,8 +27,7 @@ KIND_TABLES: dict[Kind, tuple[str, dict[str, pa.Schema]]] = {
 def make_row(record: Record) -> Row:
     """Returns the row of a record, with null for what its manifest lacks.
 
-    Raises:
-        DamagedError: if a value of its manifest does not fit into its column.
+    Raises a DamagedError if a value of its manifest does not fit into its column.
     """
     manifest, columns = record.manifest, schema.TABLES[KIND_TABLES[record.kind][0]]
     try:
@@ -60,7 +59,6 @@ def _converted(value: Any, field: pa.Field) -> Any:
 
 
 def _counted(record: Record) -> Row:
-    """Returns values of a row that neither settings nor summary contain as such."""
     manifest = record.manifest
     if record.kind == "run":
         diverged = manifest.summary.get("diverged")

@@ -19,10 +19,9 @@ def shipped_results() -> Results:
 
 
 def results_to_read(place: Results | Path | str) -> Results:
-    """Returns the results in a directory that exists; "reference" names the shipped ones.
+    """Returns the results in a directory; "reference" names the shipped ones.
 
-    Raises:
-        RequestError: if the path is not a directory.
+    Raises a RequestError if there is no such directory.
     """
     if isinstance(place, Results):
         return place
@@ -38,11 +37,7 @@ def results_to_read(place: Results | Path | str) -> Results:
 
 
 def results_to_write(path: Path) -> Results:
-    """Returns results to write to, which need not exist yet.
-
-    Raises:
-        RequestError: if they are the shipped ones, or the path is not a directory.
-    """
+    """Returns results to write to, which need not exist; refuses the shipped ones, and files."""
     if is_reference(path):
         raise RequestError(
             f"{REFERENCE} names the results shipped with jbench, which are read-only; name another "

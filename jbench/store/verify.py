@@ -90,7 +90,6 @@ def examine(results: Results, kind: Kind, id: str) -> tuple[Record | None, list[
 
 
 def _check_beside_writers(results: Results, folder: Folder) -> tuple[Record | None, list[Flaw]]:
-    """Examines a folder, in which another process may be writing."""
     record, flaws = _check(folder)
     if flaws:
         was_held = locks.is_held(folder.path)
@@ -121,7 +120,6 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
 
 
 def _check_settings(record: Record) -> None:
-    """Raises a `DamagedError` if a record's settings are invalid or do not match its id."""
     make_row(record)
     expected = settings_hash(record.settings)
     if not record.id.endswith(f"-{expected}"):
@@ -130,7 +128,6 @@ def _check_settings(record: Record) -> None:
 
 
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
-    """Yields warnings about a record."""
     problems = []
     kind, named = _needed(record)
     if named is not None and (kind, str(named)) not in intact:
@@ -157,7 +154,6 @@ def _needed(record: Record) -> tuple[Kind, Any]:
 
 
 def _check_date(text: str) -> str | None:
-    """Returns a problem of a date of a manifest, or None."""
     try:
         # Clocks of different machines differ a little.
         if datetime.fromisoformat(text) > datetime.now(UTC) + timedelta(hours=1):

@@ -23,16 +23,11 @@ from jbench.training.request import make_runs, read_representation, requested_of
 
 
 class Cell(NamedTuple):
-    """Runs that differ only in their seeds.
+    """Runs that differ only in their seeds; `settings` is the source of their hyperparameters.
 
-    Attributes:
-        task, algo: task and algorithm of the runs.
-        representation: as typed by the user: full, dae12, or the id of an encoder.
-        runs: one per seed.
-        settings: source of the default hyperparameters.
-        encoders: settings of the runs' encoders, which are trained if they are missing; empty for
-            the full observation, and for an encoder given by its id.
-        dataset: training data of these encoders.
+    The representation is as typed: full, dae12, or the id of an encoder. `encoders` are the
+    settings of the runs' encoders, which are trained on the dataset if they are missing; empty for
+    the full observation, and for an encoder given by its id.
     """
 
     task: str
@@ -58,11 +53,8 @@ def with_runs(cells: Iterable[Cell], ids: Collection[str]) -> list[Cell]:
 def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
     """Returns the cells of the parts of a matrix in the order of the file, grouped by task.
 
-    Args:
-        results: results that contain the encoders given by id.
-
-    Raises:
-        RequestError: if the settings of a run or an encoder are invalid.
+    The results contain the encoders given by id. Raises a RequestError if the settings of a run or
+    an encoder are invalid.
     """
     # Cells may be repeated, also by another name: planar is planar12.
     different: dict[tuple[str, ...], Cell] = {}

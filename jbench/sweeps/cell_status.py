@@ -20,16 +20,11 @@ from jbench.wording import counted, duration
 
 
 class CellStatus(NamedTuple):
-    """Status of a cell.
+    """Numbers of seeds of a cell by status, and what is left of all its runs.
 
-    Attributes:
-        finished, partial, failed, missing: number of seeds.
-        steps_left: remaining control steps of all runs.
-        seconds_left: s on this machine; None if unknown.
-        estimate: source of `seconds_left`: "measured runs", "a quick measurement" or "unknown";
-            empty if nothing is left.
-        evaluating: share of `seconds_left` that evaluations take; 0 if they have fewer control
-            steps than the training, and then at most take half.
+    `estimate` is the source of `seconds_left` (s on this machine): "measured runs", "a quick
+    measurement" or "unknown"; empty if nothing is left. `evaluating` is the share that evaluations
+    take; 0 if they have fewer control steps than the training, and then at most take half.
     """
 
     cell: Cell
@@ -48,11 +43,9 @@ def cell_statuses(
 ) -> list[CellStatus]:
     """Returns the status of each cell, with the estimated time left on this machine.
 
-    Args:
-        results: contain its runs; similar finished runs are used for the estimate.
-        jobs: number of processes at a time.
-        device: of the batched engine.
-        quick: whether to measure algorithms without finished runs, which takes seconds.
+    The estimate is from similar finished runs in the results; if `quick`, algorithms without any
+    are measured, which takes seconds. `jobs` is the number of processes at a time, `device` that of
+    the batched engine.
     """
     measured, quickly = _measured(results, device), dict[str, float | None]()
     all_statuses = []
@@ -158,9 +151,6 @@ def _core_seconds_per_step(record: Record, device: str) -> float | None:
     """Returns the core seconds per control step of a finished run, if they are known.
 
     The runs of a process share one core, and each of them records the whole wall time.
-
-    Args:
-        device: on which runs are trained now, except those of stable-baselines3.
     """
     provenance, summary = record.manifest.provenance, record.manifest.summary
     now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
@@ -178,8 +168,7 @@ def _core_seconds_per_step(record: Record, device: str) -> float | None:
 def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None:
     """Returns the seconds per control step of temporary agents; None if they can't be made.
 
-    Raises:
-        RequestError: if jbench can't use the task.
+    Raises a RequestError if jbench can't use the task.
     """
     import torch
 

@@ -41,16 +41,11 @@ class Ray:
     ) -> None:
         """Joins a cluster, or starts one on this machine.
 
-        Args:
-            results: where the runs are written; a directory with the same path on all nodes.
-            address: address of the cluster; None for RAY_ADDRESS, else a cluster on this machine.
-            jobs: number of tasks at a time; 0 for as many as the cluster has resources for.
-            gpus_per_task: number of GPUs per task; may be a fraction.
-            options: see `Local`.
-
-        Raises:
-            RequestError: if Ray is not installed, there is no such cluster, or it lacks GPUs.
-            WorkError: if the results directory can't be locked.
+        The results directory has the same path on all nodes. Without an address it is RAY_ADDRESS,
+        else a cluster on this machine. `jobs` is the number of tasks at a time; 0 for as many as
+        the cluster has resources for. `options` are as of `Local`. Raises a RequestError if Ray is
+        not installed, there is no such cluster, or it lacks GPUs; a WorkError if the results
+        directory can't be locked.
         """
         try:
             import ray
@@ -119,7 +114,6 @@ class Ray:
             ) from None
 
     def _room(self, gpus_per_task: float) -> int:
-        """Returns the number of tasks for which the cluster has resources."""
         resources = self._ray.cluster_resources()
         room = int(resources.get("CPU", 0))
         if gpus_per_task:
@@ -174,13 +168,9 @@ class Ray:
 
 
 def train_batch(request: str) -> str:
-    """Trains runs in a process on the node where Ray calls this.
+    """Trains the runs of a `worker_request` in a process on the node where Ray calls this.
 
-    Args:
-        request: JSON, see `worker_request`.
-
-    Returns:
-        JSON: the last event of each run that had one.
+    Returns JSON: the last event of each run that had one.
     """
     content = json.loads(request)
     path = Path(content["results"])

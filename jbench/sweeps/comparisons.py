@@ -13,14 +13,10 @@ from jbench.sweeps.matrix import COMPARISON, Claim, Planned, named
 
 
 class MatrixComparison(NamedTuple):
-    """Two cells that differ only in their representation.
+    """Two cells that differ only in their representation, with runs of the seeds from 0 on.
 
-    Attributes:
-        ours: cell of the first representation, with runs of the seeds from 0 on.
-        theirs: cell of the second one, likewise.
-        against: name of the second representation.
-        share: of the error rate, before other comparisons pass theirs on.
-        max_seeds: maximum number of seeds per cell, a multiple of the block size.
+    `share` is that of the error rate, before other comparisons pass theirs on. `max_seeds` per cell
+    is a multiple of the block size.
     """
 
     ours: Cell
@@ -50,15 +46,10 @@ def comparisons(
     """Returns the planned comparisons, or those of each reduced representation with each baseline.
 
     A planned comparison has its share of the error rate whether or not the others are requested;
-    the others divide the whole rate equally among those that are requested.
-
-    Args:
-        claims: representations such as `dae12`, or pairs such as `dae12/full`; empty for all.
-        max_seeds: maximum number of seeds per cell where an entry has none.
-
-    Raises:
-        RequestError: if there are no comparisons, a claim matches none of them, or the cells have
-            not exactly one pair for a planned comparison.
+    the others divide the whole rate equally among those that are requested. Claims are
+    representations such as `dae12`, or pairs such as `dae12/full`; none for all. `max_seeds` is for
+    entries that have none. Raises a RequestError if there are no comparisons, a claim matches none
+    of them, or the cells have not exactly one pair for a planned comparison.
     """
     every = _with_cells(cells, planned) if planned else list(_with_baselines(cells))
     every = [pair._replace(max_seeds=pair.max_seeds or max_seeds) for pair in every]
@@ -77,7 +68,6 @@ def comparisons(
 
 
 def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[MatrixComparison]:
-    """Returns the planned comparisons with their cells."""
     listed: list[MatrixComparison] = []
     for n, entry in enumerate(planned, 1):
         with named(f"{COMPARISON} {n}"):
@@ -99,7 +89,6 @@ def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[Matri
 
 
 def _pair(cells: Sequence[Cell], entry: Planned) -> tuple[Cell, Cell]:
-    """Returns the two cells of a planned comparison."""
     cells = [cell for cell in cells if (cell.task, cell.algo) == (entry.task, entry.algo)]
     pairs = [
         (ours, theirs)

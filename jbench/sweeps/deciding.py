@@ -23,11 +23,10 @@ from jbench.training.status import run_status
 
 
 class ComparisonOutcome(NamedTuple):
-    """What a comparison of the finished seeds has found.
+    """The decision at the deciding interim analysis of finished seeds, or at the last one.
 
-    Attributes:
-        decision: decision at the deciding interim analysis, or at the last one.
-        needed: unfinished runs up to the next analysis; empty if it is decided or has all seeds.
+    `needed` are the unfinished runs up to the next analysis; empty if it is decided or has all
+    seeds.
     """
 
     comparison: MatrixComparison
@@ -39,10 +38,7 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
     """Returns the mean return of a run's last evaluation (a), or of all evaluations (c).
 
     Without evaluations, it is the mean over the last training episodes (see `final_returns`), or
-    over all.
-
-    Raises:
-        WorkError: if the rows can't be read, or the return is not finite.
+    over all. Raises a WorkError if the rows can't be read, or the return is not finite.
     """
     rows = record.read("evaluations")
     if rows.num_rows:
@@ -67,9 +63,7 @@ def outcomes(
 ) -> list[ComparisonOutcome]:
     """Returns the outcome of each comparison with the finished seeds.
 
-    Args:
-        chosen: all comparisons that share the error rate.
-        returns: the compared returns of runs by id, to which those that are read are added.
+    All chosen comparisons share the error rate. The returns that are read are added to `returns`.
     """
     pairs = [
         (
@@ -119,10 +113,7 @@ def _needed(
 def next_cells(outcomes: Sequence[ComparisonOutcome], tried: Container[str]) -> list[Cell]:
     """Returns the cells of undecided comparisons, each with the runs that it needs next.
 
-    A comparison gets no more seeds if it needs a run that was tried and is still unfinished.
-
-    Args:
-        tried: ids of runs.
+    A comparison gets no more seeds if it needs a run whose id was tried and is still unfinished.
     """
     going_on = [
         outcome

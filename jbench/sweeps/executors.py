@@ -21,11 +21,9 @@ from jbench.training.events import Event
 
 
 class Executor(Protocol):
-    """Trains batches of runs, several at a time, each called from its own thread.
+    """Trains batches of runs, `jobs` at a time, each called from its own thread.
 
-    Attributes:
-        jobs: number of batches at a time.
-        device: of the batched engine: `cpu`, `cuda` or such as `cuda:1`.
+    `device` is that of the batched engine: `cpu`, `cuda` or such as `cuda:1`.
     """
 
     jobs: int
@@ -47,14 +45,7 @@ class Local:
     def __init__(
         self, results: Results, jobs: int = 0, device: str = "cpu", **options: Any
     ) -> None:
-        """Starts no process yet.
-
-        Args:
-            results: where the runs are written.
-            jobs: processes at a time; 0 for `default_jobs`.
-            device: `cpu`, `cuda` or such as `cuda:1`.
-            options: other options of `jbench.training.batched_run.run_batch`.
-        """
+        """Starts no process yet; 0 jobs are `default_jobs`, options are those of `run_batch`."""
         self.jobs, self.device = jobs or default_jobs(device), device
         self._results, self._options = results, options
         self._processes: set[subprocess.Popen[str]] = set()
@@ -65,13 +56,9 @@ class Local:
         return self.run(worker_request(runs, self._results, self.device, self._options))
 
     def run(self, request: str) -> Iterator[Event]:
-        """Starts a worker and yields its events as they arrive; none after `stop`.
+        """Starts a worker with a `worker_request` and yields its events; none after `stop`.
 
-        Args:
-            request: see `worker_request`.
-
-        Raises:
-            WorkError: if the process can't be started.
+        Raises a WorkError if the process can't be started.
         """
         process = _start()
         assert process.stdin is not None

@@ -128,12 +128,8 @@ class Planned(Settings):
 def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     """Returns the parts of a matrix; a file without parts has one.
 
-    Args:
-        name: one of `jbench.names.SWEEPS`, or the path of a .toml file.
-        changes: keys that replace the file's in all parts.
-
-    Raises:
-        RequestError: if there is no such matrix, or it is invalid.
+    The name is one of `SWEEPS` or the path of a .toml file; `changes` replace the file's keys in
+    all parts. Raises a RequestError if there is no such matrix, or it is invalid.
     """
     content = _content(name)
     with named(name):
@@ -168,13 +164,8 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
 def read_comparisons(name: str) -> list[Planned]:
     """Returns the comparisons that a matrix file lists; none if it leaves the choice to jbench.
 
-    Those without a share of the error rate get equal shares of the rest.
-
-    Args:
-        name: see `read_matrix`.
-
-    Raises:
-        RequestError: if an entry is invalid, or the shares add up to more than the error rate.
+    Those without a share of the error rate get equal shares of the rest. Raises a RequestError if
+    an entry is invalid, or the shares add up to more than the error rate.
     """
     planned = []
     with named(name):
@@ -223,7 +214,6 @@ def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str,
 
 
 def _content(name: str) -> dict[str, Any]:
-    """Returns the content of a file, one of `SWEEPS` or a user's."""
     text = _text(name)
     try:
         return tomllib.loads(text)

@@ -51,15 +51,8 @@ def prepare(
 ) -> dict[str, str]:
     """Makes the missing encoders of runs, and first the datasets on which they are trained.
 
-    If another process is making one of them, this waits for it.
-
-    Args:
-        cells: cells that contain the runs, and maybe others.
-        runs: runs that will be trained.
-        device: see `jbench.devices.find_device`.
-
-    Returns:
-        A sentence for each run whose encoder can't be made, by run id.
+    If another process is making one of them, this waits for it. The cells contain the runs, and
+    maybe others. Returns a sentence for each run whose encoder can't be made, by run id.
     """
     needed = {run.encoder for run in runs}
     failures: dict[str, str] = {}

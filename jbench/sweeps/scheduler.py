@@ -50,27 +50,20 @@ def sweep(
 ) -> dict[str, str]:
     """Trains the missing runs of cells until each is finished or failed.
 
-    Missing datasets and encoders are made first. A failed run does not stop the others. A run
-    whose process dies is resumed, and counts as failed when its third process dies, which it shares
-    with no other run.
+    Missing datasets and encoders are made first, on the device. A failed run does not stop the
+    others. A run whose process dies is resumed, and counts as failed when its third process dies,
+    which it shares with no other run.
 
     Args:
-        cells: cells of a matrix, or a single one.
-        results: where datasets, encoders and runs are written.
         make_executor: called if there are runs to train; None for `Local`, a process per core.
         report: takes each `Event`, in the thread that called this.
-        device: device for training encoders, see `jbench.devices.find_device`.
         retry_failed: whether to retry runs that failed before.
         wait: whether to wait for runs that another process is training, and to resume them if
             that process dies.
 
-    Returns:
-        A sentence for each run that failed, by run id.
-
-    Raises:
-        RequestError: if the executor can't be made, the results can't be written to, or jbench
-            can't use the task of a new run.
-        WorkError: if a process can't be started.
+    Returns a sentence for each run that failed, by run id. Raises a RequestError if the executor
+    can't be made, the results can't be written to, or jbench can't use the task of a new run, and a
+    WorkError if a process can't be started.
     """
     for cell in cells:  # an interrupted sweep may have left temporary files
         if cell.dataset is not None:
@@ -171,7 +164,6 @@ class _Scheduler:
         return list(left.values())
 
     def _handle(self, event: Event | Future[list[RunSettings]]) -> None:
-        """Handles an event, or the end of a task."""
         if isinstance(event, Future):
             self._tasks.remove(event)
             self._try_again(event.result())

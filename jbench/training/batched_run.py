@@ -45,7 +45,6 @@ def run_batch(
     Args:
         runs: settings that differ only in their seeds, and in their encoders if those have seeds
             of their own; one run, if its engine is not `batched`.
-        results: where the runs are written.
         encoders: where their encoders are; None for `results`.
         device: see `jbench.devices.find_device`.
         checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
@@ -53,14 +52,10 @@ def run_batch(
         until: control step at the end of an episode, where training stops and the runs remain
             unfinished; None to finish them.
         final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
-        report: takes an event of each run that resumes, and one after each training episode.
 
-    Returns:
-        The error of each failed run by id; a failure does not stop the others.
-
-    Raises:
-        RequestError: if the device is unavailable, or the settings are invalid.
-        WorkError: if the results can't be written.
+    Returns the error of each failed run by id; a failure does not stop the others. Raises a
+    RequestError if the device is unavailable or settings are invalid, a WorkError if results can't
+    be written.
     """
     if runs[0].engine == "sb3":
         device = "cpu"

@@ -38,8 +38,6 @@ _ENVELOPE, _ROWS = "envelope", "rows"
 
 
 class _Envelope(BaseModel):
-    """Header of a checkpoint."""
-
     model_config = Settings.model_config
 
     format: int
@@ -49,13 +47,10 @@ class _Envelope(BaseModel):
 
 
 class Checkpoint(NamedTuple):
-    """State from which a run resumes; `read_replay` reads the replay buffer.
+    """State of an agent and its robots from which a run resumes; `read_replay` reads the buffer.
 
-    Attributes:
-        position: progress of the run.
-        state: state of its agent and robots.
-        replay_row: number of the row after the last one in the replay buffer; 0 without one.
-        newest: whether this is the newest checkpoint; if not, the newer ones are damaged.
+    `replay_row` is the number after the last row in the replay buffer, 0 without one. If it is not
+    the newest checkpoint, the newer ones are damaged.
     """
 
     position: Position
@@ -80,10 +75,8 @@ def save(
 ) -> Checkpoint:
     """Commits the pending rows of a run and a checkpoint atomically.
 
-    Args:
-        engine: engine that trains the run, between two control steps.
-        index: index of the run in the engine.
-        only: whether to drop all existing checkpoints.
+    The run has an index in the engine, which is between two control steps. If `only`, all existing
+    checkpoints are dropped.
     """
     roles = record.roles()
     states = [match for role in roles if (match := _STATE.fullmatch(role))]
@@ -114,20 +107,11 @@ def save(
 def copied(
     checkpoint: Checkpoint, record: Record, longer: str
 ) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
-    """Returns the rows of a finished run up to a checkpoint, and its files, for a longer run.
+    """Returns rows by table and checkpoint files by role of a finished run, for a longer one.
 
-    The last evaluation of a finished run may have more episodes than the others.
-
-    Args:
-        checkpoint: from `load` of the finished run.
-        longer: id of the longer run.
-
-    Returns:
-        Rows by table, and the files of the checkpoint by role.
-
-    Raises:
-        UnreadableError: if a file can't be read now.
-        WorkError: if a file is damaged.
+    The checkpoint is from `load`. The last evaluation of a finished run may have more episodes than
+    the others. Raises an UnreadableError if a file can't be read now, a WorkError if one is
+    damaged.
     """
     tables = rows_before(record, checkpoint.position)
     regular = pc.field("episode") < record.settings["evaluate_episodes"]
@@ -149,8 +133,7 @@ def newest(record: Record) -> set[str]:
 def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
     """Returns the newest intact checkpoint, or None, and a sentence for each rejected one.
 
-    Raises:
-        UnreadableError: if a file can't be read now; the checkpoint may be intact.
+    Raises an UnreadableError if a file can't be read now; the checkpoint may be intact.
     """
     refused: list[str] = []
     for role in reversed(record.roles()):
@@ -178,8 +161,7 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
 def read_replay(record: Record, row: int) -> Tensor:
     """Returns the saved rows (environments, rows, size + 2) before number `row`.
 
-    Raises:
-        WorkError: if a file differs from what was committed.
+    Raises a WorkError if a file differs from what was committed.
     """
     pieces = [piece for piece in _pieces(record.roles()) if piece.first < row]
     parts = [_tensors(record, piece.role)[_ROWS] for piece in pieces]
@@ -192,9 +174,8 @@ def read_replay(record: Record, row: int) -> Tensor:
 def _read(record: Record, role: str) -> tuple[Position, SeedState]:
     """Reads a checkpoint without its replay rows.
 
-    Raises:
-        WorkError: if its file differs from what was committed.
-        ValueError: if it belongs to another run, or has another format.
+    Raises a WorkError if its file differs from what was committed, and a ValueError if it belongs
+    to another run, or has another format.
     """
     tensors = _tensors(record, role)
     try:
@@ -226,6 +207,5 @@ def _tensors(record: Record, role: str) -> dict[str, Tensor]:
 
 
 def _pieces(roles: Sequence[str]) -> list[_Piece]:
-    """Returns the pieces of the replay buffer in order."""
     matches = [match for role in roles if (match := _PIECE.fullmatch(role))]
     return sorted(_Piece(int(match[1]), int(match[2])) for match in matches)

@@ -27,11 +27,7 @@ def kept_runs(run: RunSettings, results: Results) -> list[Record]:
 
 
 def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
-    """Returns the finished runs that differ only in having fewer steps, the longest first.
-
-    Args:
-        free: settings in which they may differ, too.
-    """
+    """Returns finished runs with fewer steps, longest first; they may differ in `free`, too."""
     same = {name: getattr(run, name) for name in ("steps", *free)}
     records, _ = results.scan("run", f"{run.id.rpartition('-')[0]}-")
     shorter = [

@@ -29,18 +29,11 @@ Trainer: TypeAlias = "Engine | SB3Engine"
 def make_trainer(
     runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str
 ) -> Trainer:
-    """Returns what trains an agent for each run.
+    """Returns what trains an agent for each run, which may share a process; see `run_batch`.
 
-    Args:
-        runs: settings that can be trained together; see `jbench.training.batched_run.run_batch`.
-        encoders: of the observations, one for each run.
-        device: see `jbench.devices.find_device`.
-
-    Raises:
-        RequestError: if the device is unavailable, the algorithm is not installed or can't be
-            made, or the task is not installed or has changed.
-        WorkError: if the package of the algorithm can't be imported, or its update rule can't be
-            trained.
+    Raises a RequestError if the device is unavailable, the algorithm is not installed or can't be
+    made, or the task is not installed or has changed; a WorkError if the package of the algorithm
+    can't be imported, or its update rule can't be trained.
     """
     settings, seeds = runs[0], [derive_seeds(run.seed)[0] for run in runs]
     check_specs(settings.task, settings.specs)

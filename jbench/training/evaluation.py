@@ -22,9 +22,8 @@ the returns of an agent's episodes vary more than the expected returns of agents
 def final_evaluation_episodes(settings: RunSettings, requested: int | None) -> int:
     """Returns the number of episodes of the last evaluation of a run.
 
-    Args:
-        requested: None for `FINAL_EPISODES`, but not more than the run has training episodes, and
-            not fewer than in its other evaluations.
+    If none is requested, it is `FINAL_EPISODES`, but not more than the run has training episodes,
+    and not fewer than in its other evaluations.
     """
     if not settings.evaluate_episodes:
         return 0
@@ -72,7 +71,7 @@ def evaluate_policies(
         number: of the evaluation.
         act: returns actions (..., action_size) for observations (..., dim(O)) of the task, in the
             order of the runs.
-        threads: number of simulation threads; the returns do not depend on it.
+        threads: of the simulation; the returns do not depend on them.
         control_steps: of the training so far; they determine the robot.
         episodes: of each run; None for the number in the settings.
         drawn: number of episodes in the run's earlier evaluations.
@@ -103,7 +102,6 @@ def evaluate_policies(
 
 
 def _act_on_row(act: Act, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-    """Returns the action (1, action_size) of one observation, which may be rounded by its shape."""
     return act(observations[0])[None]
 
 

@@ -29,12 +29,10 @@ from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 @dataclass
 class Member:
-    """A run of a batch.
+    """A run of a batch, at a control step, or to be resumed there.
 
-    Attributes:
-        control_steps: at which it is, or resumes from its checkpoint.
-        evaluated: policy of the last evaluation; the last updates may come after it.
-        failure: if its agent has diverged.
+    Its `evaluated` policy is that of the last evaluation; the last updates may come after it. It
+    has a failure if its agent has diverged.
     """
 
     settings: RunSettings
@@ -65,11 +63,9 @@ class TrainingGroup:
         *,
         keep_state: bool,
     ) -> None:
-        """Makes the engine, and restores it from the checkpoints of the runs.
+        """Makes the engine, and restores it from the checkpoints of the runs; see `run_batch`.
 
-        Args:
-            sharing: number of runs that share the process, those at other steps among them.
-            device: see `jbench.training.batched_run.run_batch`, also for the others.
+        `sharing` is the number of runs that share the process, those at other steps among them.
         """
         self._members, self._sharing, self._report = members, sharing, report
         self._timer, self._clock = CommitTimer(checkpoint_every), ProcessorClock()
@@ -95,8 +91,7 @@ class TrainingGroup:
     def _after_step(self, returns: NDArray[np.float64] | None) -> bool:
         """Writes what is due after a control step; returns whether to go on.
 
-        Args:
-            returns: (seeds, environments) of the episodes that ended, or None.
+        `returns` (seeds, environments) are of the episodes that ended, if any.
         """
         self._fail_diverged()
         steps = self._engine.control_steps
@@ -114,7 +109,6 @@ class TrainingGroup:
         return True
 
     def _restore(self) -> None:
-        """Restores the engine from the checkpoints of the runs."""
         assert isinstance(self._engine, Engine)
         checkpoints = [m.checkpoint for m in self._members if m.checkpoint is not None]
         for index, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
@@ -166,7 +160,6 @@ class TrainingGroup:
         self._note_policies()
 
     def _note_policies(self) -> None:
-        """Copies the policies of the last evaluation."""
         if self._settings.evaluate_episodes:
             for index, member in self._active():
                 member.evaluated = self._engine.policy(index)

@@ -43,18 +43,13 @@ class Position(BaseModel):
 
 
 class RunLog:
-    """Pending rows of a run, and its progress.
-
-    Attributes:
-        progress: pending rows included; its control steps and wall time are those of the beginning.
-    """
+    """Pending rows of a run, and its progress, which includes them but for steps and wall time."""
 
     def __init__(self, record: Record, position: Position | None = None) -> None:
         """Starts the run's clock.
 
-        Args:
-            position: where the run resumes; None for the beginning. The next commit drops rows
-                that were committed after it.
+        The run resumes at the position, or begins. The next commit drops rows that were committed
+        after it.
         """
         self._record = record
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.LOG_TABLES}
@@ -78,8 +73,7 @@ class RunLog:
     def summary(self, control_steps: int, *, evaluated: bool) -> dict[str, Any]:
         """Returns the entries of a finished run's manifest.
 
-        Args:
-            evaluated: whether the kept policy is the one that the last evaluation ran.
+        `evaluated`: whether the kept policy is the one that the last evaluation ran.
         """
         return {
             "wall_time": self._wall_time(),
@@ -109,10 +103,9 @@ class RunLog:
     def evaluation(
         self, control_steps: int, returns: Iterable[float], path: Path | None = None
     ) -> None:
-        """Adds the episodes of one evaluation.
+        """Adds the episodes of one evaluation, and the path of the first of them.
 
-        Args:
-            path: of the first of them. Those of the first and of the latest evaluation are kept.
+        The paths of the first and of the latest evaluation are kept.
         """
         number = self.progress.evaluations
         for episode, episode_return in enumerate(returns):
@@ -139,11 +132,7 @@ class RunLog:
         """Commits pending rows and a checkpoint atomically; returns the seconds that it took.
 
         When a table has many files, its rows are written again as one, so that a long run does not
-        end with thousands.
-
-        Args:
-            checkpoint: files by role.
-            drop: roles of checkpoints to remove.
+        end with thousands. The checkpoint has files by role; `drop` are roles to remove.
         """
         began, record = time.perf_counter(), self._record
         tables = {
@@ -165,14 +154,12 @@ class RunLog:
         return time.perf_counter() - began
 
     def _wall_time(self) -> float:
-        """Returns the seconds that the run has taken, without interruptions."""
         return time.perf_counter() - self._began
 
     def _advance(self, **changes: float) -> None:
         self.progress = self.progress.model_copy(update=changes)
 
     def _path_rows(self, control_steps: int, path: Path) -> pa.Table:
-        """Returns the rows of the path of the evaluation that is being added."""
         constant = {
             "run": self._record.id,
             "evaluation": self.progress.evaluations,
@@ -198,10 +185,9 @@ class RunLog:
 
 
 def rows_before(record: Record, position: Position) -> dict[str, pa.Table]:
-    """Returns the committed rows of a run up to a checkpoint, by table.
+    """Returns the committed rows of a run up to a checkpoint, by table; raises as `Record.read`.
 
-    Rows are compared by number, since an evaluation may be at the checkpoint's control step. Raises
-    a WorkError if they are damaged.
+    Rows are compared by number, since an evaluation may be at the checkpoint's control step.
     """
     evaluated = pc.field("evaluation") < position.evaluations
     logged = pc.field("control_steps") <= position.control_steps
@@ -231,11 +217,7 @@ class CommitTimer:
     """Decides when to commit, so that commits take at most `_MAX_COMMIT_SHARE` of the time."""
 
     def __init__(self, every: float) -> None:
-        """Starts with a commit that is due at once, so that a run is soon in the results.
-
-        Args:
-            every: minimum seconds between two commits; 0 to commit always.
-        """
+        """A first commit is due at once, so that a run is soon in the results; 0: always."""
         self._every = every
         self._next = time.perf_counter()
 

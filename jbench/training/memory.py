@@ -21,11 +21,7 @@ def replay_bytes(run: RunSettings, device: str = "cpu") -> int:
 
 
 def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | None:
-    """Returns a sentence on the replay buffers of concurrent runs; None if they are small.
-
-    Args:
-        device: of the batched engine.
-    """
+    """Returns a sentence on the replay buffers of concurrent runs; None if they are small."""
     needed = sum(replay_bytes(run, device) for run in runs if run.engine == "batched")
     if needed < _MIN_REPORTED:
         return None
@@ -44,7 +40,6 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
 
 
 def _transitions(run: RunSettings, device: str) -> int:
-    """Returns the maximum number of transitions in a run's replay buffer."""
     size = int(run.hyperparameters.get("buffer_size", 0))
     return min(size, run.steps) if device == "cpu" else size
 
@@ -60,7 +55,6 @@ def _available_on_gpu(device: str) -> int | None:
 
 
 def _available() -> int | None:
-    """Returns the bytes of available memory; None if the system does not report it."""
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):

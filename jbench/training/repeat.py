@@ -43,13 +43,9 @@ _Rows = dict[tuple[int, str, int, int], Mapping[str, Any]]
 class Repeated(NamedTuple):
     """A part of a run that was computed again: its last evaluation, or its first episodes.
 
-    Attributes:
-        run: id.
-        verdict: see `Verdict`.
-        reason: why it is not comparable, or how it differs, as a sentence; otherwise empty.
-        control_steps: at its end; None if it was not repeated.
-        recorded: returns of its episodes in the database.
-        computed: returns of the same episodes here.
+    The reason is a sentence on why it is not comparable, or how it differs; otherwise it is empty.
+    The part ends at `control_steps`, None if it was not repeated. `recorded` and `computed` are the
+    returns of its episodes in the database and here.
     """
 
     run: str
@@ -61,16 +57,10 @@ class Repeated(NamedTuple):
 
 
 def reevaluate(results: Results, record: Record) -> Repeated:
-    """Repeats the last evaluation of a run: the same initial states, with the kept policy.
+    """Repeats the last evaluation of a finished run: the same initial states, with the kept policy.
 
-    On the same kind of processor with the same versions, the returns are the same bits.
-
-    Args:
-        results: results directory of the run; contains its encoder.
-        record: finished run.
-
-    Raises:
-        WorkError: if a file of the run is damaged.
+    On the same kind of processor with the same versions, the returns are the same bits. The results
+    contain its encoder. Raises a WorkError if a file of the run is damaged.
     """
     if not has_policy(record):
         return Repeated(record.id, "no policy", "It was saved without its policy.")
@@ -118,15 +108,9 @@ def retrain(
 ) -> Repeated:
     """Trains the first episodes of a run again, in a temporary directory.
 
-    Args:
-        results: results directory of the run; contains its encoder.
-        episodes: number of training episodes. Parallel environments end theirs together, so that
-            it may be a few more.
-        progress: called with the control steps trained so far.
-
-    Raises:
-        RequestError: if it has no episode, its loop was not jbench's, or its encoder is missing.
-        WorkError: if the run is damaged, or its training fails here.
+    The results contain its encoder. Parallel environments end their episodes together, so that they
+    may be a few more. Raises a RequestError if it has no episode, its loop was not jbench's, or its
+    encoder is missing, and a WorkError if the run is damaged, or its training fails here.
     """
     settings = read_run(record.settings)
     if isinstance(settings, ExternalSettings):

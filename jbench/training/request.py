@@ -46,21 +46,18 @@ def request_runs(
     """Returns the settings of one run per seed.
 
     Args:
-        results: results that contain the encoder.
+        results: contain the encoder.
         algo: one of `ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
-        task: see `jbench.simulation.find_task`.
         encoder: "none" or "full", "ofeN" for N features learned with the agent, or an encoder's
             name or id; see `jbench.encoders.find_encoder`.
-        seeds: one per run.
         base: see `algorithm_settings`; None for that of the task.
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         engine: None for the engine that follows from the algorithm.
         encoder_seeds: whether all agents have one encoder, or each the one with its own seed.
         fields: the other fields of `RunSettings`.
 
-    Raises:
-        RequestError: if the encoder is not found or can't be mirrored, a setting is invalid, or the
-            steps are not enough for an episode or can't be divided among the robots.
+    Raises a RequestError if the encoder is not found or can't be mirrored, a setting is invalid, or
+    the steps are not enough for an episode or can't be divided among the robots.
     """
     algorithm_changes, feature_changes = dict[str, Any](), dict[str, Any]()
     for name, value in overrides.items():
@@ -89,16 +86,11 @@ def request_runs(
 def make_runs(
     seeds: Sequence[int], encoders: Mapping[int, str] | None = None, **fields: Any
 ) -> list[RunSettings]:
-    """Returns the settings of one run per seed.
+    """Returns the settings of one run per seed, whose encoders may have ids of their own.
 
-    Args:
-        encoders: id of each seed's encoder, if they differ.
-        fields: the other fields of `RunSettings`.
-
-    Raises:
-        RequestError: if a value is invalid, or the steps are not enough for an episode, or the
-            environments can't share the updates, or a class of stable-baselines3's interface
-            refuses its settings.
+    Raises a RequestError if a value is invalid, the steps are not enough for an episode, the
+    environments can't share the updates, or a class of stable-baselines3's interface refuses its
+    settings.
     """
     runs = [
         validated(
@@ -130,11 +122,7 @@ def make_runs(
 
 
 def read_representation(results: Results, encoder: str) -> str:
-    """Returns the name of an encoder's representation, such as dae12.
-
-    Raises:
-        RequestError: if there is no such encoder.
-    """
+    """Returns an encoder's representation, such as dae12; raises a RequestError without one."""
     load_encoder(results, encoder)
     return encoder.split("/")[1]
 
@@ -142,12 +130,7 @@ def read_representation(results: Results, encoder: str) -> str:
 def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
     """Returns the settings of a representation such as ofe12, or None for any other.
 
-    Args:
-        name: representation as typed by the user.
-        options: settings other than the defaults.
-
-    Raises:
-        RequestError: if the number is missing, or a setting is unknown or invalid.
+    Raises a RequestError if the number is missing, or a setting is unknown or invalid.
     """
     match = re.fullmatch(rf"{OFE}:?([0-9]*)", name)
     if match is None:
@@ -160,14 +143,9 @@ def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
 
 
 def training_device(engine: Engine | None, wanted: str, precision: Precision = "float32") -> str:
-    """Returns the device to train on, `cpu`, `cuda` or such as `cuda:1`.
+    """Returns the device to train on, `cpu`, `cuda` or such as `cuda:1`; see `find_device`.
 
-    Args:
-        engine: training engine; None for those of the algorithms.
-        wanted: see `jbench.devices.find_device`.
-
-    Raises:
-        RequestError: if the device is unavailable, or does not support the engine or precision.
+    Raises a RequestError if it is unavailable, or does not support the engine or precision.
     """
     if engine == "sb3":
         if wanted.startswith("cuda"):

@@ -17,20 +17,11 @@ from jbench.training.environment import RobotSequence
 
 
 class SB3Engine(Closing):
-    """Has the interface of `Engine` for one seed, except for its state: such a run starts over.
-
-    Attributes:
-        diverged: the divergence of seed 0, if it has diverged.
-    """
+    """Has the interface of `Engine` for one seed, except for its state: such a run starts over."""
 
     is_resumable, keeps_policy_exactly = False, True
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
-        """Makes an untrained agent.
-
-        Args:
-            seed: of the agent and its environments.
-        """
         self._encoder = encoder
         env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
         values = settings.algorithm if settings.is_ours else settings.hyperparameters

@@ -18,16 +18,10 @@ _STEPS, _UPDATES = 300, 40
 
 
 def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
-    """Returns the seconds per control step of each run, evaluations included.
+    """Returns the seconds per control step of each run of a process, evaluations included.
 
     The measurement uses temporary agents and does not affect the runs. Encoders are left out: their
-    cost is negligible.
-
-    Args:
-        runs: runs that share a process; their settings differ only in their seeds.
-
-    Raises:
-        WorkError: if neither the algorithm nor the engine is jbench's own.
+    cost is negligible. Raises a WorkError if neither the algorithm nor the engine is jbench's own.
     """
     settings = runs[0]
     if not settings.is_ours and settings.engine != "batched":

@@ -15,13 +15,7 @@ State = Literal["finished", "partial", "failed", "missing"]
 
 
 class RunStatus(NamedTuple):
-    """Status of a run.
-
-    Attributes:
-        state: finished, partial (begun), failed or missing.
-        steps_left: remaining control steps.
-        error: error of a failed run, or of an unreadable record.
-    """
+    """Status of a run; `error` is that of a failed run, or of an unreadable record."""
 
     state: State
     steps_left: int

@@ -79,7 +79,6 @@ def _traceback(failure: Exception) -> str:
 
 
 def _sender() -> "Report":
-    """Returns a function that writes events to stdout; other output is redirected to stderr."""
     events = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
     return lambda event: events.write(event.to_json() + "\n")

@@ -12,7 +12,6 @@ from jbench.task_specs import TASK_SPECS
 _Name = TypeVar("_Name", bound=str)
 
 TASKS = tuple(TASK_SPECS)
-"""The five tasks, in the paper's order of increasing difficulty (section 4.2)."""
 
 _KINDS = {
     "dae": ("autoencoders:DenoisingAutoencoder", "latents of a denoising autoencoder"),
@@ -96,7 +95,6 @@ RETURNS: tuple[ReturnsName, ...] = get_args(ReturnsName)
 
 ImportFormat = Literal["sb3-monitor", "sb3-evaluations", "tensorboard", "wandb-csv", "csv"]
 IMPORT_FORMATS: tuple[ImportFormat, ...] = get_args(ImportFormat)
-"""Files whose learning curves `jbench import` reads."""
 
 SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question", "robots")
 """The shipped matrices: a small one, the paper's figures, the comparisons that answer whether
@@ -104,17 +102,13 @@ learning on a reduced-order observation helps, and the same question on other ro
 
 Status = Literal["unfinished", "finished", "failed"]
 STATUSES: tuple[Status, ...] = get_args(Status)
-"""Values of a run's status."""
 
 Executor = Literal["local", "ray"]
-"""Where a sweep trains: on this machine, or on a Ray cluster."""
 
 LoggerName = Literal["tensorboard", "wandb", "trackio"]
 LOGGERS: tuple[LoggerName, ...] = get_args(LoggerName)
-"""Experiment trackers that training can be copied to."""
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
-"""Endings of the files of figures."""
 
 HEURISTIC = "heuristic"
 """The hand-written policies of all tasks."""
@@ -123,7 +117,6 @@ POLICIES = (HEURISTIC, "random", "constant")
 """Policies of jbench that are not trained; constant:U is a constant command."""
 
 RESULTS = "results"
-"""Default of `--results`."""
 
 REFERENCE = "reference"
 """Value of `--results` for the results shipped with jbench."""
@@ -134,7 +127,6 @@ POLICY_NAMES = (
     "that is shipped with jbench, the FILE.zip of a stable-baselines3 model, an installed policy, "
     "or MODULE:NAME"
 )
-"""What users may type as a policy."""
 
 
 def is_reference(path: Path) -> bool:
@@ -228,3 +220,23 @@ def in_prose(names: Iterable[str], word: str = "or") -> str:
     """Returns names as a list in prose: `a, b or c`."""
     *others, last = names
     return f"{', '.join(others)} {word} {last}" if others else last
+
+
+_MAX_NUMBERS = 10_000  # in one range; more is a typing error
+
+
+def parse_numbers(
+    text: str, option: str = "--seeds", example: str = "seeds like 0-9, or 0,2,5-7"
+) -> list[int]:
+    """Returns the whole numbers of a text like 0-9 or 0,2,5-7, each once, in order.
+
+    Raises a RequestError, which names option and example, if it is not such a text.
+    """
+    numbers: set[int] = set()
+    for part in text.split(","):
+        match = re.fullmatch(r"(\d{1,19})(?:-(\d{1,19}))?", part.strip())
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
+        if not 0 <= last - first < _MAX_NUMBERS:
+            raise RequestError(f"{option} {text}: type {example}.")
+        numbers.update(range(first, last + 1))
+    return sorted(numbers)

@@ -51,7 +51,6 @@ TASK_SPECS = {
 """The five tasks in the paper's order of increasing difficulty."""
 
 SUITE = "dmc:"
-"""Prefix of the tasks of dm_control's suite."""
 
 SUITE_TASKS = tuple(
     f"{SUITE}{domain}-{task}"

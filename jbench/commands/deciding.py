@@ -9,8 +9,13 @@ from jbench.report.analysis.claims import MARGIN
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.store import Results
 from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.comparisons import MatrixComparison, comparisons
-from jbench.sweeps.deciding import ComparisonOutcome, next_cells, outcomes
+from jbench.sweeps.deciding import (
+    ComparisonOutcome,
+    MatrixComparison,
+    comparisons,
+    next_cells,
+    outcomes,
+)
 from jbench.sweeps.matrix import Claim, read_comparisons
 from jbench.training.status import failures_among, run_statuses
 from jbench.wording import counted, with_results

@@ -10,7 +10,6 @@ from typer import Option
 from jbench import names
 from jbench.commands import completion, options, parsing
 from jbench.commands.output import Output, described
-from jbench.seeds import parse_numbers
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -87,7 +86,7 @@ def train_encoder(
     typed |= {"learning_rate": learning_rate}
     assigned = (f"{name}={value}" for name, value in typed.items() if value is not None)
     given = parsing.parse_overrides([*assigned, *set_])
-    tasks, seeds = names.TASKS if task == "all" else (task,), parse_numbers(seed)
+    tasks, seeds = names.TASKS if task == "all" else (task,), names.parse_numbers(seed)
     # Wrong requests are refused before a dataset is missed.
     _planned(kind, given, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
@@ -172,7 +171,7 @@ def _planned(
     """
     from jbench.encoders.registry import encoder_settings, latent_sizes, options_with_epochs
 
-    numbers = parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
+    numbers = names.parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
     known = dict.fromkeys(
         name.lower() if name.lower() in names.ENCODER_KINDS else name for name in kinds.split(",")
     )
@@ -199,7 +198,6 @@ _ERRORS = {
     "encoder_features": "Mean squared error of each scaled feature on held-out episodes and on "
     "those of the hand-written policy",
 }
-"""Titles of the tables of an encoder's errors."""
 
 
 def _show_errors(record: "Record", output: Output) -> None:

@@ -20,7 +20,6 @@ _OPTIONS = {
     "minari": ("--dataset", "--task", "--format", "--out"),
     "--curves": ("--task", "--returns"),
 }
-"""Options of each format."""
 
 
 def export(

@@ -12,7 +12,6 @@ from typer import BadParameter
 from jbench import names
 from jbench.cores import cores
 from jbench.errors import RequestError
-from jbench.seeds import parse_numbers
 from jbench.settings.algorithms import ALGORITHMS
 
 if TYPE_CHECKING:
@@ -55,7 +54,7 @@ def run_filters(
 
     filters: dict[str, Collection[Any]] = {} if status is None else {"status": [status]}
     if seed is not None:
-        filters["seed"] = parse_numbers(seed, "--seed")
+        filters["seed"] = names.parse_numbers(seed, "--seed")
     for setting, value in typed.items():
         if value is None:
             continue

@@ -17,7 +17,7 @@ from jbench.wording import are, counted, duration, progress_text, repair_hint
 
 if TYPE_CHECKING:
     from jbench.store.follow import Change
-    from jbench.store.rows import Row
+    from jbench.store.listing import Row
 
 
 def runs(

@@ -9,7 +9,6 @@ from jbench import names
 from jbench.commands import completion, options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError
-from jbench.seeds import parse_numbers
 from jbench.wording import counted, with_results
 
 _MAX_SEEDS = 30
@@ -87,7 +86,7 @@ def sweep(
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
     limit = _MAX_SEEDS if max_seeds is None else max_seeds
-    chosen = parse_numbers(seeds) if seeds is not None else None
+    chosen = names.parse_numbers(seeds) if seeds is not None else None
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)

@@ -11,7 +11,6 @@ from jbench import names
 from jbench.commands import completion, options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError
-from jbench.seeds import parse_numbers
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.wording import counted, with_results
@@ -86,7 +85,7 @@ def train(
         task=task,
         encoder=encoder,
         encoder_seeds=encoder_seeds,
-        seeds=parse_numbers(seeds),
+        seeds=names.parse_numbers(seeds),
         base=settings,
         overrides=parsing.parse_overrides(set_),
         **chosen,

@@ -24,7 +24,6 @@ from jbench.tasks.robots import load_model
 _PART_EPISODES = 25
 
 _Simulate = Callable[[range], dict[str, pa.Table]]
-"""Simulates some episodes and returns their rows."""
 
 
 def collect(
@@ -136,8 +135,8 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
     def simulate_part(episodes: range) -> dict[str, pa.Table]:
         count = len(episodes)
         observations = np.empty((count, EPISODE_STEPS + 1, task.observation_size), np.float32)
-        actions = np.empty((count, EPISODE_STEPS, task.action_size), np.float32)
-        rewards, seeds = np.empty((count, EPISODE_STEPS), np.float32), np.empty(count, np.int64)
+        made = np.empty((count, EPISODE_STEPS, task.action_size + 1), np.float32)
+        actions, rewards, seeds = made[..., :-1], made[..., -1], np.empty(count, np.int64)
         for i, episode in enumerate(episodes):
             random = resets.episode_generator(settings.seed, episode)
             (observations[i, 0],) = worlds.reset([random])
@@ -147,7 +146,8 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
                 (observations[i, step + 1],), (rewards[i, step],) = worlds.step(action[None])
         columns = {"episode": list(episodes), "seed": seeds}
         names = layout.tables(task.name)
-        steps = layout.observations_table(task, episodes.start, observations, actions, rewards)
+        schema = layout.observations_schema(task)
+        steps = layout.table(episodes.start, observations, made, schema)
         return {names[0]: steps, names[1]: pa.table(columns, schema=layout.SEEDS)}
 
     with task.worlds(1) as worlds:

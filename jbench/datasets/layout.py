@@ -32,22 +32,6 @@ def observations_schema(task: Task) -> pa.Schema:
     return pa.schema([*counts, *((name, pa.float32()) for name in names)])
 
 
-def observations_table(
-    task: Task,
-    first_episode: int,
-    observations: NDArray[np.float32],
-    actions: NDArray[np.float32],
-    rewards: NDArray[np.float32],
-) -> pa.Table:
-    """Returns the rows of consecutive episodes of another robot.
-
-    Observations are (episodes, steps + 1, size), actions (episodes, steps, action_size), and
-    rewards (episodes, steps).
-    """
-    made = np.concatenate([actions, rewards[..., None]], axis=-1)
-    return _table(first_episode, observations, made, observations_schema(task))
-
-
 def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) -> pa.Table:
     """Returns the rows of episodes: states (episodes, steps + 1), actions (episodes, steps)."""
     parts = (
@@ -55,10 +39,10 @@ def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) 
         for part, names in STATE_COLUMNS.items()
     )
     states = np.concatenate([part.astype(np.float32) for part in parts], axis=-1)
-    return _table(first_episode, states, actions[..., None], STEPS)
+    return table(first_episode, states, actions[..., None], STEPS)
 
 
-def _table(
+def table(
     first_episode: int,
     states: NDArray[np.float32],
     made: NDArray[np.float32],

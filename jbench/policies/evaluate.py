@@ -94,7 +94,6 @@ def _episodes(
 def _states(
     episodes: range, step: int, worlds: JitterbugWorlds, transition: ControlStep
 ) -> pa.Table:
-    """Returns the rows of a control step, one per episode."""
     return pa.table(
         {
             "episode": np.arange(episodes.start, episodes.stop),

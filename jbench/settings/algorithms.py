@@ -16,7 +16,6 @@ from jbench.settings.base import Count, Settings, omissible, settings_with
 from jbench.settings.bases import CHANGES, SCRIPT
 
 Initialization = Literal["fan-in", "glorot"]
-"""Weight initialization of DDPG and TD3."""
 
 
 class AlgorithmSettings(Settings):
@@ -204,7 +203,6 @@ SETTINGS: dict[str, type[AlgorithmSettings]] = {
     "sac": SACSettings,
     "td3": TD3Settings,
 }
-"""Settings class of each algorithm."""
 
 ALGORITHMS = tuple(SETTINGS)
 """The four algorithms of the paper (section 5.1 and Figure 9)."""

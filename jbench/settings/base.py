@@ -30,9 +30,14 @@ class Settings(BaseModel):
         return value
 
     @property
+    def values(self) -> dict[str, Any]:
+        """The settings as a manifest records them."""
+        return self.model_dump(mode="json")
+
+    @property
     def hash(self) -> str:
         """The hash that is part of an id."""
-        return settings_hash(self.model_dump(mode="json"))
+        return settings_hash(self.values)
 
     @classmethod
     def omitted(cls) -> dict[str, Any]:

@@ -28,7 +28,6 @@ SCRIPT: dict[str, dict[str, Any]] = {
         "learning_starts": 9_999,  # the first update is at step 10,000, not one episode later
     },
 }
-"""Settings of the authors' script that differ from those of `jbench.settings.algorithms`."""
 
 _OFF_POLICY = {
     "hidden_layers": [256, 256],
@@ -83,4 +82,3 @@ CHANGES: dict[Base, dict[str, dict[str, Any]]] = {
         "td3": {**_OFF_POLICY, "learning_rate": 1e-3, "noise_sigma": 0.1},
     },
 }
-"""Settings by source and algorithm that differ."""

@@ -43,7 +43,6 @@ class Unreadable(BaseModel):
 
 
 Run = RunSettings | ExternalSettings | Unreadable
-"""Settings of any run in the database."""
 
 
 @lru_cache(maxsize=10_000)

@@ -159,11 +159,6 @@ class LabeledSettings(Settings):
         """The id, such as face_direction/cleanrl-td3/full/s03-1f9a2c4e."""
         return f"{in_id(self.task)}/{self.algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
 
-    @property
-    def values(self) -> dict[str, Any]:
-        """The settings as a manifest records them."""
-        return self.model_dump(mode="json")
-
 
 EXTERNAL: Literal["external"] = "external"
 """The engine of these runs."""

@@ -172,11 +172,6 @@ class RunSettings(Settings):
         return f"{task}/{algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
 
     @property
-    def values(self) -> dict[str, Any]:
-        """The settings as recorded in a manifest."""
-        return self.model_dump(mode="json")
-
-    @property
     def is_ours(self) -> bool:
         """Whether the algorithm is one of jbench's own; of others, only the names are checked."""
         return self.algo in SETTINGS

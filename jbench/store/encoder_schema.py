@@ -77,4 +77,3 @@ ENCODER_TABLES = {
     "encoder_errors": ENCODER_ERRORS,
     "encoder_predictions": ENCODER_PREDICTIONS,
 }
-"""The tables of an encoder's files by name."""

@@ -11,10 +11,9 @@ import pyarrow as pa
 from jbench.errors import WorkError
 from jbench.store import schema
 from jbench.store.database import Folder, Results
-from jbench.store.listing import finite, make_line, matches
+from jbench.store.listing import Row, finite, make_line, matches
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
-from jbench.store.rows import Row
 
 LOOK_EVERY = 2.0
 """Seconds between two looks at the results."""

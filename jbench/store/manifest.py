@@ -20,7 +20,6 @@ A record keeps the version with which it was created; `listed.py` upgrades rows 
 """
 
 OLDEST_SCHEMA_VERSION = 1
-"""The oldest readable version."""
 
 MANIFEST = "manifest.json"
 

@@ -18,8 +18,8 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
+from jbench.store.listing import KIND_TABLES, Row, make_row
 from jbench.store.record import Record
-from jbench.store.rows import KIND_TABLES, Row, make_row
 from jbench.wording import json_text, not_formula
 
 

@@ -76,7 +76,6 @@ LOG_TABLES = {**EPISODE_TABLES, "metrics": METRICS}
 """Tables to which a run in progress adds rows."""
 
 RUN_TABLES = {**LOG_TABLES, "paths": PATHS}
-"""All tables of a run's files by name."""
 
 RUNS = columns(f"""
     run: string

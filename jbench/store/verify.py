@@ -15,9 +15,9 @@ from jbench.settings.base import settings_hash
 from jbench.store import locks
 from jbench.store.database import Folder, Results
 from jbench.store.flaws import DamagedError, RecordError, Sort
+from jbench.store.listing import make_row
 from jbench.store.manifest import KINDS, MANIFEST, Kind
 from jbench.store.record import Record
-from jbench.store.rows import make_row
 
 Progress = Callable[[int], AbstractContextManager[Callable[[int], None]]]
 """Takes the total of some work; during the work, yields a function that takes how much is done."""

@@ -2,6 +2,7 @@
 
 import statistics
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from jbench.cores import cores, one_thread
@@ -9,14 +10,16 @@ from jbench.errors import RequestError, WorkError
 from jbench.settings.alike import COST, SEED, alike
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
-from jbench.simulation.find import checked_task
+from jbench.simulation.find import checked_task, find_task
 from jbench.store import Record, Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell, with_runs
 from jbench.sweeps.executors import batches
-from jbench.training.memory import memory_sentence
 from jbench.training.status import run_status
 from jbench.wording import counted, duration
+
+_MIN_REPORTED = 2_000_000_000  # bytes
+_USABLE = 0.8  # of the free memory; networks and minibatches take the rest
 
 
 class CellStatus(NamedTuple):
@@ -122,6 +125,54 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
         f"{counted(jobs, 'process', 'processes')} at a time: about "
         f"{duration(seconds)}.{less}"
     )
+
+
+def replay_bytes(run: RunSettings, device: str = "cpu") -> int:
+    """Returns the maximum bytes of a run's replay buffer on the batched engine; 0 for PPO.
+
+    Each observation is stored once, in float32, with an action and a reward. An encoder reduces
+    its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
+    """
+    task = find_task(run.task)
+    return 4 * (task.observation_size + task.action_size + 1) * _transitions(run, device)
+
+
+def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | None:
+    """Returns a sentence on the replay buffers of concurrent runs; None if they are small."""
+    needed = sum(replay_bytes(run, device) for run in runs if run.engine == "batched")
+    if needed < _MIN_REPORTED:
+        return None
+    import torch
+
+    whose, free = "memory", _available()
+    if device != "cpu":  # for a cluster a guess: its GPUs may have more or less memory
+        whose = "the GPU's memory"
+        free = torch.cuda.mem_get_info(device)[0] if torch.cuda.is_available() else None
+    text = (
+        f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of {whose}"
+    )
+    if free is None or needed <= _USABLE * free:
+        return f"{text}."
+    less = int(max(_transitions(run, device) for run in runs) * free / needed / 2)
+    return (
+        f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
+        f"--set buffer_size={less}."
+    )
+
+
+def _transitions(run: RunSettings, device: str) -> int:
+    size = int(run.hyperparameters.get("buffer_size", 0))
+    return min(size, run.steps) if device == "cpu" else size
+
+
+def _available() -> int | None:
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    except OSError:
+        pass
+    return None
 
 
 def _evaluating(run: RunSettings, seconds: float) -> float:

@@ -14,8 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, create
 
 from jbench.encoders.registry import make_kind
 from jbench.errors import RequestError
-from jbench.names import FULL, OFE, SWEEPS, Base, evaluation_interval, known
-from jbench.seeds import parse_numbers
+from jbench.names import FULL, OFE, SWEEPS, Base, evaluation_interval, known, parse_numbers
 from jbench.settings.base import Count, Seed, Settings, typed_default, validated, whole
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import TYPED, RunSettings

@@ -1,15 +1,6 @@
 """Trains the runs of cells: `jbench train` has one cell, `jbench sweep` all cells of a matrix.
 
-In Python, a sweep is:
-
-    from pathlib import Path
-    from jbench.sweeps.cell import matrix_cells
-    from jbench.sweeps.matrix import read_matrix
-    from jbench.sweeps.scheduler import sweep
-    from jbench.store import Results
-
-    results = Results(Path("results"))
-    failures = sweep(matrix_cells(read_matrix("smoke"), results), results)
+In Python, a sweep is `sweep(matrix_cells(read_matrix("smoke"), results), results)`.
 
 Processes coordinate only through the results: a run belongs to the process that holds its lock, and
 its manifest has its status. Several sweeps of a matrix thus share the work, also on other machines.

@@ -1,6 +1,7 @@
 """Trains the runs of a batch, each from its last checkpoint."""
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 
 from jbench.agents.algorithms import algorithm_provenance
@@ -74,8 +75,10 @@ def run_batch(
                 failures[run.id] = error
             else:
                 members += [] if member is None else [member]
-        left = members
-        while left := [member for member in left if member.is_behind(until)]:
+        left, end = members, until or math.inf
+        while left := [
+            m for m in left if m.record.status == "unfinished" and m.control_steps < end
+        ]:
             # Seeds may have stopped at different steps: those furthest behind catch up first.
             behind = min(member.control_steps for member in left)
             ahead = [member.control_steps for member in left if member.control_steps > behind]

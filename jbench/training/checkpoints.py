@@ -28,7 +28,6 @@ from jbench.store.flaws import UnreadableError
 from jbench.training.log import Position, RunLog, rows_before
 
 FORMAT = 1
-"""Version of the checkpoint format."""
 
 _KEPT = 2
 _MAX_PIECES = 32  # of the replay buffer

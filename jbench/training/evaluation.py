@@ -1,7 +1,6 @@
 """Evaluations of the policies of runs."""
 
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -38,12 +37,7 @@ def derive_seeds(seed: int) -> tuple[int, int]:
 
 
 class Evaluation(NamedTuple):
-    """An evaluation of one policy.
-
-    Attributes:
-        returns: (episodes,) of its episodes.
-        path: of the robot in the first episode; None without episodes, or if the task has none.
-    """
+    """The returns (episodes,) of a policy, and the robot's path in the first, if there is one."""
 
     returns: NDArray[np.float64]
     path: Path | None
@@ -86,7 +80,8 @@ def evaluate_policies(
     if isinstance(settings, RunSettings):
         augment = settings.robot_seed(settings.robot_at(control_steps))
     if settings.engine == "sb3":
-        block, generators, act = 1, [np.random.default_rng(*seeds)], partial(_act_on_row, act)
+        block, generators = 1, [np.random.default_rng(*seeds)]
+        of_all, act = act, lambda rows: of_all(rows[0])[None]  # it may round by their shape
         with task.worlds(1) as worlds:
             for _ in range(1 + drawn):
                 worlds.reset(generators)
@@ -99,10 +94,6 @@ def evaluate_policies(
         parts[0]._replace(returns=np.concatenate([part.returns for part in parts]))
         for parts in zip(*blocks, strict=True)
     ]
-
-
-def _act_on_row(act: Act, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-    return act(observations[0])[None]
 
 
 def _evaluations(

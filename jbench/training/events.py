@@ -8,39 +8,22 @@ from jbench.settings.run import RunSettings
 
 
 class Event(NamedTuple):
-    """Something that happens; fields that a kind does not mention are empty.
-
-    Attributes:
-        kind: a worker reports on one run:
-
-            - resumed: `run` does not simply begin. It resumes from its checkpoint at `steps`
-              control steps, or from that of the finished run `continues`; at 0 without one. `text`
-              has what else there is to say.
-            - episode: a training episode with `episode_return` ended after `steps` control steps.
-            - finished: the last event of a run.
-            - failed: so is this one; `text` is the reason, and `traceback` is empty if it says all.
-            - held: and this one; another process is training the run, as `text` says.
-
-            A sweep adds:
-
-            - note, warning: `text` is a sentence for the user.
-            - progress: `steps` of `total` are done of the work that `text` names, in `unit`.
-            - training: the training of `runs` begins.
-            - started, ended: so does a process that trains `runs`, or it has ended.
-        run: id of the run.
-    """
+    """Something that happens; fields that a kind does not mention are empty."""
 
     kind: Literal[
+        # Of a worker, on the run with an id, which does not simply begin: it resumes from its
+        # checkpoint at `steps` control steps (0 without one), or from that of the finished run
+        # `continues`; `text` has what else there is to say.
         "resumed",
-        "episode",
-        "finished",
-        "failed",
-        "held",
-        "note",
+        "episode",  # a training episode with `episode_return` ended after `steps` control steps
+        "finished",  # it and the next two are the last event of a run
+        "failed",  # `text` is the reason, and `traceback` is empty if it says all
+        "held",  # another process is training the run, as `text` says
+        "note",  # of a sweep, as all that follow: `text` is a sentence for the user
         "warning",
-        "progress",
-        "training",
-        "started",
+        "progress",  # `steps` of `total` are done of the work that `text` names, in `unit`
+        "training",  # of `runs` begins
+        "started",  # a process that trains `runs`
         "ended",
     ]
     run: str = ""
@@ -75,7 +58,6 @@ class Event(NamedTuple):
 
 
 Report = Callable[[Event], object]
-"""Takes the events of what it is passed to."""
 
 
 def ignore(event: Event) -> None:

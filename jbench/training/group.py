@@ -44,10 +44,6 @@ class Member:
     evaluated: SavedNetwork | None = None
     failure: WorkError | None = None
 
-    def is_behind(self, until: int | None) -> bool:
-        """Returns whether it is unfinished and has not reached this control step."""
-        return self.record.status == "unfinished" and (until is None or self.control_steps < until)
-
 
 class TrainingGroup:
     """Runs that are trained together, all at the same control step."""
@@ -155,8 +151,7 @@ class TrainingGroup:
         self._fail_diverged()
         self._share_processor_time()
         for index, member in self._active():
-            returns, path = evaluations[index]
-            member.log.evaluation(engine.control_steps, returns, path)
+            member.log.evaluation(engine.control_steps, *evaluations[index])
         self._note_policies()
 
     def _note_policies(self) -> None:

@@ -65,11 +65,6 @@ class RunLog:
             if any(rows.num_rows < record.rows(name) for name, rows in before.items()):
                 self._before = before
 
-    def add_processor_time(self, seconds: float) -> None:
-        """Adds to the run's processor time."""
-        if (before := self.progress.processor_time) is not None:
-            self._advance(processor_time=before + seconds)
-
     def summary(self, control_steps: int, *, evaluated: bool) -> dict[str, Any]:
         """Returns the entries of a finished run's manifest.
 
@@ -209,7 +204,8 @@ class ProcessorClock:
         """Divides the time since the last call equally among runs."""
         now = time.process_time()
         for log in logs:
-            log.add_processor_time((now - self._last) / len(logs))
+            if (before := log.progress.processor_time) is not None:
+                log._advance(processor_time=before + (now - self._last) / len(logs))
         self._last = now
 
 

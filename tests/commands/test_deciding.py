@@ -10,7 +10,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.store import Results, schema
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
-from jbench.sweeps.comparisons import comparisons
+from jbench.sweeps.deciding import comparisons
 from jbench.sweeps.matrix import read_comparisons, read_matrix
 from tests.command_line import succeed
 from tests.store.store_rows import episodes

@@ -2,8 +2,8 @@
 
 import torch
 
-from jbench.training import memory
-from jbench.training.memory import memory_sentence, replay_bytes
+from jbench.sweeps import cell_status
+from jbench.sweeps.cell_status import memory_sentence, replay_bytes
 from tests.training.small_runs import small_run
 
 
@@ -34,7 +34,7 @@ def test_only_large_replay_buffers_are_reported():
 
 
 def test_advised_replay_buffer_is_small_enough(monkeypatch):
-    monkeypatch.setattr(memory, "_available", lambda: 3_600_000_000)
+    monkeypatch.setattr(cell_status, "_available", lambda: 3_600_000_000)
     # PPO has none; the others fill 100,000 of a million transitions: 7.2 GB.
     runs = [run("ppo"), *(run(seed=seed, steps=100_000) for seed in range(1000))]
     sentence = memory_sentence(runs)

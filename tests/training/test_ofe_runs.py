@@ -15,7 +15,7 @@ from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels
 from jbench.store import Results
 from jbench.sweeps.cell import matrix_cells
-from jbench.sweeps.comparisons import comparisons
+from jbench.sweeps.deciding import comparisons
 from jbench.sweeps.matrix import read_matrix
 from jbench.training.batched_run import run_batch
 from tests.training.small_runs import requested, shorten_episodes, small_run

@@ -51,7 +51,6 @@ def __dir__() -> list[str]:
 
 @cache
 def _exports() -> dict[str, tuple[str, str]]:
-    """Returns module and attribute of each name."""
     import ast
 
     return {

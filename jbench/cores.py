@@ -33,10 +33,7 @@ def one_thread() -> Iterator[None]:
 def _quotas(
     group: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")
 ) -> list[int]:
-    """Returns the limits of this process's control group (version 2) in cores, rounded up.
-
-    Containers are limited in this way, although their processes see all cores of the machine.
-    """
+    """Returns the limits in cores of this process's control group, such as a container's."""
     quotas = []
     try:
         # 0::/path; the limits of parent groups apply too.

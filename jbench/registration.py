@@ -20,7 +20,6 @@ def environment_id(task: str, augmented: bool = False) -> str:
 
 
 def _registered(task: str) -> str:
-    """Returns the id of another robot's task."""
     id = f"jbench/{task.replace(':', '-')}-v0"
     if id not in registry:
         register(

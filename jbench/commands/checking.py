@@ -78,10 +78,7 @@ def verify(
 
 
 def _reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
-    """Repeats the last evaluation of every finished run, and prints those that are not equal.
-
-    Damaged runs are left out, and runs without a policy are only counted.
-    """
+    """Repeats the last evaluation of every finished, intact run; prints those that aren't equal."""
     from jbench.store.provenance import describe_changes
     from jbench.training.repeat import changes_since, reevaluate
 

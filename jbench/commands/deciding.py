@@ -4,7 +4,8 @@ from collections.abc import Callable, Container, Sequence
 from typing import Any
 
 from jbench.commands.output import Output
-from jbench.errors import RequestError, WorkError
+from jbench.commands.training import check_failures
+from jbench.errors import RequestError
 from jbench.report.analysis.claims import MARGIN
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.store import Results
@@ -55,7 +56,8 @@ def decide(
         configurations = counted(len(needed_next), "configuration")
         output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
     unfinished = (run for outcome in reached for run in outcome.needed)
-    failures = failures_among(run_statuses(unfinished, results))
+    statuses = run_statuses(unfinished, results)
+    failures = failures_among(statuses)
     output.document(
         {
             "matrix": matrix,
@@ -65,8 +67,7 @@ def decide(
         }
     )
     if train is not None:
-        if failures:
-            raise WorkError(f"{counted(len(failures), 'run')} failed; --retry-failed tries again.")
+        check_failures(failures, len(statuses))
         output.say(f"Next: {with_results('jbench report', results.name)}")
 
 

@@ -50,8 +50,6 @@ class Meters(Progress):
 
 
 class _Cell(ProgressColumn):
-    """One of the texts of a line."""
-
     def __init__(self, index: int) -> None:
         super().__init__(Column(no_wrap=index in (1, 2)))
         self._index = index

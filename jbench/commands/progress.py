@@ -87,8 +87,6 @@ class TrainingView(Meters):
 
 
 class _Process:
-    """A process that trains runs, and the returns of their episodes."""
-
     task: TaskID
 
     def __init__(self, runs: Sequence[RunSettings]) -> None:

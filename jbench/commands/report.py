@@ -164,7 +164,6 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
 
 
 def _short_verdicts(frames: "Frames") -> tuple[list[str], list[list[str]]]:
-    """Returns header and rows of the verdicts: a row for each representation, as on the page."""
     from jbench.report.page import verdict_matrix
 
     matrix = verdict_matrix(frames)
@@ -186,6 +185,7 @@ def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[No
     raises KeyboardInterrupt. It also ends this if a library swallows the exception, as happens if
     it is raised while C code calls Python.
     """
+    from jbench.store.follow import stamp
     from jbench.store.manifest import MANIFEST
 
     interrupts, seen = [], None
@@ -200,9 +200,8 @@ def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[No
     try:
         while not interrupts:
             now, began = set(), time.monotonic()
-            for path in (path for directory in directories for path in directory.rglob(MANIFEST)):
-                with contextlib.suppress(OSError):  # it was removed meanwhile
-                    now.add((path, path.stat().st_mtime_ns, path.stat().st_size))
+            for directory in directories:
+                now |= {(path, stamp(path)) for path in directory.rglob(MANIFEST)}
             if now != seen:
                 seen = now
                 yield

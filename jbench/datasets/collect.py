@@ -51,10 +51,7 @@ def collect(
 def _collect_rest(
     settings: DatasetSettings, record: Record, threads: int, progress: Callable[[int], None]
 ) -> None:
-    """Simulates and commits the missing episodes, file by file.
-
-    The next files are simulated while one is written.
-    """
+    """Commits the missing episodes, file by file; the next are simulated while one is written."""
     total = settings.steps // EPISODE_STEPS
     _, episodes = layout.tables(settings.robot)
     first = record.rows(episodes)
@@ -97,7 +94,6 @@ def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
 
 @contextmanager
 def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
-    """Yields a function that simulates episodes of the Jitterbug."""
     model, ended = load_model(settings.augment), Event()
 
     def simulate_part(episodes: range) -> dict[str, pa.Table]:
@@ -128,7 +124,6 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
 
 @contextmanager
 def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
-    """Yields a function that steps episodes of another robot, one after another."""
     check_specs(settings.robot, settings.specs)
     task = find_task(settings.robot)
 

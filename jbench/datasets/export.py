@@ -116,7 +116,6 @@ def _check_space(directory: Path, size: int) -> None:
 def _write(
     dataset: Dataset, task: str, id: str, directory: Path, progress: Callable[[int], None]
 ) -> None:
-    """Writes a dataset with Minari's writer."""
     # An optional dependency, slow to import.
     import minari
     from minari.data_collector.episode_buffer import EpisodeBuffer

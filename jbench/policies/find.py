@@ -135,7 +135,6 @@ def policy_code(name: str) -> str | None:
 
 
 def _locate(results: Results, name: str) -> tuple[Results, str]:
-    """Returns the results directory and the id of a trained policy's run."""
     if name.startswith(SHIPPED):
         return shipped_results(), _shipped_run(name)
     return results, results.complete_id("run", name)

@@ -82,7 +82,6 @@ def _content(path: str) -> bytes:
 
 
 def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[SavedLayer]:
-    """Returns the layers of an actor, from an observation to its deterministic action."""
     if data.get("use_sde"):
         raise UnsupportedPolicyError("it explores with gSDE")
     if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):

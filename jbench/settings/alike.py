@@ -92,7 +92,6 @@ def flatten(settings: Run | Mapping[str, Any]) -> Flat:
 
 
 def _sorted(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns a copy with names sorted at every level."""
     copy: dict[str, Any] = json.loads(canonical_json(values))
     return copy
 

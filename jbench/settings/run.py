@@ -103,7 +103,6 @@ class RunSettings(Settings):
         return self
 
     def _contradictions(self) -> Iterator[str]:
-        """Yields what is wrong with the engine, the robots and the precision."""
         if self.is_ours:
             if self.engine == "plugin":
                 yield f"{self.algo} has the engine batched or sb3, not plugin"
@@ -142,7 +141,6 @@ class RunSettings(Settings):
             )
 
     def _contradictions_of_features(self) -> Iterator[str]:
-        """Yields what is wrong with features that are learned with the agent."""
         name = self.representation
         if self.ofe is None:
             if kind_in(name) == OFE:

@@ -115,10 +115,7 @@ def _labels(
 
 
 def _with_base(flat: Flat) -> Flat:
-    """Returns settings of a run with its hyperparameters as changes of one base.
-
-    The base is `published`, unless all hyperparameters equal those of another one.
-    """
+    """Returns settings of a run with the name of their base, or as changes of `published`."""
     algo = flat.get(("algo",))
     if algo not in SETTINGS or not any(path[0] == _HYPERPARAMETERS for path in flat):
         return flat

@@ -52,10 +52,7 @@ class Results:
     """A results directory; messages call it by its name: the path, or `reference` if shipped."""
 
     def __init__(self, path: Path | str, name: Path | None = None) -> None:
-        """Opens a directory, which need not exist yet.
-
-        Raises a RequestError if the path is a file, and a WorkError if it can't be read.
-        """
+        """Opens a directory, which need not exist; raises a RequestError if it is a file."""
         path = Path(path)
         try:
             is_file = path.exists() and not path.is_dir()

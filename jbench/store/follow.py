@@ -58,12 +58,12 @@ class Follower:
                 yield change
 
     def _look_at(self, folder: Folder) -> Change | None:
-        stamp = _stamp(folder.path / MANIFEST)
-        if stamp is not None and stamp == self._stamps.get(folder.id):
+        now = stamp(folder.path / MANIFEST)
+        if now is not None and now == self._stamps.get(folder.id):
             return None
         record = folder.read()
         change = None if record is None else self._compare(record)
-        self._stamps[folder.id] = stamp
+        self._stamps[folder.id] = now
         return change
 
     def _compare(self, record: Record) -> Change | None:
@@ -93,7 +93,7 @@ def grouped(rows: Sequence[tuple[str, Row]]) -> Iterator[tuple[str, list[Row]]]:
         yield table, [row for _, row in group]
 
 
-def _stamp(manifest: Path) -> tuple[int, ...] | None:
+def stamp(manifest: Path) -> tuple[int, ...] | None:
     """Returns what each commit changes, since it renames a new file to this name."""
     with contextlib.suppress(OSError):
         stat = manifest.stat()

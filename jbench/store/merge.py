@@ -126,7 +126,6 @@ def _choose(mine: Record, other: Record) -> Outcome:
 
 
 def _other_files(mine: Record, other: Record) -> str | None:
-    """Returns which files other than tables and checkpoints differ, or None."""
     contents = [
         {(e.name, e.sha256) for e in record.manifest.files if e.table is None and e.role is None}
         for record in (mine, other)

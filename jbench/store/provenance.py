@@ -37,7 +37,10 @@ def provenance() -> dict[str, Any]:
         "cores": cores(),
         "threads": os.environ.get("OMP_NUM_THREADS"),
         "git_revision": git_revision(),
-        "command": [_printable(word) for word in (Path(sys.argv[0]).name, *sys.argv[1:])],
+        "command": [  # as a manifest allows it
+            "".join(c if c.isprintable() else "\ufffd" for c in word)
+            for word in (Path(sys.argv[0]).name, *sys.argv[1:])
+        ],
     }
 
 
@@ -69,10 +72,6 @@ def _driver() -> str | None:
         return Path("/sys/module/nvidia/version").read_text().strip()
     except OSError:
         return None
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:

@@ -221,7 +221,6 @@ def _read(
 
 
 def _select_columns(columns: pa.Schema, names: Sequence[str], coded: bool) -> pa.Schema:
-    """Returns columns of a schema; if coded, its first one, the record's id, as a dictionary."""
     if coded:
         key = columns.field(0)
         columns = columns.set(0, key.with_type(pa.dictionary(pa.int32(), key.type)))

@@ -27,7 +27,6 @@ class Record:
     manifest: Manifest
 
     def __init__(self, path: Path, kind: Kind, id: str) -> None:
-        """Refers to a record; `begin` and `load` set its manifest."""
         self.path, self.kind, self.id = path, kind, id
 
     def load(self) -> bool:

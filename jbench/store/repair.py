@@ -75,10 +75,7 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
 
 
 def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
-    """Repairs a folder, unless another process is writing there.
-
-    Returns the command that makes its damaged record again, if its manifest tells.
-    """
+    """Repairs a folder unless it is locked; returns the command that makes its record again."""
     folder = results.look(kind, id)
     folder.check()
     with _locked(folder, quarantine.dry_run):

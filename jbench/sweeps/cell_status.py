@@ -3,7 +3,7 @@
 import statistics
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
@@ -15,7 +15,7 @@ from jbench.store import Record, Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell, with_runs
 from jbench.sweeps.executors import batches
-from jbench.training.status import run_status
+from jbench.training.status import State, run_status
 from jbench.wording import counted, duration
 
 _MIN_REPORTED = 2_000_000_000  # bytes
@@ -67,10 +67,7 @@ def cell_statuses(
         all_statuses.append(
             CellStatus(
                 cell,
-                finished=states.count("finished"),
-                partial=states.count("partial"),
-                failed=states.count("failed"),
-                missing=states.count("missing"),
+                *(states.count(state) for state in get_args(State)),
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / processes,
                 estimate="" if not left else "unknown" if seconds is None else source,
@@ -176,7 +173,6 @@ def _available() -> int | None:
 
 
 def _evaluating(run: RunSettings, seconds: float) -> float:
-    """Returns the share of evaluations in the seconds per control step of a run."""
     from jbench.training.speed import evaluation_steps, stepping
 
     steps = evaluation_steps(run)
@@ -184,10 +180,7 @@ def _evaluating(run: RunSettings, seconds: float) -> float:
 
 
 def _measured(results: Results, device: str) -> dict[str, list[float]]:
-    """Returns the core seconds per control step of the finished runs of this machine and device.
-
-    They are by the key of the runs' settings but the seed, and by that of their `COST`.
-    """
+    """Returns core seconds per control step of finished runs here, by keys of SEED and of COST."""
     seconds: dict[str, list[float]] = {}
     for record in results.scan("run")[0]:
         per_step = _core_seconds_per_step(record, device)
@@ -199,10 +192,7 @@ def _measured(results: Results, device: str) -> dict[str, list[float]]:
 
 
 def _core_seconds_per_step(record: Record, device: str) -> float | None:
-    """Returns the core seconds per control step of a finished run, if they are known.
-
-    The runs of a process share one core, and each of them records the whole wall time.
-    """
+    """Returns that of a finished run; those of a process share a core and record all time."""
     provenance, summary = record.manifest.provenance, record.manifest.summary
     now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
     made_on = (provenance.get(name) for name in ("processor", "cores"))
@@ -217,10 +207,7 @@ def _core_seconds_per_step(record: Record, device: str) -> float | None:
 
 
 def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None:
-    """Returns the seconds per control step of temporary agents; None if they can't be made.
-
-    Raises a RequestError if jbench can't use the task.
-    """
+    """Returns the seconds per control step of temporary agents; None if they can't be made."""
     import torch
 
     from jbench.training.speed import seconds_per_step

@@ -127,7 +127,6 @@ class Ray:
         return max(1, room)
 
     def _progress(self, runs: Sequence[RunSettings], seen: dict[str, str]) -> Iterator[Event]:
-        """Yields the last committed episode of each run, if there is a new one."""
         for run in runs:
             with contextlib.suppress(WorkError):
                 record = self._results.find("run", run.id)
@@ -159,7 +158,6 @@ class Ray:
                 yield event
 
     def _arrives(self, run: str) -> bool:
-        """Waits until the results show a run as finished; returns whether they do."""
         deadline = time.monotonic() + _SEEN_WITHIN
         while not is_finished(self._results, "run", run):
             if time.monotonic() > deadline or self._stopped.wait(LOOK_EVERY):

@@ -145,10 +145,7 @@ def _start() -> subprocess.Popen[str]:
 
 @contextlib.contextmanager
 def _blocked_interrupts() -> Iterator[None]:
-    """Blocks SIGINT in this thread and in processes that it starts, where signals can be blocked.
-
-    A worker inherits the mask: a Ctrl-C before the worker ignores it must not print a traceback.
-    """
+    """Blocks SIGINT in this thread and in workers, until they ignore it: no traceback on Ctrl-C."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

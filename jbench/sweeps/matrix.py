@@ -7,6 +7,7 @@ import contextlib
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -204,7 +205,6 @@ def _tables(content: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
 
 
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns values completed by defaults, recursively."""
     merged = {**defaults, **values}
     for key in defaults.keys() & values.keys():
         if isinstance(defaults[key], Mapping) and isinstance(values[key], Mapping):
@@ -213,25 +213,19 @@ def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str,
 
 
 def _content(name: str) -> dict[str, Any]:
-    text = _text(name)
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: also of thousands of digits
-        raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
-
-
-def _text(name: str) -> str:
+    path: Traversable = Path(name)
     if name in SWEEPS:
-        return (resources.files("jbench.paper") / "matrices" / f"{name}.toml").read_text("utf-8")
-    path = Path(name)
-    if path.suffix != ".toml":
+        path = resources.files("jbench.paper") / "matrices" / f"{name}.toml"
+    elif not name.endswith(".toml"):
         try:
             known("matrix", name, SWEEPS)
         except RequestError as error:
             file = f"{name}.toml" if Path(f"{name}.toml").exists() else "a FILE.toml"
             raise RequestError(f"{str(error).rstrip('.')}; or type {file}.") from None
     try:
-        return path.read_text("utf-8")
+        return tomllib.loads(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not text"
         raise RequestError(f"{name} can't be read ({reason}).") from None
+    except (ValueError, RecursionError) as error:  # ValueError: also of thousands of digits
+        raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None

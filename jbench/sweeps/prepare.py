@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from itertools import groupby
 
 from jbench.cores import cores
@@ -87,20 +88,14 @@ def _make(
     for (task, seed, scale), sharing in groupby(sorted(encoders, key=about), about):
         states = States(source, task, seed, scale=scale)  # read once
         for settings in sharing:
+            label, epochs = settings.representation, settings.options.get("epochs", 1)
+            progress = _progress(f"{label} {task}", epochs, "epochs", report)
+            train = partial(train_encoder, settings, states, results, progress)
             try:
-                _train(settings, states, results, device, report)
+                _when_free(partial(train, device=find_device(device)), report)
             except (RequestError, WorkError) as error:
                 failures[settings.id] = f"its encoder can't be trained: {error}"
     return failures
-
-
-def _train(
-    settings: EncoderSettings, states: States, results: Results, device: str, report: Report
-) -> None:
-    train_on = find_device(device)
-    label, epochs = f"{settings.representation} {settings.task}", settings.options.get("epochs", 1)
-    progress = _progress(label, epochs, "epochs", report)
-    _when_free(lambda: train_encoder(settings, states, results, progress, device=train_on), report)
 
 
 def _progress(what: str, total: int, unit: str, report: Report) -> Callable[[int], None]:

@@ -91,10 +91,7 @@ def sweep(
 
 
 class _Scheduler:
-    """Trains batches of runs, each by a task of a pool.
-
-    A task sends events. All else is decided in the thread that called `train`.
-    """
+    """Trains batches of runs, each by a task of a pool, which sends events; one thread decides."""
 
     def __init__(
         self,

@@ -109,10 +109,7 @@ def _begin(
     made_on: Mapping[str, str | None],
     report: Report,
 ) -> Member | None:
-    """Returns a run to train from a checkpoint or from scratch; None if it is finished.
-
-    The checkpoint is its own last one, or that of the longest run that it can continue.
-    """
+    """Returns a run to train, from its checkpoint or that of a shorter run; None if finished."""
     if record is not None and record.status == "finished":
         return None
     refused: list[str] = []

@@ -171,11 +171,7 @@ def read_replay(record: Record, row: int) -> Tensor:
 
 
 def _read(record: Record, role: str) -> tuple[Position, SeedState]:
-    """Reads a checkpoint without its replay rows.
-
-    Raises a WorkError if its file differs from what was committed, and a ValueError if it belongs
-    to another run, or has another format.
-    """
+    """Reads a checkpoint; raises a WorkError if its file is damaged, a ValueError if another's."""
     tensors = _tensors(record, role)
     try:
         header = json.loads(bytes(tensors.pop(_ENVELOPE).numpy()))
@@ -190,7 +186,6 @@ def _read(record: Record, role: str) -> tuple[Position, SeedState]:
 
 
 def _state_file(checkpoint: Checkpoint, run: str) -> dict[str, bytes]:
-    """Returns the file of a checkpoint of a run, without its replay buffer, by role."""
     position, state = checkpoint.position, checkpoint.state
     envelope = _Envelope(format=FORMAT, run=run, position=position, scalars=state.scalars)
     header = torch.frombuffer(bytearray(envelope.model_dump_json().encode()), dtype=torch.uint8)

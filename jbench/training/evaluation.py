@@ -99,7 +99,6 @@ def evaluate_policies(
 def _evaluations(
     worlds: Worlds, generators: Sequence[np.random.Generator], episodes: int, act: Act
 ) -> list[Evaluation]:
-    """Runs an evaluation of some episodes for each generator, all side by side."""
     total = np.zeros(len(generators) * episodes)
     seen = worlds.reset([generator for generator in generators for _ in range(episodes)])
     points = [worlds.points()]

@@ -59,10 +59,7 @@ class TrainingGroup:
         *,
         keep_state: bool,
     ) -> None:
-        """Makes the engine, and restores it from the checkpoints of the runs; see `run_batch`.
-
-        `sharing` is the number of runs that share the process, those at other steps among them.
-        """
+        """Makes or restores the engine; `sharing` runs, also at other steps, share the process."""
         self._members, self._sharing, self._report = members, sharing, report
         self._timer, self._clock = CommitTimer(checkpoint_every), ProcessorClock()
         self._keep_state = keep_state
@@ -85,10 +82,7 @@ class TrainingGroup:
                 self._save()
 
     def _after_step(self, returns: NDArray[np.float64] | None) -> bool:
-        """Writes what is due after a control step; returns whether to go on.
-
-        `returns` (seeds, environments) are of the episodes that ended, if any.
-        """
+        """Writes what is due, also returns (seeds, environments) of episodes; says if to go on."""
         self._fail_diverged()
         steps = self._engine.control_steps
         if returns is not None and self._active():
@@ -160,7 +154,6 @@ class TrainingGroup:
                 member.evaluated = self._engine.policy(index)
 
     def _save(self) -> None:
-        """Commits a checkpoint of every run whose weights are finite."""
         self._fail_diverged(weights=True)
         began = time.perf_counter()
         self._share_processor_time()
@@ -178,7 +171,6 @@ class TrainingGroup:
         member.checkpoint = save(member.record, member.log, engine, index, only=only)
 
     def _end(self) -> None:
-        """Makes the final evaluation if it is missing, and finishes all runs."""
         self._fail_diverged(weights=True)
         steps = self._engine.control_steps
         if any(m.log.progress.last_evaluation < steps for _, m in self._active()):
@@ -203,7 +195,6 @@ class TrainingGroup:
                 self._fail(self._members[index], divergence)
 
     def _fail(self, member: Member, divergence: Divergence) -> None:
-        """Marks one run as failed, with its rows up to now; the others continue."""
         self._share_processor_time()
         member.log.commit()
         member.record.fail(str(divergence), divergence.to_summary())

@@ -46,11 +46,7 @@ class RunLog:
     """Pending rows of a run, and its progress, which includes them but for steps and wall time."""
 
     def __init__(self, record: Record, position: Position | None = None) -> None:
-        """Starts the run's clock.
-
-        The run resumes at the position, or begins. The next commit drops rows that were committed
-        after it.
-        """
+        """Starts the clock of a run, which resumes at a position; rows after it will be dropped."""
         self._record = record
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.LOG_TABLES}
         self.progress = position or Position(processor_time=0.0)

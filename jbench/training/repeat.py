@@ -196,7 +196,6 @@ def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
 
 
 def _rows(record: Record, *kinds: str, until: float = math.inf) -> _Rows:
-    """Returns rows of training or evaluations up to a control step, without times."""
     return {
         (row["control_steps"], kind, row[kind], row["episode"]): row
         for kind in kinds
@@ -208,7 +207,6 @@ def _rows(record: Record, *kinds: str, until: float = math.inf) -> _Rows:
 def _compared(
     record: Record, control_steps: int, recorded: _Rows, computed: _Rows, what: str
 ) -> Repeated:
-    """Returns a part up to a control step, whose returns are those of the rows of `what`."""
     difference = _difference(recorded, computed)
     returns = (
         tuple(row["episode_return"] for key, row in sorted(rows.items()) if key[1] == what)

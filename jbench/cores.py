@@ -16,10 +16,7 @@ def cores() -> int:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limits torch to one thread, for steps that are too small for more.
-
-    Their numbers then do not depend on the number of cores.
-    """
+    """Limits torch to one thread, so that numbers of small steps do not depend on the cores."""
     import torch
 
     before = torch.get_num_threads()

@@ -186,10 +186,7 @@ PHYSICS_STEPS = 50
 
 
 def evaluation_interval(steps: int) -> int:
-    """Returns the default of control steps between evaluations of a run of `steps`.
-
-    This is a tenth of the run in whole episodes, and at most 50,000.
-    """
+    """Returns a tenth of a run in whole episodes, at most 50,000: the steps between evaluations."""
     return min(max(steps // (10 * EPISODE_STEPS), 1) * EPISODE_STEPS, 50_000)
 
 

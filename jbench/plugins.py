@@ -30,10 +30,7 @@ def offered(group: str, pattern: re.Pattern[str], taken: Collection[str]) -> dic
 
 
 def load(what: str, point: EntryPoint) -> Any:
-    """Returns what an entry point names; `what` it is in error messages is such as "policy".
-
-    Raises a WorkError if it can't be imported, or several packages offer this name.
-    """
+    """Returns what an entry point names; raises a WorkError if it can't be, or is named twice."""
     others = entry_points(group=point.group, name=point.name)
     packages = sorted({distribution(other) or other.value for other in others})
     if len(packages) > 1:

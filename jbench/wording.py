@@ -27,10 +27,7 @@ def not_formula(value: Any) -> Any:
 
 
 def json_text(value: Any) -> str:
-    """Returns a value as indented JSON; numbers that are not finite are null.
-
-    Arrays of numpy become lists, and values of other types, such as UUIDs, texts.
-    """
+    """Returns indented JSON with lists for arrays, null for NaN, and texts for other types."""
     return json.dumps(_plain(value), indent=1, allow_nan=False)
 
 

@@ -107,10 +107,7 @@ def count(text: str | int) -> int:
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
-    """Returns the values by name of assignments such as `tau=0.005` or `hidden_layers=64,64`.
-
-    Raises a RequestError if one is not of the form NAME=VALUE, or a name is repeated.
-    """
+    """Returns the values of `tau=0.005` or `hidden_layers=64,64` by name, each given once."""
     overrides: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = assignment.partition("=")

@@ -26,10 +26,7 @@ from jbench.wording import counted, duration
 
 
 def check_runs(runs: Sequence[RunSettings], keep_state: bool, output: Output) -> None:
-    """Checks runs, one of each configuration: their state must be one that can be kept, if asked.
-
-    Unexpected numbers of control steps are warned of.
-    """
+    """Checks that runs, one of each configuration, can be kept; warns of unexpected lengths."""
     if keep_state:
         check_state_can_be_kept(runs)
     sentences = []
@@ -141,10 +138,7 @@ def show_status(
     *,
     times: bool,
 ) -> dict[str, Any]:
-    """Prints how many seeds of each configuration are finished, and on request the time left.
-
-    Returns the same for the JSON document.
-    """
+    """Prints how many seeds are finished, and perhaps the time left; returns it for JSON."""
     statuses = cell_statuses(cells, results, jobs, device, quick=times)
     rows, left = [_described(status) for status in statuses], seconds_left(statuses, jobs)
     if_varied = ("settings", "precision", "environments", "time_limit", "steps")

@@ -45,10 +45,7 @@ def copy_module(module: object, inputs: int, outputs: int) -> SavedNetwork:
 
 
 def module_layers(module: nn.Module) -> list[SavedLayer]:
-    """Returns the layers that a module applies to a value that records them.
-
-    Raises an UnsupportedPolicyError if one is not supported, or takes several results.
-    """
+    """Returns the layers that a module applies to a value, or an UnsupportedPolicyError."""
     try:
         result = module(_value([]))
     except UnsupportedPolicyError:

@@ -101,10 +101,7 @@ class SavedNetwork:
         ]
 
     def act(self, observations: Array) -> Array:
-        """Returns actions (..., action_size) for (encoded) observations (..., size).
-
-        They are float32 arrays of numpy, or tensors, from which `torch.onnx` makes a model.
-        """
+        """Returns actions (..., action_size) for (..., size), of numpy or, for ONNX, of torch."""
         xp = array_namespace(observations)
         results = [xp.astype(observations, xp.float32, copy=False)]
         for layer in self.layers:
@@ -129,10 +126,7 @@ class SavedNetwork:
 
     @classmethod
     def from_files(cls, weights: bytes, description: bytes) -> "SavedNetwork":
-        """Inverts `files`, and reads the older format: ReLU layers with a `squash`.
-
-        Raises a ValueError if the files are invalid, or the sizes of the layers do not match.
-        """
+        """Inverts `files`, and reads an older format; raises a ValueError if they are invalid."""
         try:
             tensors, described = safetensors.numpy.load(weights), json.loads(description)
             network = cls(

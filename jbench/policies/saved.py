@@ -31,10 +31,7 @@ class TrainedAgent:
     encoder: Encoder | None
 
     def act(self, observations: Array) -> Array:
-        """Returns actions (..., action_size) for observations (..., dim(O)) of the task.
-
-        Raises a RequestError if the observations have another size.
-        """
+        """Returns actions (..., action_size) for observations (..., dim(O)), or a RequestError."""
         size = find_task(self.task).observation_size
         if observations.shape[-1:] != (size,):
             raise RequestError(

@@ -46,11 +46,7 @@ def sha256_start(path: str) -> str:
 
 
 def read_sb3_zip(path: str, task: str) -> SavedNetwork:
-    """Returns the deterministic policy of a saved model.
-
-    Raises a RequestError if it can't be read, is no plain `MlpPolicy`, or is for other
-    observations.
-    """
+    """Returns the deterministic policy of a saved model; raises a RequestError if there is none."""
     try:
         with zipfile.ZipFile(io.BytesIO(_content(path))) as file:
             data: dict[str, Any] = json.loads(file.read("data"))

@@ -77,10 +77,7 @@ def with_implied(*names: str) -> set[str]:
 
 
 def flatten(settings: Run | Mapping[str, Any]) -> Flat:
-    """Returns settings by path; settings that a run omits are filled with their defaults.
-
-    The encoder of a run is left out if it follows from the seed.
-    """
+    """Returns settings by path, with omitted defaults, without an encoder of the seed's own."""
     if isinstance(settings, Mapping):
         return _flat(_sorted(settings), ())
     values = _sorted(_shared(settings.values))

@@ -31,10 +31,7 @@ _WORDS = {
 
 
 def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str, str]:
-    """Returns a label for each variant: the settings that differ, such as `learning_rate=0.001`.
-
-    They are in the order of the values that differ; "" for a single variant.
-    """
+    """Returns a label of the settings that differ, in order, such as `learning_rate=0.001`."""
     return _labels(settings, lambda name, value: f"{name}={_text(value)}")
 
 

@@ -78,10 +78,7 @@ class Results:
         settings: Mapping[str, Any],
         made_on: Mapping[str, Any] | None = None,
     ) -> Record:
-        """Creates a record, or restarts an unfinished one without its data; see `Record.begin`.
-
-        `made_on` is more provenance. Raises a RequestError if the settings can't be recorded.
-        """
+        """Creates a record, with more provenance, or restarts an unfinished one; see `begin`."""
         record = self.record(kind, id)
         record.begin(Manifest.new(kind, id, settings, made_on or {}))
         return record
@@ -133,10 +130,7 @@ class Results:
                     pass  # it has removed them
 
     def scan(self, kind: Kind, beginning: str = "") -> tuple[list[Record], list[str]]:
-        """Returns the records of a kind, oldest first, and an error for each unreadable one.
-
-        Only records whose id has this beginning are read.
-        """
+        """Returns records whose id begins so, oldest first, and an error for each unreadable."""
         records, problems = [], []
         for folder in self.walk(kind, beginning.rpartition("/")[0]):
             try:

@@ -58,10 +58,7 @@ def make_directory(path: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Checks that a file can be written or replaced, before work whose result it will hold.
-
-    Raises a RequestError if it is a directory or a device, or its directory is not writable.
-    """
+    """Raises a RequestError if a file can't be written or replaced, before work on its content."""
     make_directory(path.parent)
     if path.exists() and not path.is_file():
         what = "a directory" if path.is_dir() else "not a plain file"

@@ -130,11 +130,7 @@ class Manifest(BaseModel):
     def new(
         cls, kind: Kind, id: str, settings: Mapping[str, Any], made_on: Mapping[str, Any]
     ) -> "Manifest":
-        """Returns the manifest of a new record; `made_on` is provenance that is added.
-
-        Raises:
-            RequestError: if the settings can't be recorded.
-        """
+        """Returns the manifest of a new record; raises a RequestError if it can't be recorded."""
         made, now = {**provenance(), **made_on}, utc_now()
         try:
             return cls(

@@ -103,10 +103,7 @@ def named_tables(sql: str) -> set[str]:
 
 
 def run_sql(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
-    """Runs one SELECT over the tables, without access to files or network.
-
-    Raises a RequestError if it is not one SELECT, or DuckDB reports an error.
-    """
+    """Runs one SELECT, without access to files or network; raises a RequestError for any error."""
     try:
         return _select(sql, tables)
     except duckdb.Error as error:

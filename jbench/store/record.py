@@ -91,10 +91,7 @@ class Record:
         return [entry.role for entry in self.manifest.files if entry.role is not None]
 
     def read(self, table: str, columns: pa.Schema | None = None) -> pa.Table:
-        """Returns the committed rows of a table, by default with all columns of `schema.FILES`.
-
-        Raises a RecordError as `listed.read`, or if a file lacks a column.
-        """
+        """Returns the committed rows of a table, by default all columns; raises a RecordError."""
         columns = schema.FILES[table] if columns is None else columns
         parts = [self.read_part(entry, columns) for entry in self.parts(table)]
         return pa.concat_tables([columns.empty_table(), *parts])
@@ -170,10 +167,7 @@ class Record:
     def resume(
         self, where: Mapping[str, Any], made_on: Mapping[str, str | None] | None = None
     ) -> dict[str, list[Any]]:
-        """Records that unfinished or failed work is resumed, and where, as JSON values.
-
-        Returns the `differences` of the provenance, to which `made_on` is added, since the start.
-        """
+        """Records that work is resumed, and where; returns the `differences` of provenance."""
         before = self.manifest.provenance
         changed = differences(before, {**provenance(), **(made_on or {})})
         notes = before.get("continued")

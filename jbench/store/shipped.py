@@ -19,10 +19,7 @@ def shipped_results() -> Results:
 
 
 def results_to_read(place: Results | Path | str) -> Results:
-    """Returns the results in a directory; "reference" names the shipped ones.
-
-    Raises a RequestError if there is no such directory.
-    """
+    """Returns results; "reference" names the shipped ones. Raises a RequestError if none exist."""
     if isinstance(place, Results):
         return place
     path = Path(place)

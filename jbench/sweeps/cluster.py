@@ -166,10 +166,7 @@ class Ray:
 
 
 def train_batch(request: str) -> str:
-    """Trains the runs of a `worker_request` in a process on the node where Ray calls this.
-
-    Returns JSON: the last event of each run that had one.
-    """
+    """Trains a `worker_request` on the node where Ray calls this; returns last events as JSON."""
     content = json.loads(request)
     path = Path(content["results"])
     runs = [RunSettings(**settings) for settings in content["runs"]]

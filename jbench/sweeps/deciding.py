@@ -146,11 +146,7 @@ def _key(cell: Cell) -> str:
 
 
 class ComparisonOutcome(NamedTuple):
-    """The decision at the deciding interim analysis of finished seeds, or at the last one.
-
-    `needed` are the unfinished runs up to the next analysis; empty if it is decided or has all
-    seeds.
-    """
+    """The decision so far, and the unfinished runs up to the next interim analysis, if any."""
 
     comparison: MatrixComparison
     decision: Decision
@@ -184,10 +180,7 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
 def outcomes(
     chosen: Sequence[MatrixComparison], results: Results, returns: dict[tuple[str, Claim], float]
 ) -> list[ComparisonOutcome]:
-    """Returns the outcome of each comparison with the finished seeds.
-
-    All chosen comparisons share the error rate. The returns that are read are added to `returns`.
-    """
+    """Returns the outcome of each comparison with finished seeds; adds to the returns read."""
     pairs = [
         tuple(_first_returns(cell, pair, results, returns) for cell in (pair.ours, pair.theirs))
         for pair in chosen
@@ -231,10 +224,7 @@ def _needed(
 
 
 def next_cells(outcomes: Sequence[ComparisonOutcome], tried: Container[str]) -> list[Cell]:
-    """Returns the cells of undecided comparisons, each with the runs that it needs next.
-
-    A comparison gets no more seeds if it needs a run whose id was tried and is still unfinished.
-    """
+    """Returns cells with the runs that undecided comparisons need, unless one was tried before."""
     going_on = [
         outcome
         for outcome in outcomes

@@ -30,10 +30,7 @@ class Executor(Protocol):
     device: str
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
-        """Trains runs that may share a process, and yields the events of their worker.
-
-        If their process dies, it ends without the last event of some of the runs.
-        """
+        """Yields the events of runs in a process; if it dies, some runs have no last event."""
 
     def stop(self) -> None:
         """Ends all processes and starts no more; what they have not committed is lost."""
@@ -56,10 +53,7 @@ class Local:
         return self.run(worker_request(runs, self._results, self.device, self._options))
 
     def run(self, request: str) -> Iterator[Event]:
-        """Starts a worker with a `worker_request` and yields its events; none after `stop`.
-
-        Raises a WorkError if the process can't be started.
-        """
+        """Starts a worker with a `worker_request` and yields its events, but none after `stop`."""
         process = _start()
         assert process.stdin is not None
         assert process.stdout is not None
@@ -116,10 +110,7 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
 def worker_request(
     runs: Sequence[RunSettings], results: Results, device: str, options: Mapping[str, Any]
 ) -> str:
-    """Returns the request to a worker as one line of JSON.
-
-    It includes the command line of this process, which the worker writes into the records.
-    """
+    """Returns the request as a line of JSON, with the command that the worker records."""
     request = {
         "results": str(results.path),
         "options": {"device": device, **options},

@@ -130,10 +130,7 @@ def newest(record: Record) -> set[str]:
 
 
 def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
-    """Returns the newest intact checkpoint, or None, and a sentence for each rejected one.
-
-    Raises an UnreadableError if a file can't be read now; the checkpoint may be intact.
-    """
+    """Returns the newest intact checkpoint, if any, and a sentence for each that is rejected."""
     refused: list[str] = []
     for role in reversed(record.roles()):
         match = _STATE.fullmatch(role)
@@ -158,10 +155,7 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
 
 
 def read_replay(record: Record, row: int) -> Tensor:
-    """Returns the saved rows (environments, rows, size + 2) before number `row`.
-
-    Raises a WorkError if a file differs from what was committed.
-    """
+    """Returns the saved rows (environments, rows, size + 2) before number `row`, or a WorkError."""
     pieces = [piece for piece in _pieces(record.roles()) if piece.first < row]
     parts = [_tensors(record, piece.role)[_ROWS] for piece in pieces]
     if not parts:

@@ -35,10 +35,7 @@ def make_env(
 
 
 class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Treats the time limit as terminal, so that no value is bootstrapped from the last step.
-
-    stable-baselines 2 did the same, and so did the paper's agents.
-    """
+    """Treats the time limit as terminal, without bootstrapping, as the paper's agents did."""
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Steps the environment; a truncation becomes a termination."""

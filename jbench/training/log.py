@@ -62,10 +62,7 @@ class RunLog:
                 self._before = before
 
     def summary(self, control_steps: int, *, evaluated: bool) -> dict[str, Any]:
-        """Returns the entries of a finished run's manifest.
-
-        `evaluated`: whether the kept policy is the one that the last evaluation ran.
-        """
+        """Returns the entries of a manifest; `evaluated`: the kept policy is the last evaluated."""
         return {
             "wall_time": self._wall_time(),
             "processor_time": self.progress.processor_time,
@@ -94,10 +91,7 @@ class RunLog:
     def evaluation(
         self, control_steps: int, returns: Iterable[float], path: Path | None = None
     ) -> None:
-        """Adds the episodes of one evaluation, and the path of the first of them.
-
-        The paths of the first and of the latest evaluation are kept.
-        """
+        """Adds an evaluation, with the path of its first episode; the first and last are kept."""
         number = self.progress.evaluations
         for episode, episode_return in enumerate(returns):
             row = {"evaluation": number, "episode": episode, "episode_return": episode_return}

@@ -3,10 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from typer import Option
-
 from jbench import names
-from jbench.commands import completion, options, parsing
+from jbench.commands import options, parsing
 from jbench.commands.output import Output, described
 from jbench.settings.records import DatasetSettings
 from jbench.wording import counted, progress_text, with_results
@@ -14,10 +12,8 @@ from jbench.wording import counted, progress_text, with_results
 
 @options.with_settings(DatasetSettings, "steps", "seed", "augment")
 def collect(
-    task: str | None = Option(
-        None,
-        help="Task of another robot (default: the Jitterbug, for its five tasks).",
-        autocompletion=completion.complete_tasks,
+    task: str | None = options.some_task(
+        None, help="Task of another robot (default: the Jitterbug, for its five tasks)."
     ),
     threads: int = options.THREADS,
     results: Path = options.RESULTS,

@@ -32,11 +32,10 @@ def train_encoder(
         "MODULE:CLASS; several: a,b.",
         autocompletion=completion.complete(*names.ENCODER_KINDS),
     ),
-    task: str = Option(
+    task: str = options.some_task(
         "face_direction",
         help=f"Task of the observations: {', '.join(names.TASKS)}, all (of these), or a task of "
         "another robot (jbench tasks).",
-        autocompletion=completion.complete_tasks,
     ),
     latent: str | None = Option(
         None,

@@ -30,12 +30,11 @@ def export(
         autocompletion=completion.complete_policies,
     ),
     dataset: str | None = options.DATASET,
-    task: str | None = Option(
+    task: str | None = options.some_task(
         None,
         help="Task whose observations and rewards a dataset is exported with (default: "
         "face_direction, or the task of another robot's --dataset), or whose curves are exported "
         "(default: all).",
-        autocompletion=completion.complete_tasks,
     ),
     format: Literal["onnx", "minari"] | None = Option(
         None,

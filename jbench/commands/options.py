@@ -84,14 +84,9 @@ def _plain(annotation: Any) -> Any:
     return _plain(get_args(annotation)[0]) if wrapped else annotation
 
 
-RESULTS = Option(
-    Path(names.RESULTS), "--results", parser=parsing.path, metavar="DIR", help="Results directory."
-)
-READ_RESULTS = Option(
-    Path(names.RESULTS),
-    "--results",
-    parser=parsing.path,
-    metavar="DIR",
+_results = partial(Option, Path(names.RESULTS), "--results", parser=parsing.path, metavar="DIR")
+RESULTS = _results(help="Results directory.")
+READ_RESULTS = _results(
     help=f"Results directory ({names.REFERENCE}: the results shipped with jbench).",
     autocompletion=completion.complete_results,
 )
@@ -135,13 +130,9 @@ JOBS = Option(
     help="Number of worker processes (0: one per core, or one for a GPU, which trains all seeds of "
     "a configuration in one process).",
 )
-THREADS = Option(0, min=0, callback=parsing.all_cores, help="Number of threads (0: one per core).")
-FILES = Option(
-    0,
-    min=0,
-    callback=parsing.all_cores,
-    help="Number of records checked at a time (0: one per core).",
-)
+_threads = partial(Option, 0, min=0, callback=parsing.all_cores)
+THREADS = _threads(help="Number of threads (0: one per core).")
+FILES = _threads(help="Number of records checked at a time (0: one per core).")
 FINAL_EPISODES = Option(
     None,
     min=1,
@@ -154,21 +145,20 @@ DATASET = Option(
     help="Id of the dataset (default: the newest).",
     autocompletion=completion.complete_datasets,
 )
+some_task = partial(Option, autocompletion=completion.complete_tasks)
 _task = partial(
-    Option,
+    some_task,
     help=f"Task: {', '.join(names.TASKS)}, {task_specs.SUITE}DOMAIN-TASK of dm_control's suite, "
     "one of another package (jbench tasks), or MODULE:NAME of a function that returns a "
     "dm_env.Environment.",
-    autocompletion=completion.complete_tasks,
 )
 TASK, REQUIRED_TASK = _task("face_direction"), _task(...)
-POLICY_TASK = Option(
+POLICY_TASK = some_task(
     None,
     help="Task (default: the task of a trained policy; of other policies, evaluate takes "
     "face_direction, render and view move_to_pose).",
-    autocompletion=completion.complete_tasks,
 )
-ONE_TASK = Option(None, help="Only this task.", autocompletion=completion.complete_tasks)
+ONE_TASK = some_task(None, help="Only this task.")
 ONE_ALGORITHM = Option(
     None, help="Only this algorithm.", autocompletion=completion.complete(*ALGORITHMS)
 )

@@ -18,9 +18,8 @@ from jbench.store import Results
 from jbench.store.listing import evaluation_return
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
-from jbench.sweeps.executors import Executor
 from jbench.sweeps.prepare import is_finished, missing_encoders
-from jbench.sweeps.scheduler import sweep
+from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.continuation import check_state_can_be_kept
 from jbench.wording import counted, duration
 

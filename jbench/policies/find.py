@@ -8,12 +8,8 @@ import numpy as np
 from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, TASKS, closest
-from jbench.policies.acting import (
-    ActingPolicy,
-    imported_policy,
-    installed_policies,
-    is_imported_policy,
-)
+from jbench.policies import acting
+from jbench.policies.acting import ActingPolicy, installed_policies, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, sha256_start
 from jbench.settings.recorded import Run, read_run
@@ -51,7 +47,7 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
         command = _constant(name)
         return ActingPolicy(lambda observations: np.full((len(observations), size), command))
     if is_imported_policy(name):
-        return imported_policy(name, task)
+        return acting.imported_policy(name, task)
     if is_sb3_zip(name):
         return ActingPolicy(read_sb3_zip(name, task).act)
     if "/" not in name:

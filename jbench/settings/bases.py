@@ -31,7 +31,6 @@ SCRIPT: dict[str, dict[str, Any]] = {
 
 _OFF_POLICY = {
     "hidden_layers": [256, 256],
-    "batch_size": 256,
     "learning_starts": 1_000,
     "uniform_warmup": True,
     "train_freq": 1,

@@ -71,7 +71,7 @@ class Ray:
         self._task = self._ray.remote(num_gpus=gpus_per_task, **node)(train_batch)
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
-        """Trains runs in a task; see `Executor`. Their progress is read from the results."""
+        """Trains runs in a task; see `Local`. Their progress is read from the results."""
         task = self._task.remote(worker_request(runs, self._results, self.device, self._options))
         self._tasks.add(task)
         try:

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,22 +18,6 @@ from jbench.settings.alike import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.events import Event
-
-
-class Executor(Protocol):
-    """Trains batches of runs, `jobs` at a time, each called from its own thread.
-
-    `device` is that of the batched engine: `cpu`, `cuda` or such as `cuda:1`.
-    """
-
-    jobs: int
-    device: str
-
-    def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
-        """Yields the events of runs in a process; if it dies, some runs have no last event."""
-
-    def stop(self) -> None:
-        """Ends all processes and starts no more; what they have not committed is lost."""
 
 
 class Local:
@@ -49,7 +33,7 @@ class Local:
         self._stopped = False
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
-        """Trains runs in one process; see `Executor`."""
+        """Yields the events of runs in a process; if it dies, some runs have no last event."""
         return self.run(worker_request(runs, self._results, self.device, self._options))
 
     def run(self, request: str) -> Iterator[Event]:
@@ -77,7 +61,7 @@ class Local:
                 process.stdin.close()
 
     def stop(self) -> None:
-        """Kills all workers and starts no more."""
+        """Kills all workers and starts no more; what they have not committed is lost."""
         self._stopped = True
         for process in list(self._processes):
             process.kill()

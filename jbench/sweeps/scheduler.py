@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from typing import TYPE_CHECKING, TypeAlias
 
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
@@ -20,11 +21,16 @@ from jbench.store.files import make_directory
 from jbench.store.follow import LOOK_EVERY
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import forecasts
-from jbench.sweeps.executors import Executor, Local, batches
+from jbench.sweeps.executors import Local, batches
 from jbench.sweeps.prepare import prepare
 from jbench.training.continuation import new_beginnings
 from jbench.training.events import Event, Report, ignore
 from jbench.training.status import is_being_trained, plan, record_failure, run_status
+
+if TYPE_CHECKING:
+    from jbench.sweeps.cluster import Ray
+
+Executor: TypeAlias = "Local | Ray"  # its `train` is called from threads, `jobs` at a time
 
 _MAX_DEATHS = 3  # a run fails when this many of its processes have died
 

@@ -16,13 +16,9 @@ from jbench.policies.network import SavedNetwork
 from jbench.policies.saved import policy_files
 from jbench.settings.run import RunSettings
 from jbench.store import Record
+from jbench.training import evaluation
 from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
 from jbench.training.engines import make_trainer, policy_function
-from jbench.training.evaluation import (
-    derive_seeds,
-    evaluate_policies,
-    final_evaluation_episodes,
-)
 from jbench.training.events import Event, Report
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
@@ -64,7 +60,7 @@ class TrainingGroup:
         self._timer, self._clock = CommitTimer(checkpoint_every), ProcessorClock()
         self._keep_state = keep_state
         self._settings = settings = members[0].settings
-        self._final_episodes = final_evaluation_episodes(settings, final_episodes)
+        self._final_episodes = evaluation.final_evaluation_episodes(settings, final_episodes)
         self._engine = make_trainer(
             [m.settings for m in members], [m.encoder for m in members], device
         )
@@ -132,9 +128,9 @@ class TrainingGroup:
         if not (active := self._active()):
             return
         engine, settings, log = self._engine, self._settings, active[0][1].log
-        evaluations = evaluate_policies(
+        evaluations = evaluation.evaluate_policies(
             settings,
-            [derive_seeds(member.settings.seed)[1] for member in self._members],
+            [evaluation.derive_seeds(member.settings.seed)[1] for member in self._members],
             log.progress.evaluations,
             policy_function(engine, len(self._members)),
             threads=engine.environments.threads if isinstance(engine, Engine) else 1,

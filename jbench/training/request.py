@@ -4,22 +4,13 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from jbench import names
 from jbench.agents.algorithms import algorithm_fields, hyperparameters
 from jbench.devices import find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
-from jbench.names import (
-    EPISODE_STEPS,
-    NO_ENCODER,
-    OFE,
-    Base,
-    EncoderSeeds,
-    Engine,
-    Precision,
-    known,
-    number_in_name,
-)
+from jbench.names import EPISODE_STEPS, OFE, known, number_in_name
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.base import settings_with, validated
 from jbench.settings.records import OFESettings
@@ -37,10 +28,10 @@ def request_runs(
     task: str,
     encoder: str,
     seeds: Sequence[int],
-    base: Base | None,
+    base: names.Base | None,
     overrides: Mapping[str, Any],
-    engine: Engine | None = None,
-    encoder_seeds: EncoderSeeds = "newest",
+    engine: names.Engine | None = None,
+    encoder_seeds: names.EncoderSeeds = "newest",
     **fields: Any,
 ) -> list[RunSettings]:
     """Returns the settings of one run per seed.
@@ -71,7 +62,7 @@ def request_runs(
         raise RequestError(
             "--set ofe.NAME=VALUE is for --encoder ofeN, such as ofe12; leave it out."
         )
-    elif encoder not in NO_ENCODER:
+    elif encoder not in names.NO_ENCODER:
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
         fields["representation"] = read_representation(results, encoder_id)
         if encoder_seeds == "each":
@@ -142,7 +133,9 @@ def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
     return settings_with(OFESettings, name, {**options, "units": number_in_name(match[1])})
 
 
-def training_device(engine: Engine | None, wanted: str, precision: Precision = "float32") -> str:
+def training_device(
+    engine: names.Engine | None, wanted: str, precision: names.Precision = "float32"
+) -> str:
     """Returns the device to train on, `cpu`, `cuda` or such as `cuda:1`; see `find_device`.
 
     Raises a RequestError if it is unavailable, or does not support the engine or precision.

@@ -84,7 +84,6 @@ def _collect_rest(
 
 @contextmanager
 def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
-    """Yields a thread pool; its pending work is canceled at the end."""
     pool = ThreadPoolExecutor(threads)
     try:
         yield pool

@@ -18,12 +18,10 @@ _MAX_SHOWN = 5  # ids in a message
 
 
 class Folder(NamedTuple):
-    """A folder below a results directory.
+    """A folder below that of a kind; `id` is its path there, and its record's id, if any.
 
-    Attributes:
-        id: path below the folder of the kind; the id of its record if it has one.
-        names: of its files and symlinks; and the manifest's even if that is a folder.
-        problem: why it can't be read, as a clause to follow the path.
+    `names` are of its files and symlinks, and the manifest's even if that is a folder; `problem` is
+    a clause on why it can't be read.
     """
 
     kind: Kind

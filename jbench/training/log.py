@@ -21,15 +21,9 @@ _MAX_COMMIT_SHARE = 0.02  # fraction of a run's time that its commits may take
 
 
 class Position(BaseModel):
-    """Progress of a run.
+    """Progress of a run: control steps of all environments, counts, and s without interruptions.
 
-    Attributes:
-        control_steps: control steps over all environments.
-        episodes: number of training episodes.
-        evaluations: number of evaluations.
-        last_evaluation: control steps at the last evaluation.
-        wall_time: s, without interruptions.
-        processor_time: s; None in checkpoints of older versions, where it is unknown.
+    The processor time is None in checkpoints of older versions, where it is unknown.
     """
 
     model_config = Settings.model_config

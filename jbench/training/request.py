@@ -37,14 +37,12 @@ def request_runs(
     """Returns the settings of one run per seed.
 
     Args:
-        results: contain the encoder.
         algo: one of `ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
-        encoder: "none" or "full", "ofeN" for N features learned with the agent, or an encoder's
-            name or id; see `jbench.encoders.find_encoder`.
-        base: see `algorithm_settings`; None for that of the task.
+        encoder: "none" or "full", "ofeN" for N features learned with the agent, or the name or id
+            of an encoder in the results; see `jbench.encoders.find_encoder`.
+        base: see `names.Base`; None for that of the task.
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         engine: None for the engine that follows from the algorithm.
-        encoder_seeds: whether all agents have one encoder, or each the one with its own seed.
         fields: the other fields of `RunSettings`.
 
     Raises a RequestError if the encoder is not found or can't be mirrored, a setting is invalid, or

@@ -10,7 +10,7 @@ FINAL_EPISODES = 100
 def final_episodes(
     episodes: NDArray[np.int64], max_episodes: int = FINAL_EPISODES
 ) -> NDArray[np.int64]:
-    """Returns how many last episodes final returns average: a quarter, 1 to the maximum."""
+    """Returns the numbers (runs,) of last episodes to average: a quarter, 1 to the maximum."""
     return np.clip(episodes // 4, 1, max_episodes)
 
 

@@ -58,9 +58,9 @@ def omissible(default: Any, **more: Any) -> Any:
 
 
 def typed(default: Any, unit: str | None = None, **more: Any) -> Any:
-    """Returns a field that every record has; users who type none get the default, or what follows.
+    """Returns a field that every record has; users who type none get the default.
 
-    The unit is `control steps`, which users may type as 100k or 5e6.
+    None follows from other settings. The unit `control steps` may be typed as 100k or 5e6.
     """
     return Field(json_schema_extra={"typed": default, "unit": unit}, **more)
 

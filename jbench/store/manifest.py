@@ -35,9 +35,9 @@ _MAX_INTEGER = 2**63  # exclusive bound of a 64-bit column
 
 
 def check_json(value: Any, texts: bool = True) -> Any:
-    """Returns a JSON value; raises a ValueError if an integer doesn't fit a column.
+    """Returns a JSON value, or raises a ValueError if an integer does not fit a column.
 
-    So it does if a text is not printable or too long, unless that is not checked.
+    Its texts must be printable and short, unless `texts` is false.
     """
     stack = [value]
     while stack:

@@ -192,7 +192,7 @@ def _measured(results: Results, device: str) -> dict[str, list[float]]:
 
 
 def _core_seconds_per_step(record: Record, device: str) -> float | None:
-    """Returns that of a finished run; those of a process share a core and record all time."""
+    """Returns it for a finished run; the runs of a process share a core and record all time."""
     provenance, summary = record.manifest.provenance, record.manifest.summary
     now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
     made_on = (provenance.get(name) for name in ("processor", "cores"))

@@ -78,7 +78,10 @@ class TrainingGroup:
                 self._save()
 
     def _after_step(self, returns: NDArray[np.float64] | None) -> bool:
-        """Writes what is due, also returns (seeds, environments) of episodes; says if to go on."""
+        """Writes what is due after a control step; returns whether to go on.
+
+        `returns` (seeds, environments) are of the episodes that ended, if any.
+        """
         self._fail_diverged()
         steps = self._engine.control_steps
         if returns is not None and self._active():

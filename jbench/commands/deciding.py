@@ -9,14 +9,8 @@ from jbench.errors import RequestError
 from jbench.report.analysis.claims import MARGIN
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.store import Results
+from jbench.sweeps import deciding
 from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.deciding import (
-    ComparisonOutcome,
-    MatrixComparison,
-    comparisons,
-    next_cells,
-    outcomes,
-)
 from jbench.sweeps.matrix import Claim, read_comparisons
 from jbench.training.status import failures_among, run_statuses
 from jbench.wording import counted, with_results
@@ -40,12 +34,12 @@ def decide(
     output: Output,
 ) -> None:
     """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
-    chosen = comparisons(cells, read_comparisons(matrix), claims, max_seeds)
+    chosen = deciding.comparisons(cells, read_comparisons(matrix), claims, max_seeds)
     output.say(_introduction(chosen, max_seeds))
     returns, tried = dict[tuple[str, Claim], float](), set[str]()
     while True:  # an interim analysis of all comparisons
-        reached = outcomes(chosen, results, returns)
-        needed_next = next_cells(reached, tried)
+        reached = deciding.outcomes(chosen, results, returns)
+        needed_next = deciding.next_cells(reached, tried)
         _show_outcomes(reached, tried, output)
         if not needed_next or train is None:
             break
@@ -71,7 +65,7 @@ def decide(
         output.say(f"Next: {with_results('jbench report', results.name)}")
 
 
-def _introduction(chosen: Sequence[MatrixComparison], max_seeds: int) -> str:
+def _introduction(chosen: Sequence[deciding.MatrixComparison], max_seeds: int) -> str:
     shares = [comparison.share for comparison in chosen]
     rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
     return (
@@ -91,7 +85,7 @@ _VERDICTS = {
 
 
 def _show_outcomes(
-    reached: Sequence[ComparisonOutcome], tried: Container[str], output: Output
+    reached: Sequence[deciding.ComparisonOutcome], tried: Container[str], output: Output
 ) -> None:
     """Prints each comparison's decision; runs with the tried ids were trained, finished or not."""
     rows = []
@@ -111,7 +105,7 @@ def _show_outcomes(
     output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows)
 
 
-def _described(outcome: ComparisonOutcome) -> dict[str, Any]:
+def _described(outcome: deciding.ComparisonOutcome) -> dict[str, Any]:
     comparison = outcome.comparison
     return {
         "comparison": comparison.name,

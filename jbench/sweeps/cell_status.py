@@ -3,7 +3,7 @@
 import statistics
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
@@ -15,7 +15,7 @@ from jbench.store import Record, Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell, with_runs
 from jbench.sweeps.executors import batches
-from jbench.training.status import State, run_status
+from jbench.training.status import run_status
 from jbench.wording import counted, duration
 
 _MIN_REPORTED = 2_000_000_000  # bytes
@@ -67,7 +67,10 @@ def cell_statuses(
         all_statuses.append(
             CellStatus(
                 cell,
-                *(states.count(state) for state in get_args(State)),
+                finished=states.count("finished"),
+                partial=states.count("partial"),
+                failed=states.count("failed"),
+                missing=states.count("missing"),
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / processes,
                 estimate="" if not left else "unknown" if seconds is None else source,

@@ -6,6 +6,7 @@ stored, and an interrupted command reaches the same decisions again.
 """
 
 from collections.abc import Collection, Container, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -181,10 +182,8 @@ def outcomes(
     chosen: Sequence[MatrixComparison], results: Results, returns: dict[tuple[str, Claim], float]
 ) -> list[ComparisonOutcome]:
     """Returns the outcome of each comparison with finished seeds; adds to the returns read."""
-    pairs = [
-        tuple(_first_returns(cell, pair, results, returns) for cell in (pair.ours, pair.theirs))
-        for pair in chosen
-    ]
+    first = partial(_first_returns, results=results, returns=returns)
+    pairs = [(first(pair.ours, pair), first(pair.theirs, pair)) for pair in chosen]
     shares = [comparison.share for comparison in chosen]
     looks = [comparison.max_seeds // BLOCK for comparison in chosen]
     return [

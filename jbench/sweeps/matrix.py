@@ -7,7 +7,6 @@ import contextlib
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -213,7 +212,7 @@ def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str,
 
 
 def _content(name: str) -> dict[str, Any]:
-    path: Traversable = Path(name)
+    path: Any = Path(name)
     if name in SWEEPS:
         path = resources.files("jbench.paper") / "matrices" / f"{name}.toml"
     elif not name.endswith(".toml"):

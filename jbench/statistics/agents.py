@@ -68,8 +68,8 @@ def components(agents: Agents, confidence: float = 0.95) -> Components:
     tail = (1 - confidence) / 2
     quantiles = (fdtri(len(counts) - 1, freedom, at) for at in (1 - tail, tail))
     squares = between, *((within + between) / quantile - within for quantile in quantiles)
-    numbers = (float(np.sqrt(max(square, 0))) for square in squares)
-    return Components(*numbers, float(np.sqrt(np.mean(agents.variances * counts))))
+    s, low, high = (float(np.sqrt(max(square, 0))) for square in squares)
+    return Components(s, low, high, float(np.sqrt(np.mean(agents.variances * counts))))
 
 
 def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Estimate:

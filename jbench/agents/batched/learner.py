@@ -118,7 +118,7 @@ class OffPolicyLearner(Learner):
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed; targets begin as copies."""
-        kind = getattr(self.settings, "initialization", "fan-in")
+        kind: Initialization = getattr(self.settings, "initialization", "fan-in")
         last_bound = getattr(self.settings, "last_layer_bound", None)
         for name, network in self._by_name.items():
             if not name.endswith(_TARGET):

@@ -130,7 +130,8 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
 
 def sample_latents(mean: Tensor, log_variance: Tensor, batch: StatePairs) -> Tensor:
     """Samples latents with the noise of a prepared batch (section 2.4)."""
-    return mean + (log_variance / 2).exp() * batch.noise
+    noise: Tensor = batch.noise
+    return mean + (log_variance / 2).exp() * noise
 
 
 def kl_to_standard_normal(mean: Tensor, log_variance: Tensor) -> Tensor:

@@ -53,9 +53,7 @@ class Frames:
         configurations = source.configurations
         kinds = {config.kind for config in configurations}
         returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
-        curves = [
-            (config, config.curve(request.order, request.window)) for config in configurations
-        ]
+        curves = [(c, c.curve(request.order, request.window)) for c in configurations]
         apart = {c for c in configurations if (c.source, c.algo) == (IMPORTED, request.baseline)}
         drawn = [pair for pair in curves if pair[0] not in apart]
         plain = [pair for pair in drawn if pair[0].robots <= 1]
@@ -85,10 +83,8 @@ class Frames:
         self.predictions = prediction_frame(trained_lead, self.encoders)
         self.processor = processor_frame([pair for pair in plain if pair[0].kind == returns])
         self.motor, self.positions, unread = policies.behavior(results, request.task)
-        self.sequences = sequence_frame(
-            [pair for pair in drawn if pair[0].robots > 1],
-            published[published["figure"] == SEQUENCE],
-        )
+        sequences = [pair for pair in drawn if pair[0].robots > 1]
+        self.sequences = sequence_frame(sequences, published[published["figure"] == SEQUENCE])
         self.claims, untested = _claims(trained, source, request)
         self.runs = run_frame(source, returns)
         self.provenance = provenance_frame(self.runs)

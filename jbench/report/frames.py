@@ -93,6 +93,10 @@ class Frames:
         self.leaderboard = leaderboard(ranked, by_hand, figures, request.algo)
         self.notes = [*source.notes, *_notes(configurations), *untested]
         self.problems = [*source.problems, *unread]
+        self.clean()
+
+    def clean(self) -> None:
+        """Brings each text into one line, without control characters."""
         self.headline = clean(self.headline)
         for name, value in vars(self).items():
             if isinstance(value, list):

@@ -12,7 +12,7 @@ from pathlib import Path
 FILE = 250
 FUNCTION = 50
 TOTAL = 30_700
-WORDS = 23_800
+WORDS = 23_900
 """Of README and docs/."""
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -33,8 +33,8 @@ from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import POLICY_EVALUATION
 
 Verdict = Literal["equal", "different", "no policy", "not comparable"]
-"""Whether returns are the recorded ones, bit for bit; `not comparable`: the record does not contain
-what is needed to repeat its last evaluation."""
+"""Whether returns are the recorded ones, bit for bit; `not comparable`: the record or this
+machine lacks what is needed to repeat its last evaluation."""
 
 _Rows = dict[tuple[int, str, int, int], Mapping[str, Any]]
 """By control steps, "episode" or "evaluation", its number, episode of the evaluation."""
@@ -175,6 +175,8 @@ def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
         return "Another program or version wrote its settings."
     if not rows:
         return "It has no evaluation."
+    if record.manifest.provenance.get("device", "cpu") != _device_for(record.manifest.provenance):
+        return "A GPU evaluated it, and this machine has none."
     if settings.engine == "plugin":
         return (
             "Its evaluations ran the agent's own code; the kept copy rounds its sums differently."

@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+import torch
 
 from jbench.errors import RequestError
 from jbench.policies.saved import DESCRIPTION, WEIGHTS
@@ -35,12 +36,12 @@ def trained(tmp_path_factory):
     return results
 
 
-def altered_copy(results, into, run, tables=None, files=None, summary=None):
+def altered_copy(results, into, run, tables=None, files=None, summary=None, device="cpu"):
     """Writes a copy of a run with other rows, files or summary, with valid checksums."""
     before = results.find("run", run.id)
     rows = {name: before.read(name) for name in ("episodes", "evaluations")}
     kept = {name: before.read_file(name) for name in (WEIGHTS, DESCRIPTION)}
-    record = Results(into).create("run", run.id, before.settings, {"device": "cpu"})
+    record = Results(into).create("run", run.id, before.settings, {"device": device})
     record.append({**rows, **(tables or {})})
     record.finish(
         before.manifest.summary if summary is None else summary, {**kept, **(files or {})}
@@ -116,6 +117,14 @@ def test_policy_with_wrong_layers_is_not_evaluated(trained, tmp_path):
     done = reevaluate(results, record)
     assert done.verdict == "not comparable"
     assert done.reason == "Its policy can't be run: its layers are not those of its settings."
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="has a GPU")
+def test_evaluation_on_a_gpu_is_not_compared_without_one(trained, tmp_path):
+    results, record = altered_copy(trained, tmp_path, settings(), device="cuda")
+    done = reevaluate(results, record)
+    assert done.verdict == "not comparable"
+    assert done.reason == "A GPU evaluated it, and this machine has none."
 
 
 def test_policies_of_older_versions_are_not_compared(trained, tmp_path):

@@ -19,7 +19,7 @@ PLAIN = ticker.StrMethodFormatter("{x:g}")
 """Formats the numbers of a logarithmic axis, since texts are not parsed as mathematics."""
 
 _ROOM = 0.09  # of the height of a panel, between words beside it
-_TIPS = 40  # points of a curve that have a tip, if it has too many for markers
+_TIPS = 25  # points of a curve that have a tip, if it has too many for markers
 _UNSEEN = [(-1, -1), (1, 1)]  # corners of a mark; a circle would take 200 bytes
 _LONGEST = 34  # characters of a name beside a panel
 

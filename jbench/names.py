@@ -13,46 +13,36 @@ _Name = TypeVar("_Name", bound=str)
 
 TASKS = tuple(TASK_SPECS)
 
-_KINDS = {
-    "dae": ("autoencoders:DenoisingAutoencoder", "latents of a denoising autoencoder"),
-    "dae-yaw": (
-        "autoencoders:DenoisingAutoencoderWithYawRate",
-        "the same with the yaw rate as a latent",
-    ),
-    "ae": ("autoencoders:Autoencoder", "latents of an autoencoder"),
-    "ddae": (
-        "autoencoders:DynamicDenoisingAutoencoder",
-        "latents of an autoencoder that predicts the next states",
-    ),
-    "vae": ("variational:VariationalAutoencoder", "latents of a variational autoencoder"),
-    "lld-vae": (
-        "variational:LocallyLinearVariationalAutoencoder",
-        "the same with locally linear dynamics",
-    ),
-    "pca": ("linear:PrincipalComponents", "principal components"),
-    "random": ("linear:RandomProjection", "random projection"),
-    "scaled": ("linear:Scaled", "all features, scaled as encoders scale them"),
-    "planar": ("planar:PlanarReduction", "scaled, without position and heading in the plane"),
-    "planar-no-yaw": ("planar_variants:PlanarWithoutYawRate", "planar without the yaw rate"),
-    "heading": ("planar_variants:HeadingFrame", "planar with position and heading"),
-    "raw": ("linear:Raw", "the observation in SI units"),
-    "planar-mirror": ("planar_variants:PlanarMirror", "planar, folded by the mirror symmetry"),
-    "forward": ("predictive:ForwardModel", "latents that predict the next states and the reward"),
-    "inverse": ("predictive:InverseModel", "latents that predict the action"),
-    "dmd": ("linear:DynamicModes", "directions of a linear model of the dynamics"),
-    "contrastive": (
-        "predictive:Contrastive",
-        "latents that tell the future of a state from others",
-    ),
-    "random-features": ("linear:RandomFeatures", "tanh of random directions"),
-}
+_KINDS = """
+dae autoencoders:DenoisingAutoencoder latents of a denoising autoencoder
+dae-yaw autoencoders:DenoisingAutoencoderWithYawRate the same with the yaw rate as a latent
+ae autoencoders:Autoencoder latents of an autoencoder
+ddae autoencoders:DynamicDenoisingAutoencoder latents of an autoencoder that predicts \
+the next states
+vae variational:VariationalAutoencoder latents of a variational autoencoder
+lld-vae variational:LocallyLinearVariationalAutoencoder the same with locally linear dynamics
+pca linear:PrincipalComponents principal components
+random linear:RandomProjection random projection
+scaled linear:Scaled all features, scaled as encoders scale them
+planar planar:PlanarReduction scaled, without position and heading in the plane
+planar-no-yaw planar_variants:PlanarWithoutYawRate planar without the yaw rate
+heading planar_variants:HeadingFrame planar with position and heading
+raw linear:Raw the observation in SI units
+planar-mirror planar_variants:PlanarMirror planar, folded by the mirror symmetry
+forward predictive:ForwardModel latents that predict the next states and the reward
+inverse predictive:InverseModel latents that predict the action
+dmd linear:DynamicModes directions of a linear model of the dynamics
+contrastive predictive:Contrastive latents that tell the future of a state from others
+random-features linear:RandomFeatures tanh of random directions
+"""  # kind, module:class, and meaning
+_ROWS = [row.split(" ", 2) for row in _KINDS.strip().splitlines()]
 
-ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, (path, _) in _KINDS.items()}
+ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, path, _ in _ROWS}
 """Built-in kinds of encoders and their classes; other packages may add kinds."""
 
 MEANINGS = {
     "full": "the observation of the task",
-    **{kind: meaning for kind, (_, meaning) in _KINDS.items()},
+    **{kind: meaning for kind, _, meaning in _ROWS},
     "-observation": "inputs on the observation's scale",
     "-sd": "inputs scaled to unit variance",
     "-whitened": "latents whitened",
@@ -120,7 +110,6 @@ RESULTS = "results"
 
 REFERENCE = "reference"
 """Value of `--results` for the results shipped with jbench."""
-
 
 POLICY_NAMES = (
     f"{HEURISTIC}, random, constant:U with U in [-1, 1], the id of a run, {REFERENCE}/ID of a run "
@@ -200,13 +189,10 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
     raise RequestError(f"Unknown {what} {value!r}; {hint} {in_prose(names)}.")
 
 
-_NETWORK_ELSEWHERE = ("net_arch", "policy", "policy_kwargs")
-"""Settings of stable-baselines3 that describe the networks."""
-
-
 def closest(value: str, names: Sequence[str]) -> str | None:
     """Returns the name that was probably meant, also by its initials: lr is learning_rate."""
-    if value in _NETWORK_ELSEWHERE and "hidden_layers" in names:
+    # As stable-baselines3 describes the networks.
+    if value in ("net_arch", "policy", "policy_kwargs") and "hidden_layers" in names:
         return "hidden_layers"
     by_initials = {"".join(word[:1] for word in name.split("_")): name for name in names}
     close = difflib.get_close_matches(str(value).lower(), names, 1)
@@ -217,9 +203,6 @@ def in_prose(names: Iterable[str], word: str = "or") -> str:
     """Returns names as a list in prose: `a, b or c`."""
     *others, last = names
     return f"{', '.join(others)} {word} {last}" if others else last
-
-
-_MAX_NUMBERS = 10_000  # in one range; more is a typing error
 
 
 def parse_numbers(
@@ -233,7 +216,7 @@ def parse_numbers(
     for part in text.split(","):
         match = re.fullmatch(r"(\d{1,19})(?:-(\d{1,19}))?", part.strip())
         first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
-        if not 0 <= last - first < _MAX_NUMBERS:
+        if not 0 <= last - first < 10_000:  # more is a typing error
             raise RequestError(f"{option} {text}: type {example}.")
         numbers.update(range(first, last + 1))
     return sorted(numbers)

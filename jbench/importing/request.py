@@ -6,7 +6,7 @@ from codecs import BOM_UTF8
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from pydantic import Field
 
@@ -29,58 +29,42 @@ _USED_BY = {
 """Formats that use an option; others refuse it."""
 
 
+_DESCRIPTIONS = {
+    "format": f"format of the files: {', '.join(IMPORT_FORMATS)}",
+    "algo": "label of the algorithm, such as cleanrl-td3",
+    "seed_from": "regular expression that finds the seed in a file's path, or in the name of a run "
+    "of W&B; its first group, or the whole match",
+    "representation": "label of what the agent observes: full, or one such as dae12",
+    "tag": "tensorboard: tag with the returns (default: charts/episodic_return or "
+    "rollout/ep_rew_mean)",
+    "steps_column": "csv: column with the control steps (default: control_steps, global_step, "
+    "timesteps, steps or step; wandb-csv: the first column)",
+    "return_column": "csv: column with the returns (default: episode_return, episodic_return, "
+    "return or reward); wandb-csv: the metric",
+    "seed_column": "csv: column with the seed, instead of --seed-from (default: seed)",
+    "returns": "kind of the returns: training or evaluation (default: evaluation if the column or "
+    "tag begins with eval, else training)",
+}
+
+
+def _field(name: str, **more: str) -> Any:
+    return Field(description=_DESCRIPTIONS[name], **more)
+
+
 @dataclass(frozen=True)
 class ImportRequest:
     """What to import."""
 
-    format: Annotated[
-        ImportFormat,
-        Field(title="from", description=f"format of the files: {', '.join(IMPORT_FORMATS)}"),
-    ]
+    format: Annotated[ImportFormat, _field("format", title="from")]
     task: str
-    algo: Annotated[str, Field(description="label of the algorithm, such as cleanrl-td3")]
-    seed_from: Annotated[
-        str | None,
-        Field(
-            description="regular expression that finds the seed in a file's path, or in the name "
-            "of a run of W&B; its first group, or the whole match"
-        ),
-    ] = None
-    representation: Annotated[
-        str, Field(description="label of what the agent observes: full, or one such as dae12")
-    ] = FULL
-    tag: Annotated[
-        str | None,
-        Field(
-            description="tensorboard: tag with the returns (default: charts/episodic_return or "
-            "rollout/ep_rew_mean)"
-        ),
-    ] = None
-    steps_column: Annotated[
-        str | None,
-        Field(
-            description="csv: column with the control steps (default: control_steps, global_step, "
-            "timesteps, steps or step; wandb-csv: the first column)"
-        ),
-    ] = None
-    return_column: Annotated[
-        str | None,
-        Field(
-            description="csv: column with the returns (default: episode_return, episodic_return, "
-            "return or reward); wandb-csv: the metric"
-        ),
-    ] = None
-    seed_column: Annotated[
-        str | None,
-        Field(description="csv: column with the seed, instead of --seed-from (default: seed)"),
-    ] = None
-    returns: Annotated[
-        ReturnsName | None,
-        Field(
-            description="kind of the returns: training or evaluation (default: evaluation if the "
-            "column or tag begins with eval, else training)"
-        ),
-    ] = None
+    algo: Annotated[str, _field("algo")]
+    seed_from: Annotated[str | None, _field("seed_from")] = None
+    representation: Annotated[str, _field("representation")] = FULL
+    tag: Annotated[str | None, _field("tag")] = None
+    steps_column: Annotated[str | None, _field("steps_column")] = None
+    return_column: Annotated[str | None, _field("return_column")] = None
+    seed_column: Annotated[str | None, _field("seed_column")] = None
+    returns: Annotated[ReturnsName | None, _field("returns")] = None
 
     def __post_init__(self) -> None:
         for name, formats in _USED_BY.items():

@@ -52,7 +52,26 @@ class TensorBoard:
             self._writers.pop(run).close()
 
 
-class Trackio:
+class _Library:
+    """Writes runs by a library with the interface of W&B."""
+
+    def __init__(self, library: Any) -> None:
+        self._library, self._runs = library, dict[str, Any]()
+
+    def _begin(self, run: str, settings: Mapping[str, Any], **arguments: Any) -> None:
+        group, config = run.rpartition("/")[0], dict(settings)
+        # What a library prints must not mix with a JSON document.
+        with contextlib.redirect_stdout(sys.stderr):
+            self._runs[run] = self._library.init(name=run, group=group, config=config, **arguments)
+
+    def end(self, run: str) -> None:
+        """Ends the run, if it was started, and waits until its values are written."""
+        if run in self._runs:
+            with contextlib.redirect_stdout(sys.stderr):
+                self._runs.pop(run).finish()
+
+
+class Trackio(_Library):
     """Writes runs of trackio, a local tracker with the interface of W&B."""
 
     def __init__(self, directory: Path) -> None:
@@ -61,7 +80,7 @@ class Trackio:
         where = os.environ.setdefault("TRACKIO_DIR", str(directory.absolute()))
         import trackio
 
-        self._library, self._runs = trackio, dict[str, Any]()
+        super().__init__(trackio)
         self.where = f"TRACKIO_DIR={where} trackio show --project {_PROJECT} shows the log."
 
     def start(self, run: str, settings: Mapping[str, Any]) -> None:
@@ -71,65 +90,38 @@ class Trackio:
             for earlier in self._library.Api().runs(_PROJECT):
                 if earlier.name == run:
                     earlier.delete()
-        # What the library prints must not mix with a JSON document.
-        with contextlib.redirect_stdout(sys.stderr):
-            self._runs[run] = self._library.init(
-                project=_PROJECT,
-                name=run,
-                group="/".join(run.split("/")[:-1]),
-                config=dict(settings),
-                embed=False,
-                auto_log_gpu=False,
-                auto_log_cpu=False,
-            )
+        off = dict.fromkeys(("embed", "auto_log_gpu", "auto_log_cpu"), False)
+        self._begin(run, settings, project=_PROJECT, **off)
 
     def log(self, run: str, points: Sequence[Point]) -> None:
         """Adds the values of the points."""
         for point in points:
             self._runs[run].log(dict(point.values), step=point.control_steps)
 
-    def end(self, run: str) -> None:
-        """Ends the trackio run, if it was started, and waits until its values are written."""
-        if run in self._runs:
-            with contextlib.redirect_stdout(sys.stderr):
-                self._runs.pop(run).finish()
 
-
-class WeightsAndBiases:
+class WeightsAndBiases(_Library):
     """Writes runs of Weights & Biases."""
 
     def __init__(self, directory: Path) -> None:
         """Keeps the local files of W&B in `directory`, which must be called wandb."""
         import wandb
 
-        self._library, self._runs = wandb, dict[str, wandb.Run]()
+        super().__init__(wandb)
         directory.mkdir(parents=True, exist_ok=True)
-        self._parent = directory.parent  # W&B adds the directory wandb
-        self._project = os.environ.get("WANDB_PROJECT", _PROJECT)
-        self.where = f"The log is the project {self._project} of Weights & Biases."
+        project = os.environ.get("WANDB_PROJECT", _PROJECT)
+        settings = wandb.Settings(console="off")
+        # W&B adds the directory wandb.
+        self._arguments = {"project": project, "dir": directory.parent, "settings": settings}
+        self.where = f"The log is the project {project} of Weights & Biases."
 
     def start(self, run: str, settings: Mapping[str, Any]) -> None:
         """Starts a W&B run; one of the same id is overwritten."""
         self.end(run)
-        started = self._library.init(
-            project=self._project,
-            dir=self._parent,
-            id=hashlib.sha256(run.encode()).hexdigest()[:16],
-            name=run,
-            group="/".join(run.split("/")[:-1]),
-            config=dict(settings),
-            reinit="create_new",
-            settings=self._library.Settings(console="off"),
-        )
-        started.define_metric("*", step_metric="control_steps")
-        self._runs[run] = started
+        id = hashlib.sha256(run.encode()).hexdigest()[:16]
+        self._begin(run, settings, id=id, reinit="create_new", **self._arguments)
+        self._runs[run].define_metric("*", step_metric="control_steps")
 
     def log(self, run: str, points: Sequence[Point]) -> None:
         """Adds the values of the points."""
         for point in points:
             self._runs[run].log({"control_steps": point.control_steps, **point.values})
-
-    def end(self, run: str) -> None:
-        """Ends the W&B run and waits for its upload, if there is one."""
-        if run in self._runs:
-            self._runs.pop(run).finish()

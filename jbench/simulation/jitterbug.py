@@ -78,7 +78,7 @@ class JitterbugWorlds(Worlds):
     def state(self, rows: slice) -> WorldsState:
         """Returns the complete state of some worlds, at any control step."""
         return {
-            "simulation": self._robots.snapshot(range(rows.start, rows.stop)),
+            "simulation": self._robots.snapshot(rows),
             "target_position": self.target.position[rows].copy(),
             "target_yaw": self.target.yaw[rows].copy(),
         }
@@ -87,9 +87,7 @@ class JitterbugWorlds(Worlds):
         """Restores what `state` returned; the worlds then continue bit for bit."""
         self.target.position[rows] = state["target_position"]
         self.target.yaw[rows] = state["target_yaw"]
-        return self._observe(
-            self._robots.restore(state["simulation"], range(rows.start, rows.stop))
-        )
+        return self._observe(self._robots.restore(state["simulation"], rows))
 
     def points(self) -> NDArray[np.float32]:
         """Returns x, y (m) and heading (rad) of each robot (worlds, 3)."""

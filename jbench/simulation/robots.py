@@ -2,7 +2,6 @@
 
 import ctypes
 import os
-from collections.abc import Sequence
 from typing import Any
 from weakref import WeakSet
 
@@ -18,8 +17,9 @@ from jbench.tasks.geometry import State
 # The complete state of a MuJoCo step, including the solver's warm start.
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
-Selection = NDArray[np.bool_] | NDArray[np.integer] | Sequence[int]
-"""Some of the robots: a mask (count,) or indices."""
+Selection = NDArray[np.bool_] | NDArray[np.integer] | list[int] | slice
+"""Some of the robots: a mask (count,), indices or a slice."""
+_EVERY = slice(None)
 
 
 class Robots:
@@ -56,7 +56,7 @@ class Robots:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._batch._b))
         self._start(self._batch.state)
 
-    def reset(self, quaternions: NDArray[np.float64], robots: Selection | None = None) -> State:
+    def reset(self, quaternions: NDArray[np.float64], robots: Selection = _EVERY) -> State:
         """Resets robots to the origin, at rest, in given orientations.
 
         Args:
@@ -66,9 +66,8 @@ class Robots:
         Returns:
             The state of all robots, including the others.
         """
-        indices = self._indices(robots)
-        self._batch.state[indices] = self._at_rest
-        self._qpos[indices, 3:7] = quaternions
+        self._batch.state[robots] = self._at_rest
+        self._qpos[robots, 3:7] = quaternions
         return self._state()
 
     def step(self, actions: NDArray[np.floating]) -> State:
@@ -77,12 +76,12 @@ class Robots:
         self._batch.step(nstep=PHYSICS_STEPS)
         return self._state()
 
-    def snapshot(self, robots: Selection | None = None) -> NDArray[np.float64]:
+    def snapshot(self, robots: Selection = _EVERY) -> NDArray[np.float64]:
         """Returns the complete state of robots, all by default, a row for each, for `restore`."""
-        rows: NDArray[np.float64] = self._batch.state[self._indices(robots)]
+        rows: NDArray[np.float64] = self._batch.state[robots].copy()
         return rows
 
-    def restore(self, snapshot: NDArray[np.float64], robots: Selection | None = None) -> State:
+    def restore(self, snapshot: NDArray[np.float64], robots: Selection = _EVERY) -> State:
         """Restores robots, which then continue bit for bit.
 
         Args:
@@ -92,7 +91,7 @@ class Robots:
         Returns:
             The state of all robots.
         """
-        self._batch.state[self._indices(robots)] = snapshot
+        self._batch.state[robots] = snapshot
         return self._state()
 
     def load(self, index: int, data: mujoco.MjData) -> None:
@@ -101,13 +100,10 @@ class Robots:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Returns how to make a copy, which has threads of its own."""
-        return _copy, (self._model, self._batch.state.copy(), self._threads)
+        return Robots, (self._model, self._batch.nsim, self._threads), self.snapshot()
 
-    def _indices(self, robots: Selection | None) -> NDArray[np.integer]:
-        """Returns the indices of selected robots."""
-        every = np.arange(self._batch.nsim)
-        indices: NDArray[np.integer] = every if robots is None else every[np.asarray(robots)]
-        return indices
+    def __setstate__(self, snapshot: NDArray[np.float64]) -> None:
+        self.restore(snapshot)
 
     def _state(self) -> State:
         return robot.read_state(self._qpos, self._qvel, self._offset)
@@ -123,9 +119,3 @@ def _restart_all() -> None:
 
 if hasattr(os, "register_at_fork"):  # not on Windows
     os.register_at_fork(after_in_child=_restart_all)
-
-
-def _copy(model: mujoco.MjModel, states: NDArray[np.float64], threads: int) -> Robots:
-    robots = Robots(model, len(states), threads)
-    robots.restore(states)
-    return robots

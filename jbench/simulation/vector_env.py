@@ -123,7 +123,14 @@ class JitterbugVectorEnv(
             RequestError: if an option does not exist or its value is wrong; a ValueError.
         """
         given = dict(options or {})
-        mask = self._reset_mask(given.pop("reset_mask", None))
+        partial = given.pop("reset_mask", None)
+        mask = np.ones(self.num_envs, np.bool_) if partial is None else np.asarray(partial)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise RequestError(
+                f"reset_mask is an array of {self.num_envs} booleans, at least one of them True."
+            )
+        if partial is not None and not self._started:
+            raise ResetNeeded("Call reset without reset_mask first.")
         chosen = resets.option_target(self._task, given, self.num_envs)
         self._seed(seed, mask)
         state = self._restart(mask, chosen)
@@ -179,18 +186,6 @@ class JitterbugVectorEnv(
     def _ended(self) -> NDArray[np.bool_]:
         ended: NDArray[np.bool_] = self._elapsed >= self._limit
         return ended
-
-    def _reset_mask(self, mask: Any) -> NDArray[np.bool_]:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
-        selected = np.asarray(mask)
-        if selected.shape != (self.num_envs,) or selected.dtype != np.bool_ or not selected.any():
-            raise RequestError(
-                f"reset_mask is an array of {self.num_envs} booleans, at least one of them True."
-            )
-        if not self._started:
-            raise ResetNeeded("Call reset without reset_mask first.")
-        return selected
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
         if seed is None:

@@ -67,7 +67,11 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         ):
             if value not in known:
                 raise ValueError(f"{value!r} is not one of {', '.join(map(str, known))}")
-        _check_size(width, height)
+        if not all(isinstance(side, int | np.integer) and side > 0 for side in (width, height)):
+            raise RequestError(
+                "width and height must be whole numbers of pixels of at least 1, not "
+                f"{width!r} and {height!r}."
+            )
         self.task = task
         self.render_mode = render_mode
         size = features.observation_size(task)
@@ -106,7 +110,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         drawn = resets.draw_target(self.task, self.np_random)
         self._target = drawn if chosen is None else chosen
         self.show_target(self._target)
-        self._render_human()
+        if self.render_mode == "human":
+            self.render()
         observation, _, info = self._outcome()
         return observation, info
 
@@ -122,7 +127,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             ) from None
         mujoco.mj_step(self.model, self.data, nstep=PHYSICS_STEPS)
         observation, reward, info = self._outcome()
-        self._render_human()
+        if self.render_mode == "human":
+            self.render()
         return observation, reward, False, False, info
 
     def show_target(self, target: Target) -> None:
@@ -179,10 +185,6 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         numbers = {key: value if key == "target" else float(value) for key, value in info.items()}
         return observation, float(reward), numbers
 
-    def _render_human(self) -> None:
-        if self.render_mode == "human":
-            self.render()
-
 
 def outcome(
     task: str, state: State, target: Target
@@ -209,11 +211,3 @@ def outcome(
     info.update({f"reward_{name}": term for name, term in terms.items()})
     observation = np.asarray(features.flatten(task, values), np.float32)
     return observation, math.prod(terms.values()), info
-
-
-def _check_size(width: int, height: int) -> None:
-    if not all(isinstance(side, int | np.integer) and side > 0 for side in (width, height)):
-        raise RequestError(
-            "width and height must be whole numbers of pixels of at least 1, not "
-            f"{width!r} and {height!r}."
-        )

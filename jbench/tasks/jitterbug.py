@@ -18,12 +18,9 @@ except ModuleNotFoundError as error:
         "(labmaze has no wheel there); use Python 3.11 or 3.12, or the Gymnasium environments."
     ) from error
 
-from jbench.names import CONTROL_TIMESTEP, TASKS
+from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS, TASKS
 from jbench.tasks import features, geometry, model, resets, rewards
 from jbench.tasks.robots import load_model
-
-# Length of an episode in seconds (paper, section 4.1).
-_DEFAULT_TIME_LIMIT = 10
 
 SUITE = containers.TaggedTasks()  # the domain `jitterbug`
 
@@ -36,7 +33,7 @@ def environment(
     augment: int | None = None,
     vary_masses: bool = False,
     *,
-    time_limit: float = _DEFAULT_TIME_LIMIT,
+    time_limit: float = EPISODE_STEPS * CONTROL_TIMESTEP,
     control_timestep: float = CONTROL_TIMESTEP,
     random_pose: bool = True,
     random: np.random.RandomState | int | None = None,
@@ -63,14 +60,12 @@ def environment(
     )
 
 
-def _add_tasks() -> None:
-    """Adds the tasks to both domains; results of different augmented robots are no benchmark."""
-    for task in TASKS:
-        plain, augmented = partial(environment, task), partial(environment, task, augment=0)
-        for make in (plain, augmented):
-            make.__name__ = task  # type: ignore[attr-defined]
-        SUITE.add("benchmarking", "hard" if task.startswith("move_to") else "easy")(plain)
-        AUGMENTED_SUITE.add()(augmented)
+# Results of different augmented robots are no benchmark.
+for _task in TASKS:
+    _plain, _augmented = partial(environment, _task), partial(environment, _task, augment=0)
+    _plain.__name__ = _augmented.__name__ = _task  # type: ignore[attr-defined]
+    SUITE.add("benchmarking", "hard" if _task.startswith("move_to") else "easy")(_plain)
+    AUGMENTED_SUITE.add()(_augmented)
 
 
 class Physics(mujoco.Physics):
@@ -127,6 +122,3 @@ class Jitterbug(base.Task):
     def get_reward(self, physics: Physics) -> float:
         """Returns the task's reward, in [0, 1]."""
         return float(rewards.reward(self._task, physics.robot_state(), physics.target()))
-
-
-_add_tasks()

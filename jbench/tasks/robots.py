@@ -1,7 +1,5 @@
 """Loading the plain robot or an augmented one."""
 
-from itertools import product
-
 import mujoco
 
 from jbench.tasks import augmented, model
@@ -9,16 +7,11 @@ from jbench.tasks import augmented, model
 # Parts of the plain robot that can touch each other while shoulders and elbows are within 0.4 rad
 # of the rest pose, at any angle of the motor. The spring of a joint that is bent further would have
 # the energy of a fall from 19 cm. Pairs of two bodies are in the order of MuJoCo's contacts.
-_NEIGHBORS = (
-    ("leg2_upper", "mass"),
-    ("leg3_upper", "mass"),
-    ("crank_handle", "leg1_lower"),
-    ("crank_handle", "leg4_lower"),
-    *(("leg2_lower", "leg3_lower"), ("leg2_foot", "leg3_lower")),
-    *(("leg2_foot", "leg3_foot"), ("leg3_foot", "leg2_lower")),
-    *(("leg1_lower", "leg4_lower"), ("leg1_foot", "leg4_lower")),
-    *(("leg1_foot", "leg4_foot"), ("leg4_foot", "leg1_lower")),
-)
+_NEIGHBORS = """
+leg2_upper mass, leg3_upper mass, crank_handle leg1_lower, crank_handle leg4_lower,
+leg2_lower leg3_lower, leg2_foot leg3_lower, leg2_foot leg3_foot, leg3_foot leg2_lower,
+leg1_lower leg4_lower, leg1_foot leg4_lower, leg1_foot leg4_foot, leg4_foot leg1_lower
+"""
 
 
 def load_model(augment: int | None = None, *, vary_masses: bool = False) -> mujoco.MjModel:
@@ -46,6 +39,7 @@ def _plain() -> mujoco.MjModel:
     floor, *parts = [geom for geom in spec.geoms if geom.contype]
     for geom in (floor, *parts):
         geom.contype = geom.conaffinity = 0
-    for first, second in (*product([floor.name], [part.name for part in parts]), *_NEIGHBORS):
+    neighbors = [pair.split() for pair in _NEIGHBORS.split(",")]
+    for first, second in (*([floor.name, part.name] for part in parts), *neighbors):
         spec.add_pair(geomname1=first, geomname2=second)
     return spec.compile()

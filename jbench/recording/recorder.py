@@ -5,7 +5,6 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import gymnasium
@@ -68,18 +67,13 @@ class Recording:
 
     def __enter__(self) -> "Recording":
         """Locks the run and creates its record; raises a WorkError if that is impossible."""
-        self._stack = contextlib.ExitStack()
-        self._stack.enter_context(self._block())
+        self._context = self._block()
+        self._context.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> bool:
+    def __exit__(self, *raised: Any) -> bool:
         """Finishes the run; a WorkError if it has too few control steps, or can't be written."""
-        return bool(self._stack.__exit__(kind, error, traceback))
+        return bool(self._context.__exit__(*raised))
 
     @contextlib.contextmanager
     def _block(self) -> Iterator[None]:

@@ -77,16 +77,9 @@ def record(
             installed, or the results are the shipped ones.
     """
     place, representation = results_to_write(Path(results)), str(encoder)
-    typed = {
-        "task": task,
-        "algo": algo,
-        "seed": seed,
-        "steps": steps,
-        "time_limit": time_limit,
-        "augment": augment,
-        "evaluate_every": evaluation_interval(steps) if evaluate_every is None else evaluate_every,
-        "evaluate_episodes": evaluate_episodes,
-    }
+    every = evaluation_interval(steps) if evaluate_every is None else evaluate_every
+    typed = {"task": task, "algo": algo, "seed": seed, "steps": steps, "time_limit": time_limit}
+    typed |= {"augment": augment, "evaluate_every": every, "evaluate_episodes": evaluate_episodes}
     fields = {name: _number(value) for name, value in typed.items()}
     # A task or label that does not exist is reported before an encoder that does not.
     validated(ExternalSettings, "the run", hyperparameters={}, **fields)
@@ -146,9 +139,7 @@ def _plain(value: Any, where: str) -> Any:
         return [_plain(item, f"{where}[{i}]") for i, item in enumerate(value)]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float) and math.isfinite(value):
+    if isinstance(value, int | str | None) or (isinstance(value, float) and math.isfinite(value)):
         return value
     raise RequestError(
         f"{where} is {value!r}, which can't be recorded: type finite numbers, texts, None, lists "
@@ -162,8 +153,7 @@ def _number(value: Any) -> Any:
 
 def _script_hash() -> str | None:
     """Returns the SHA-256 of the running script; None in a notebook or an interactive session."""
-    path = getattr(sys.modules.get("__main__"), "__file__", None)
     try:
-        return None if path is None else files.sha256(Path(path).read_bytes())
-    except OSError:
+        return files.sha256(Path(sys.modules["__main__"].__file__ or "").read_bytes())
+    except (AttributeError, KeyError, OSError):
         return None

@@ -47,8 +47,8 @@ _DESCRIPTIONS = {
 }
 
 
-def _field(name: str, **more: str) -> Any:
-    return Field(description=_DESCRIPTIONS[name], **more)
+def _field(name: str, title: str | None = None) -> Any:
+    return Field(title=title, description=_DESCRIPTIONS[name])
 
 
 @dataclass(frozen=True)

@@ -65,11 +65,8 @@ def _runs(chosen: pd.DataFrame) -> pd.DataFrame:
     ]
     recorded = map(json.loads, runs["provenance"])
     kept = [{name: made[name] for name in _PROVENANCE if name in made} for made in recorded]
-    return runs.assign(
-        variant=[variant(names) for names in labels],
-        settings=settings,
-        provenance=[json.dumps(made) for made in kept],
-    )
+    made_on = list(map(json.dumps, kept))
+    return runs.assign(variant=list(map(variant, labels)), settings=settings, provenance=made_on)
 
 
 def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:

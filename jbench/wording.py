@@ -55,11 +55,8 @@ def are(count: int) -> str:
 
 def duration(seconds: float) -> str:
     """Returns a duration in its two largest units, such as `3 d 4 h` or `12 min 5 s`."""
-    for size, unit, part, smaller in (
-        (86400, "d", 3600, "h"),
-        (3600, "h", 60, "min"),
-        (60, "min", 1, "s"),
-    ):
+    units = (86400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s")
+    for size, unit, part, smaller in units:
         if seconds >= size:
             return f"{seconds // size:.0f} {unit} {seconds % size // part:.0f} {smaller}"
     return f"{seconds:.0f} s"

@@ -20,11 +20,8 @@ from jbench.settings.recorded import Run, parse_run
 from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
 
-_KEY = ["source", "run"]
-_RUN = [
-    *("run", "task", "algo", "representation", "encoder", "variant", "source"),
-    *("seed", "steps", "status"),
-]
+_RUN = ["run", "task", "algo", "representation", "encoder", "variant", "source"]
+_RUN += ["seed", "steps", "status"]
 _CURVE = ["task", "algo", "representation", "variant", "source"]
 _POINT = ["window", "control_steps", "seeds", *(f"q{percent}" for percent in QUANTILES)]
 _SEED_POINT = ["run", "seed", "returns", "window", "control_steps", "episode_return"]
@@ -87,7 +84,9 @@ class OpenedResults:
         seeds = seed_frame(source.configurations)
         for name in KINDS:
             finals = seeds[seeds["returns"] == name].set_index(["source", "run"])["final"]
-            runs[f"{name}_return"] = finals.reindex(pd.MultiIndex.from_frame(runs[_KEY])).to_numpy()
+            runs[f"{name}_return"] = finals.reindex(
+                pd.MultiIndex.from_frame(runs[["source", "run"]])
+            ).to_numpy()
         settings = _settings([parse_run(text) for text in source.runs["settings"]])
         return runs.join(settings.drop(columns=runs.columns, errors="ignore"))
 

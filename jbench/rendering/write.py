@@ -3,7 +3,7 @@
 import importlib.util
 import io
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +73,9 @@ def render_to_file(
     is_strip = suffix == ".png"
     stride = max(1, round(speed * _INTERVAL / scene.timestep))
     seconds = stride * scene.timestep / speed  # between two images
-    at = strip_steps(steps) if is_strip else [*range(0, steps, stride), steps]
+    # The images of a strip are equally spaced, with the first and last.
+    moments = np.linspace(0, steps, min(_MOMENTS, steps + 1)).round().astype(int).tolist()
+    at = moments if is_strip else [*range(0, steps, stride), steps]
     title = f"{scene.task}, {name}"
     is_jitterbug = scene.task in TASKS
     camera = scene.camera or ("tracking" if is_jitterbug else None)
@@ -96,22 +98,11 @@ def render_to_file(
     elif suffix == ".gif":
         content = gif(list(pictures()), seconds)
     else:
-        content = png_strip(list(pictures()))
+        buffer = io.BytesIO()
+        Image.fromarray(np.hstack(list(pictures()))).save(buffer, "PNG", optimize=True)
+        content = buffer.getvalue()
     write_atomic(path, content)
     return last_frame[0]
-
-
-def strip_steps(steps: int) -> Collection[int]:
-    """Returns the control steps of a strip's images, equally spaced, with the first and last."""
-    last = min(_MOMENTS - 1, steps)
-    return [round(moment * steps / last) for moment in range(last + 1)]
-
-
-def png_strip(pictures: Sequence[Picture]) -> bytes:
-    """Returns a PNG with images (height, width, 3) side by side."""
-    buffer = io.BytesIO()
-    Image.fromarray(np.hstack(pictures)).save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
 
 
 def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
@@ -125,15 +116,8 @@ def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
         for picture in pictures
     ]
     buffer = io.BytesIO()
-    images[0].save(
-        buffer,
-        "GIF",
-        save_all=True,
-        append_images=images[1:],
-        duration=round(1000 * seconds),
-        loop=0,
-        optimize=True,
-    )
+    later = {"save_all": True, "append_images": images[1:], "duration": round(1000 * seconds)}
+    images[0].save(buffer, "GIF", loop=0, optimize=True, **later)
     return buffer.getvalue()
 
 

@@ -29,21 +29,18 @@ class TaskSpec:
         return ("x", "y") * self.draws_position + ("yaw",) * self.draws_yaw
 
 
+_ANGLE, _TARGET = "angle_to_target", "target_in_jitterbug_frame"
+
 TASK_SPECS = {
     # "away" is what is left of 1 by "near", the target being at the origin.
     "move_from_origin": TaskSpec(_STATE, ("away", "upright")),
-    "face_direction": TaskSpec(
-        (*_STATE, "angle_to_target"), ("heading", "upright"), draws_yaw=True
-    ),
+    "face_direction": TaskSpec((*_STATE, _ANGLE), ("heading", "upright"), draws_yaw=True),
     "move_in_direction": TaskSpec(
-        (*_STATE, "angle_to_target", "speed_in_target_frame"), ("speed", "upright"), draws_yaw=True
+        (*_STATE, _ANGLE, "speed_in_target_frame"), ("speed", "upright"), draws_yaw=True
     ),
-    "move_to_position": TaskSpec(
-        (*_STATE, "target_in_jitterbug_frame"), ("near", "upright"), draws_position=True
-    ),
+    "move_to_position": TaskSpec((*_STATE, _TARGET), ("near", "upright"), draws_position=True),
     "move_to_pose": TaskSpec(
-        (*_STATE, "target_in_jitterbug_frame", "angle_to_target"),
-        ("near", "heading", "upright"),
+        *((*_STATE, _TARGET, _ANGLE), ("near", "heading", "upright")),
         draws_position=True,
         draws_yaw=True,
     ),
@@ -52,30 +49,18 @@ TASK_SPECS = {
 
 SUITE = "dmc:"
 
-SUITE_TASKS = tuple(
-    f"{SUITE}{domain}-{task}"
-    for domain, tasks in {
-        "acrobot": "swingup swingup_sparse",
-        "ball_in_cup": "catch",
-        "cartpole": "balance balance_sparse swingup swingup_sparse two_poles three_poles",
-        "cheetah": "run",
-        "dog": "stand walk trot run fetch",
-        "finger": "spin turn_easy turn_hard",
-        "fish": "upright swim",
-        "hopper": "stand hop",
-        "humanoid": "stand walk run run_pure_state",
-        "humanoid_CMU": "stand walk run",
-        "manipulator": "bring_ball bring_peg insert_ball insert_peg",
-        "pendulum": "swingup",
-        "point_mass": "easy hard",
-        "quadruped": "walk run escape fetch",
-        "reacher": "easy hard",
-        "stacker": "stack_2 stack_4",
-        "swimmer": "swimmer6 swimmer15",
-        "walker": "stand walk run",
-    }.items()
-    for task in tasks.split()
-)
+_SUITE_NAMES = """
+acrobot-swingup acrobot-swingup_sparse ball_in_cup-catch cartpole-balance cartpole-balance_sparse
+cartpole-swingup cartpole-swingup_sparse cartpole-two_poles cartpole-three_poles cheetah-run
+dog-stand dog-walk dog-trot dog-run dog-fetch finger-spin finger-turn_easy finger-turn_hard
+fish-upright fish-swim hopper-stand hopper-hop humanoid-stand humanoid-walk humanoid-run
+humanoid-run_pure_state humanoid_CMU-stand humanoid_CMU-walk humanoid_CMU-run manipulator-bring_ball
+manipulator-bring_peg manipulator-insert_ball manipulator-insert_peg pendulum-swingup
+point_mass-easy point_mass-hard quadruped-walk quadruped-run quadruped-escape quadruped-fetch
+reacher-easy reacher-hard stacker-stack_2 stacker-stack_4 swimmer-swimmer6 swimmer-swimmer15
+walker-stand walker-walk walker-run
+"""
+SUITE_TASKS = tuple(f"{SUITE}{name}" for name in _SUITE_NAMES.split())
 """The tasks of dm_control's suite with episodes of 1000 control steps, for completion."""
 
 TASK_GROUP = "jbench.tasks"

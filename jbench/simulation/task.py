@@ -18,14 +18,12 @@ WorldsState = dict[str, NDArray[Any]]
 
 # Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
 # a later version might add.
-_PHYSICAL = (
-    *("body_parentid", "body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos"),
-    *("jnt_type", "jnt_axis", "jnt_pos", "jnt_range", "jnt_stiffness", "dof_damping"),
-    *("dof_armature", "dof_frictionloss", "geom_type", "geom_size", "geom_pos", "geom_quat"),
-    *("geom_friction", "geom_contype", "geom_conaffinity", "site_pos", "tendon_stiffness"),
-    *("tendon_damping", "actuator_gear", "actuator_gainprm", "actuator_biasprm"),
-    *("actuator_ctrlrange", "actuator_forcerange"),
-)
+_PHYSICAL = """
+body_parentid body_pos body_quat body_mass body_inertia body_ipos jnt_type jnt_axis jnt_pos
+jnt_range jnt_stiffness dof_damping dof_armature dof_frictionloss geom_type geom_size geom_pos
+geom_quat geom_friction geom_contype geom_conaffinity site_pos tendon_stiffness tendon_damping
+actuator_gear actuator_gainprm actuator_biasprm actuator_ctrlrange actuator_forcerange
+"""
 _OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
 
 
@@ -120,7 +118,7 @@ def model_hash(environment: Any) -> str | None:
     if model is None:
         return None
     digest = hashlib.sha256()
-    for holder, names in ((model, _PHYSICAL), (model.opt, _OPTIONS)):
+    for holder, names in ((model, _PHYSICAL.split()), (model.opt, _OPTIONS)):
         for name in names:
             values = np.atleast_1d(np.asarray(getattr(holder, name), np.float64)) + 0.0
             text = " ".join(f"{value:.6g}" for value in values.ravel())

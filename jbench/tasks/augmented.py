@@ -42,7 +42,6 @@ _CHECKED_STEPS = 5000
 # feet tilt a robot by a few degrees; a fallen robot is tilted by 60 degrees or more.
 _MIN_UPRIGHT = 0.9
 _MAX_REDRAWS = 100
-
 _NO_SHIFT: Vector = (0.0, 0.0, 0.0)
 
 
@@ -74,34 +73,43 @@ def draw(seed: int, *, vary_masses: bool = False) -> Morphology:
         raise RequestError(f"An augmented robot has no seed {seed!r}: use 0 or more.")
     source = np.random.SeedSequence(seed)
     for redraws in range(_MAX_REDRAWS + 1):
-        (child,) = source.spawn(1)
-        morphology = _draw_once(seed, redraws, np.random.default_rng(child), vary_masses)
+        random = np.random.default_rng(*source.spawn(1))
+        knees, feet = (
+            tuple(map(tuple, random.normal(0, _LEG_SD, (len(LEGS), 3)).tolist())) for _ in range(2)
+        )
+        mass = tuple(np.maximum(random.normal(0, _MASS_SD), _MIN_MASS_SHIFT).tolist())
+        semi_axes = tuple(random.normal(0, _SEMI_AXIS_SD, 3).tolist())
+        more = random.normal(0, _MORE_SD).tolist() if vary_masses else ()
+        morphology = Morphology(seed, redraws, knees, feet, mass, semi_axes, *more)
         if is_usable(morphology):
             return morphology
     raise WorkError(f"None of {_MAX_REDRAWS + 1} draws of seed {seed} stands: use another.")
 
 
-def _draw_once(
-    seed: int, redraws: int, random: np.random.Generator, vary_masses: bool
-) -> Morphology:
-    knees, feet = (
-        tuple(map(tuple, random.normal(0, _LEG_SD, (len(LEGS), 3)).tolist())) for _ in range(2)
-    )
-    mass = tuple(np.maximum(random.normal(0, _MASS_SD), _MIN_MASS_SHIFT).tolist())
-    semi_axes = tuple(random.normal(0, _SEMI_AXIS_SD, 3).tolist())
-    more = random.normal(0, _MORE_SD).tolist() if vary_masses else ()
-    return Morphology(seed, redraws, knees, feet, mass, semi_axes, *more)
-
-
 def build(morphology: Morphology) -> mujoco.MjModel:
     """Returns a new MuJoCo model; a size or a mass that is not positive is a ValueError."""
     spec = mujoco.MjSpec.from_string(model.xml())
-    for leg, knee, foot in zip(LEGS, morphology.knees, morphology.feet, strict=True):
-        _move_leg(spec, leg, np.array(knee), np.array(foot))
+    for leg, knee_shift, foot_shift in zip(LEGS, morphology.knees, morphology.feet, strict=True):
+        upper, lower = spec.geom(f"leg{leg}_upper"), spec.geom(f"leg{leg}_lower")
+        shoulder, elbow = spec.joint(f"leg{leg}_shoulder"), spec.joint(f"leg{leg}_elbow")
+        knee, foot = spec.geom(f"leg{leg}_knee"), spec.geom(f"leg{leg}_foot")
+        # `fromto` of the upper wire is knee, torso; that of the lower wire is foot, knee.
+        upper.fromto = upper.fromto + np.array([*knee_shift, *_NO_SHIFT])
+        lower.fromto = lower.fromto + np.array([*foot_shift, *knee_shift])
+        for part in (knee, elbow):
+            part.pos = part.pos + knee_shift
+        foot.pos = foot.pos + foot_shift
+        shoulder.axis = elbow.axis = hinge_axis(leg, knee.pos)
     mass = spec.geom("mass")
     mass.pos = mass.pos + morphology.mass
     mass.size = mass.size + morphology.mass_semi_axes
-    _change_densities(spec, morphology)
+    steel = spec.default.geom.density
+    # Geoms copied the default density when they were parsed, so changing the default has no effect.
+    for geom in spec.geoms:
+        if geom.density == steel:
+            geom.density = steel + morphology.default_density
+    spec.geom("torso_upper").density += morphology.torso_upper_density
+    spec.geom("torso_lower").density += morphology.torso_lower_density
     motor = spec.actuator("motor")
     motor.gear = motor.gear + np.array([morphology.gear, 0, 0, 0, 0, 0])
     return spec.compile()
@@ -118,31 +126,6 @@ def hinge_axis(leg: int, knee: NDArray[np.float64]) -> Vector:
     side = 1 if leg in (1, 2) else -1
     x, y = knee[:2] - _CORNER * (side, 1)
     return (x, -y, 0.0) if leg in (1, 4) else (-x, y, 0.0)
-
-
-def _move_leg(
-    spec: mujoco.MjSpec, leg: int, knee_shift: NDArray[np.float64], foot_shift: NDArray[np.float64]
-) -> None:
-    upper, lower = spec.geom(f"leg{leg}_upper"), spec.geom(f"leg{leg}_lower")
-    shoulder, elbow = spec.joint(f"leg{leg}_shoulder"), spec.joint(f"leg{leg}_elbow")
-    knee, foot = spec.geom(f"leg{leg}_knee"), spec.geom(f"leg{leg}_foot")
-    # `fromto` of the upper wire is knee, torso; that of the lower wire is foot, knee.
-    upper.fromto = upper.fromto + np.concatenate([knee_shift, np.zeros(3)])
-    lower.fromto = lower.fromto + np.concatenate([foot_shift, knee_shift])
-    for part in (knee, elbow):
-        part.pos = part.pos + knee_shift
-    foot.pos = foot.pos + foot_shift
-    shoulder.axis = elbow.axis = hinge_axis(leg, knee.pos)
-
-
-def _change_densities(spec: mujoco.MjSpec, morphology: Morphology) -> None:
-    steel = spec.default.geom.density
-    # Geoms copied the default density when they were parsed, so changing the default has no effect.
-    for geom in spec.geoms:
-        if geom.density == steel:
-            geom.density = steel + morphology.default_density
-    spec.geom("torso_upper").density += morphology.torso_upper_density
-    spec.geom("torso_lower").density += morphology.torso_lower_density
 
 
 def is_usable(morphology: Morphology) -> bool:

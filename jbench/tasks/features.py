@@ -8,6 +8,7 @@ tasks (section 4.2) in dm_control's reward conventions (arXiv:1801.00690, sectio
 import itertools
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ _POINT = ("x", "y", "z")
 
 
 def _number(value: Callable[[State, Target], Array], unit: str, high: float) -> Feature:
-    return Feature(value, ("",), (unit,), (-high,), (high,), (-1,))
+    return Feature(lambda *of: value(*of)[..., None], ("",), (unit,), (-high,), (high,), (-1,))
 
 
 FEATURES = {
@@ -62,25 +63,15 @@ FEATURES = {
         # An angular velocity is an axial vector: in the mirror's plane it changes its sign.
         mirror=(-1, 1, 1, 1, -1, -1),
     ),
-    "motor_position": _number(
-        lambda state, target: state.motor_position[..., None], "rad", math.pi
-    ),
-    "motor_velocity": _number(
-        lambda state, target: state.motor_velocity[..., None], "rad/s", 180.0
-    ),
-    "angle_to_target": _number(
-        lambda state, target: geometry.angle_to_target(state, target)[..., None], "rad", math.pi
-    ),
+    "motor_position": _number(lambda state, target: state.motor_position, "rad", math.pi),
+    "motor_velocity": _number(lambda state, target: state.motor_velocity, "rad/s", 180.0),
+    "angle_to_target": _number(geometry.angle_to_target, "rad", math.pi),
     "speed_in_target_frame": Feature(
         geometry.speed_in_target_frame, _POINT, ("m/s",) * 3, (-1.0,) * 3, (1.0,) * 3, (1, -1, 1)
     ),
     "target_in_jitterbug_frame": Feature(
-        value=geometry.target_in_jitterbug_frame,
-        axes=_POINT,
-        units=("m",) * 3,
-        low=(-3.0, -3.0, -0.1),
-        high=(3.0, 3.0, 0.1),
-        mirror=(-1, 1, 1),
+        geometry.target_in_jitterbug_frame,
+        *(_POINT, ("m",) * 3, (-3.0, -3.0, -0.1), (3.0, 3.0, 0.1), (-1, 1, 1)),
     ),
 }
 
@@ -155,18 +146,14 @@ def denormalize(task: str, observed: Array) -> Array:
     return low + (observed + 1) * (high - low) / 2
 
 
-def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
-    key = (task, array_namespace(like).__name__, like.dtype, getattr(like, "device", None))
-    if key not in _range_cache:
-        xp = array_namespace(like)
-        options: dict[str, Any] = {"dtype": like.dtype, "device": getattr(like, "device", None)}
-        low, high = by_dimension(task, "low"), by_dimension(task, "high")
-        _range_cache[key] = (xp.asarray(low, **options), xp.asarray(high, **options))
-    return _range_cache[key]
+def _feature_range(task: str, like: Array) -> list[Array]:
+    return _range(task, array_namespace(like), like.dtype, getattr(like, "device", None))
 
 
-# Ranges as arrays, cached per array type, since they are needed at every control step.
-_range_cache: dict[tuple[Any, ...], tuple[Array, Array]] = {}
+@cache  # they are needed at every control step
+def _range(task: str, xp: Any, dtype: Any, device: Any) -> list[Array]:
+    ends = (by_dimension(task, end) for end in ("low", "high"))
+    return [xp.asarray(end, dtype=dtype, device=device) for end in ends]
 
 
 def goal(task: str, observation: NDArray[np.floating]) -> str:

@@ -89,13 +89,10 @@ def open_display() -> bool:
 
 @cache
 def _draws(backend: str) -> bool:
+    probe, env = [sys.executable, "-c", _PROBE], {**os.environ, "MUJOCO_GL": backend}
     try:
         answer = subprocess.run(
-            [sys.executable, "-c", _PROBE],
-            env={**os.environ, "MUJOCO_GL": backend},
-            capture_output=True,
-            text=True,
-            timeout=_PROBE_SECONDS,
+            probe, env=env, capture_output=True, text=True, timeout=_PROBE_SECONDS
         )
     except subprocess.TimeoutExpired:
         return False

@@ -45,24 +45,13 @@ def read_curves(path: Path) -> pd.DataFrame:
 def as_imports(points: pd.DataFrame, returns: ReturnsName) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Returns curves as rows of `imports` and `import_points`, with the method as algorithm."""
     curves = points.groupby(RUN, sort=False)
-    numbered = points.assign(
-        point=curves.cumcount(),
-        episode=0,
-        control_steps=points["steps"],
-        episode_return=points["return"],
-    )
+    named = {"control_steps": points["steps"], "episode_return": points["return"]}
+    numbered = points.assign(point=curves.cumcount(), episode=0, **named)
     numbered["import"] = "curve " + (curves.ngroup() + 1).astype(str)
     imports = numbered.groupby(RUN, sort=False).last().reset_index()
-    imports = imports.assign(
-        algo=imports["method"],
-        representation="",
-        returns=returns,
-        points=imports["point"] + 1,
-        status="finished",
-        format="csv",
-        provenance="{}",
-    )
-    return imports, numbered
+    texts = {"representation": "", "status": "finished", "format": "csv", "provenance": "{}"}
+    algo, count = imports["method"], imports["point"] + 1
+    return imports.assign(algo=algo, returns=returns, points=count, **texts), numbered
 
 
 def to_json(points: pd.DataFrame) -> str:

@@ -118,15 +118,11 @@ def _curve(
             "or import one of them."
         )
     first = parts[0]
-    settings = validated(
-        ImportSettings,
-        "the import",
-        **{name: getattr(request, name) for name in ("task", "algo", "representation", "format")},
-        seed=first.seed,
-        returns=first.returns,
-        files=[part.file.sha256 for part in parts],
-        columns=dict(first.columns),
-    )
+    labels = ("task", "algo", "representation", "format")
+    fields = {name: getattr(request, name) for name in labels}
+    fields |= {"seed": first.seed, "returns": first.returns, "columns": dict(first.columns)}
+    hashes = [part.file.sha256 for part in parts]
+    settings = validated(ImportSettings, "the import", files=hashes, **fields)
     try:
         check_settings(settings.values)
     except ValueError as error:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -129,16 +129,10 @@ def write(
     line, margin = round(1.3 * size), size // 2
     tops = [margin + line * row for row in range(len(above))]
     tops += [height - margin - line * (len(below) - row) for row in range(len(below))]
+    # An outline is legible on any background and hides less than a box.
+    outline: dict[str, Any] = {"stroke_width": max(1, round(size / 9)), "stroke_fill": _OUTLINE}
     for top, text in zip(tops, (*above, *below), strict=True):
-        # An outline is legible on any background and hides less than a box.
-        draw.text(
-            (margin, top),
-            text,
-            fill=_TEXT,
-            font=_font(size),
-            stroke_width=max(1, round(size / 9)),
-            stroke_fill=_OUTLINE,
-        )
+        draw.text((margin, top), text, fill=_TEXT, font=_font(size), **outline)
     return np.array(image)
 
 

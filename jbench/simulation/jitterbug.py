@@ -18,11 +18,7 @@ from jbench.tasks.geometry import State, Target, heading
 from jbench.tasks.rewards import reward, upright_reward
 from jbench.tasks.robots import load_model
 
-
-@lru_cache(maxsize=2)
-def robot_model(augment: int | None) -> mujoco.MjModel:
-    """Returns the plain robot's model (None), or that of the augmented robot with this seed."""
-    return load_model(augment)
+_robot_model = lru_cache(maxsize=2)(load_model)
 
 
 class JitterbugTask(Task):
@@ -43,7 +39,7 @@ class JitterbugTask(Task):
 
     def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> "JitterbugWorlds":
         """Returns new worlds; see `Task.worlds`."""
-        return JitterbugWorlds(self.name, robot_model(augment), count, threads)
+        return JitterbugWorlds(self.name, _robot_model(augment), count, threads)
 
 
 class JitterbugWorlds(Worlds):

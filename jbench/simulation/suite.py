@@ -33,7 +33,10 @@ class DmTask(Task):
         """
         self.name, self._make = name, make
         environment = self.environment(0)
-        self.parts = self._read_parts(environment)
+        parts = environment.observation_spec()
+        if not isinstance(parts, Mapping) or not parts or not all(parts):
+            raise self._refusal("its observation has no names: return a dictionary of named arrays")
+        self.parts = {str(name): int(np.prod(spec.shape)) for name, spec in parts.items()}
         self._minimum, self._maximum = self._read_bounds(environment)
         self.action_size = len(self._minimum)
         columns = ["episode", "step", *self.labels, *self.action_labels, "reward"]
@@ -100,12 +103,6 @@ class DmTask(Task):
             raise RequestError(str(error)) from None
         except Exception as error:
             raise self._refusal(f"it fails ({sentence_of_failure(error)})") from error
-
-    def _read_parts(self, environment: Any) -> dict[str, int]:
-        specs = environment.observation_spec()
-        if not isinstance(specs, Mapping) or not specs or not all(specs):
-            raise self._refusal("its observation has no names: return a dictionary of named arrays")
-        return {str(name): int(np.prod(spec.shape, dtype=int)) for name, spec in specs.items()}
 
     def _read_bounds(self, environment: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         spec = environment.action_spec()

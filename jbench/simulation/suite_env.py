@@ -98,10 +98,9 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            buffer = self.model.vis.global_
-            buffer.offheight, buffer.offwidth = np.maximum(
-                (buffer.offheight, buffer.offwidth), self._size
-            ).tolist()
+            buffer, (height, width) = self.model.vis.global_, self._size
+            buffer.offheight = max(buffer.offheight, height)
+            buffer.offwidth = max(buffer.offwidth, width)
             self._renderer = mujoco.Renderer(self.model, *self._size)
         self._renderer.update_scene(self.data, self._camera)
         picture: NDArray[np.uint8] = self._renderer.render()

@@ -79,16 +79,14 @@ class JitterbugVectorEnv(
             )
         # Never stepped: it has the model and the spaces, and draws.
         self._single = JitterbugEnv(task, **settings)
-        self.num_envs = num_envs
-        self.render_mode = self._single.render_mode
+        self.num_envs, self.render_mode = num_envs, self._single.render_mode
         self.single_observation_space = self._single.observation_space
         self.single_action_space = self._single.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
-        self._task = task
-        self._limit = np.inf if limit == -1 else limit
+        self._task, self._limit = task, np.inf if limit == -1 else limit
         self._robots = Robots(self._single.model, num_envs, threads)
         self._random = [seeding.np_random() for _ in range(num_envs)]
         self._targets = Target(np.zeros((num_envs, 3)), np.zeros(num_envs))
@@ -132,7 +130,15 @@ class JitterbugVectorEnv(
         if partial is not None and not self._started:
             raise ResetNeeded("Call reset without reset_mask first.")
         chosen = resets.option_target(self._task, given, self.num_envs)
-        self._seed(seed, mask)
+        count = self.num_envs
+        if isinstance(seed, (int, np.integer)):
+            seed = [int(seed) + index for index in range(count)]
+        seeds = [None] * count if seed is None else seed
+        if np.asarray(seeds, np.object_).shape != (count,):
+            raise RequestError(f"seed is a whole number or a list of {count}, not {seed!r}.")
+        for index in np.flatnonzero(mask).tolist():
+            if seeds[index] is not None:
+                self._random[index] = seeding.np_random(seeds[index])
         state = self._restart(mask, chosen)
         observations, _, info = outcome(self._task, state, self._targets)
         self._started = True
@@ -146,9 +152,23 @@ class JitterbugVectorEnv(
         Raises:
             RequestError: if the actions are not numbers of that shape; a ValueError.
         """
-        commands = self._checked(actions)
+        if self.closed:
+            raise ClosedEnvironmentError("The environments are closed: make new ones.")
+        if not self._started:
+            raise ResetNeeded("Call reset before step.")
+        if self._mode is AutoresetMode.DISABLED and self._ended.any():
+            raise ResetNeeded(
+                'Episodes have ended: call reset(options={"reset_mask": truncations}) before step.'
+            )
+        try:
+            commands = np.asarray(actions, np.float64)
+        except (TypeError, ValueError):
+            commands = np.empty(0)
+        if commands.shape != (self.num_envs, 1):
+            shape = f"({self.num_envs}, 1)"
+            raise RequestError(f"actions must be numbers of shape {shape}, not {actions!r}.")
         restarted = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
-        state = self._robots.step(commands)
+        state = self._robots.step(commands[:, 0])
         self._elapsed += 1
         if restarted.any():
             state = self._restart(restarted)
@@ -187,19 +207,6 @@ class JitterbugVectorEnv(
         ended: NDArray[np.bool_] = self._elapsed >= self._limit
         return ended
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
-        if seed is None:
-            return
-        if isinstance(seed, (int, np.integer)):
-            seed = [int(seed) + index for index in range(self.num_envs)]
-        if np.asarray(seed, np.object_).shape != (self.num_envs,):
-            raise RequestError(
-                f"seed is a whole number or a list of {self.num_envs}, not {seed!r}."
-            )
-        for index in np.flatnonzero(mask).tolist():
-            if (given := seed[index]) is not None:
-                self._random[index] = seeding.np_random(given)
-
     def _restart(self, mask: NDArray[np.bool_], chosen: Target | None = None) -> State:
         """Starts an episode in some environments; returns the state of all."""
         generators = [self._random[index][0] for index in np.flatnonzero(mask)]
@@ -209,25 +216,6 @@ class JitterbugVectorEnv(
         self._targets.position[mask], self._targets.yaw[mask] = targets
         self._elapsed[mask] = 0
         return self._robots.reset(quaternions, mask)
-
-    def _checked(self, actions: Any) -> NDArray[np.float64]:
-        """Returns the commands (num_envs,); raises an error if no step can be made with them."""
-        if self.closed:
-            raise ClosedEnvironmentError("The environments are closed: make new ones.")
-        if not self._started:
-            raise ResetNeeded("Call reset before step.")
-        if self._mode is AutoresetMode.DISABLED and self._ended.any():
-            raise ResetNeeded(
-                'Episodes have ended: call reset(options={"reset_mask": truncations}) before step.'
-            )
-        try:
-            commands = np.asarray(actions, np.float64)
-        except (TypeError, ValueError):
-            commands = np.empty(0)
-        if commands.shape != (self.num_envs, 1):
-            shape = f"({self.num_envs}, 1)"
-            raise RequestError(f"actions must be numbers of shape {shape}, not {actions!r}.")
-        return commands[:, 0]
 
 
 def _infos(info: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:

@@ -60,11 +60,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises:
             ValueError: if an argument is none of these.
         """
-        for value, known in (
-            (task, TASKS),
-            (camera, CAMERAS),
-            (render_mode, (None, *self.metadata["render_modes"])),
-        ):
+        modes = None, *self.metadata["render_modes"]
+        for value, known in ((task, TASKS), (camera, CAMERAS), (render_mode, modes)):
             if value not in known:
                 raise ValueError(f"{value!r} is not one of {', '.join(map(str, known))}")
         if not all(isinstance(side, int | np.integer) and side > 0 for side in (width, height)):
@@ -72,8 +69,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
                 "width and height must be whole numbers of pixels of at least 1, not "
                 f"{width!r} and {height!r}."
             )
-        self.task = task
-        self.render_mode = render_mode
+        self.task, self.render_mode = task, render_mode
         size = features.observation_size(task)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
@@ -146,7 +142,19 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            self._renderer = self._make_renderer()
+            if self.render_mode == "human":
+                # Gymnasium's window would end the process.
+                if not opengl.open_display():
+                    raise RequestError(
+                        "There is no display to open a window on; render_mode='rgb_array' draws "
+                        "without one."
+                    )
+            elif os.environ.get("MUJOCO_GL", "").strip().lower() in ("", *opengl.OFF):
+                opengl.choose_backend()
+            # Deferred, since this import looks for a window system.
+            from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+
+            self._renderer = MujocoRenderer(self.model, self.data, **self._picture)
         # Positions of bodies and cameras are those before the last physics step.
         mujoco.mj_forward(self.model, self.data)
         # Another environment may have made its own context current.
@@ -154,21 +162,6 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         picture = self._renderer.render(self.render_mode)
         # Gymnasium returns a view with negative strides, which torch refuses.
         return None if picture is None else np.ascontiguousarray(picture)
-
-    def _make_renderer(self) -> Any:
-        if self.render_mode == "human":
-            # Gymnasium's window would end the process.
-            if not opengl.open_display():
-                raise RequestError(
-                    "There is no display to open a window on; render_mode='rgb_array' draws "
-                    "without one."
-                )
-        elif os.environ.get("MUJOCO_GL", "").strip().lower() in ("", *opengl.OFF):
-            opengl.choose_backend()
-        # Deferred, since this import looks for a window system.
-        from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
-
-        return MujocoRenderer(self.model, self.data, **self._picture)
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns what is copied: all but the renderer, which the copy makes again."""

@@ -130,9 +130,8 @@ class OpenedResults:
         named = pd.DataFrame([configuration.key for configuration in chosen], columns=_CURVE)
         named["settings"] = [configuration.words for configuration in chosen]
         settings = _settings([configuration.settings for configuration in chosen])
-        differing = [
-            name for name in settings if settings[name].astype(str).nunique(dropna=False) > 1
-        ]
+        values = settings.astype(str).nunique(dropna=False)
+        differing = values.index[values > 1]
         named = named.join(settings[differing].drop(columns=points.columns, errors="ignore"))
         return points.merge(named, on=_CURVE, how="left")
 

@@ -96,11 +96,10 @@ class RunWriter:
                 "fewer steps."
             )
         policy, copied_at = self.kept or (None, -1)
-        evaluated = False
-        if policy is not None and self._settings.evaluate_episodes:
-            evaluated = self.log.progress.last_evaluation <= copied_at
-            if evaluated:
-                self.evaluate(policy.act, copied_at)
+        newest = self.log.progress.last_evaluation <= copied_at
+        evaluated = policy is not None and newest and self._settings.evaluate_episodes > 0
+        if policy is not None and evaluated:
+            self.evaluate(policy.act, copied_at)
         self._clock.share([self.log])
         self.log.commit()
         summary = self.log.summary(self.control_steps, evaluated=evaluated)

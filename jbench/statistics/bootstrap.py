@@ -189,10 +189,7 @@ def samples(
 
 
 def estimate(
-    statistic: Statistic,
-    *groups: Strata,
-    resamples: int = RESAMPLES,
-    confidence: float = 0.95,
+    statistic: Statistic, *groups: Strata, resamples: int = RESAMPLES, confidence: float = 0.95
 ) -> Estimate:
     """Returns a statistic with its interval; see `samples`."""
     return samples([statistic], *groups, resamples=resamples)[0].estimate(confidence)

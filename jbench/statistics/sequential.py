@@ -18,7 +18,7 @@ divides the error rate of several comparisons.
 """
 
 import itertools
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
@@ -57,10 +57,7 @@ def first_look(
         error_rate: two-sided, over all analyses.
         looks: number of planned analyses.
     """
-
-    def above(higher: FloatArray, lower: FloatArray) -> IntArray:
-        return first_above(higher, lower, error_rate / 2, looks, relabelings=relabelings)
-
+    above = partial(first_above, error_rate=error_rate / 2, looks=looks, relabelings=relabelings)
     if verdict == "equal":
         lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
         return np.where((lower > 0) & (upper > 0), np.maximum(lower, upper), 0)

@@ -75,9 +75,7 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Sto
 def _parts(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[int]:
     """Returns into how many parts the error rate is divided, of which each side gets one."""
     directed = [stop is not None and stop.verdict != "equal" for stop in stops]
-    left = sum(
-        share * (1 if rejected else 2) for share, rejected in zip(shares, directed, strict=True)
-    )
+    left = sum(share * (2 - rejected) for share, rejected in zip(shares, directed, strict=True))
     return [math.ceil(left / share - 1e-6) for share in shares]
 
 

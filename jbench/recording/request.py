@@ -10,21 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from jbench import plugins
+from jbench import names, plugins
 from jbench.encoders import find_encoder
 from jbench.errors import RequestError
 from jbench.loggers.logger import make_logger
-from jbench.names import (
-    EPISODE_STEPS,
-    LOGGERS,
-    NO_ENCODER,
-    OFE,
-    LoggerName,
-    TimeLimit,
-    evaluation_interval,
-    kind_in,
-    known,
-)
+from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
 from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
 from jbench.settings.records import ExternalSettings
@@ -77,7 +67,7 @@ def record(
             installed, or the results are the shipped ones.
     """
     place, representation = results_to_write(Path(results)), str(encoder)
-    every = evaluation_interval(steps) if evaluate_every is None else evaluate_every
+    every = names.evaluation_interval(steps) if evaluate_every is None else evaluate_every
     typed = {"task": task, "algo": algo, "seed": seed, "steps": steps, "time_limit": time_limit}
     typed |= {"augment": augment, "evaluate_every": every, "evaluate_episodes": evaluate_episodes}
     fields = {name: _number(value) for name, value in typed.items()}
@@ -99,7 +89,7 @@ def record(
     given = {} if hyperparameters is None else hyperparameters
     fields["hyperparameters"] = plain_hyperparameters(given, fields["seed"], fields["steps"])
     settings = validated(ExternalSettings, "the run", **fields)
-    logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
+    logger = None if log is None else make_logger(known("log", log, names.LOGGERS), place.path)
     made_on = {"script_sha256": _script_hash(), **code_provenance(task)}
     if package is not None:
         try:

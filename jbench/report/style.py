@@ -5,6 +5,8 @@ The first seven kinds and all algorithms have colors that the color-blind tell a
 """
 
 import io
+from collections import Counter
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -13,44 +15,20 @@ from matplotlib.figure import Figure
 
 Dash = tuple[float, ...]  # lengths of dashes and gaps, in widths of the line; solid if empty
 _KINDS = {
-    "full": ("#7a7f87", "o"),
-    "scaled": ("#0072b2", "s"),
-    "planar": ("#009e73", "^"),
-    "forward": ("#56b4e9", "v"),
-    "random": ("#e69f00", "P"),
-    "pca": ("#d55e00", "X"),
-    "dae": ("#cc79a7", "D"),
-    "heading": ("#8f7be0", "p"),
-    "raw": ("#a89f8d", "h"),
-    "ae": ("#9c4f96", "<"),
-    "ddae": ("#e7298a", ">"),
-    "vae": ("#7f9a00", "*"),
-    "lld-vae": ("#b15928", "d"),
-    "dmd": ("#b08d57", "8"),
-    "contrastive": ("#c0392b", "H"),
-    "random-features": ("#c4ae00", "o"),
-    "ofe": ("#2fb3a6", "s"),
-    "inverse": ("#c2185b", "^"),
-    "predictive": ("#3f7fbf", "v"),
+    **{"full": "#7a7f87", "scaled": "#0072b2", "planar": "#009e73", "forward": "#56b4e9"},
+    **{"random": "#e69f00", "pca": "#d55e00", "dae": "#cc79a7", "heading": "#8f7be0"},
+    **{"raw": "#a89f8d", "ae": "#9c4f96", "ddae": "#e7298a", "vae": "#7f9a00"},
+    **{"lld-vae": "#b15928", "dmd": "#b08d57", "contrastive": "#c0392b"},
+    **{"random-features": "#c4ae00", "ofe": "#2fb3a6", "inverse": "#c2185b"},
+    "predictive": "#3f7fbf",
 }
-_OTHER_KINDS: tuple[str, ...] = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
-_ALGORITHMS = {
-    "DDPG": ("#4477aa", "o"),
-    "PPO": ("#b5a11f", "s"),
-    "SAC": ("#228833", "^"),
-    "TD3": ("#ee6677", "v"),
-}
+_OTHER_KINDS = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
+_ALGORITHMS = {"DDPG": "#4477aa", "PPO": "#b5a11f", "SAC": "#228833", "TD3": "#ee6677"}
 _OTHER_ALGORITHMS = ("#aa3377", "#33bbee", "#994f00", "#5d3fd3", "#ee7733", "#2a9d8f", "#8d99ae")
-_MARKERS = "os^vPXDph<>*d8H"
+_MARKERS = "os^vPXDph<>*d8H"  # of the first series of the colors, in their order
 _DASHES: tuple[Dash, ...] = (
-    (),
-    (4, 1.6),
-    (6, 1.6, 1.2, 1.6),
-    (2, 1.2),
-    (8, 2),
-    (6, 1.4, 1.2, 1.4, 1.2, 1.4),
-    (3, 1, 1, 1),
-    (10, 2, 3, 2),
+    *((), (4, 1.6), (6, 1.6, 1.2, 1.6), (2, 1.2), (8, 2)),
+    *((6, 1.4, 1.2, 1.4, 1.2, 1.4), (3, 1, 1, 1), (10, 2, 3, 2)),
 )
 PUBLISHED_DASH: Dash = (1, 1.6)  # dots, which only the paper's curves have
 
@@ -58,43 +36,23 @@ PUBLISHED_DASH: Dash = (1, 1.6)  # dots, which only the paper's curves have
 INK, SOFT, LINE = "#000000", "#6f7a88", "#e1e5ea"
 
 _BASE: dict[Any, Any] = {
-    "font.family": "sans-serif",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.edgecolor": SOFT,
-    "axes.labelcolor": SOFT,
-    "axes.titlelocation": "left",
+    **{"font.family": "sans-serif", "text.parse_math": False, "pdf.fonttype": 42},
+    **{"axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left"},
     "axes.titley": 1.0,  # else all ticks are measured, in case some are above
-    "xtick.color": SOFT,
-    "ytick.color": SOFT,
-    "grid.color": LINE,
-    "grid.linewidth": 0.8,
-    "legend.frameon": False,
-    "text.parse_math": False,
-    "pdf.fonttype": 42,
-    "svg.hashsalt": "jbench",
+    **{"axes.grid": True, "axes.axisbelow": True, "grid.color": LINE, "grid.linewidth": 0.8},
+    **{"axes.edgecolor": SOFT, "axes.labelcolor": SOFT, "xtick.color": SOFT, "ytick.color": SOFT},
+    **{"legend.frameon": False, "svg.hashsalt": "jbench"},
 }
 PAGE: dict[Any, Any] = {  # parameters of matplotlib for a panel of the page; PAPER: for files
     **_BASE,
-    "font.size": 9,
-    "axes.labelsize": 9,
+    **{"font.size": 9, "axes.labelsize": 9, "lines.linewidth": 1.8, "lines.markersize": 4.5},
     "svg.fonttype": "none",  # the reader's font
-    "lines.linewidth": 1.8,
-    "lines.markersize": 4.5,
 }
 PAPER: dict[Any, Any] = {
     **_BASE,
-    "font.size": 8,
-    "axes.labelsize": 8,
-    "axes.titlesize": 8,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7.5,
-    "svg.fonttype": "path",
-    "lines.linewidth": 1.2,
-    "lines.markersize": 2.8,
+    **{"font.size": 8, "axes.labelsize": 8, "axes.titlesize": 8, "legend.fontsize": 7.5},
+    **{"xtick.labelsize": 7, "ytick.labelsize": 7, "svg.fonttype": "path"},
+    **{"lines.linewidth": 1.2, "lines.markersize": 2.8},
 }
 
 
@@ -112,6 +70,11 @@ class Look(NamedTuple):
         return (0, self.dash) if self.dash else "-"
 
     @property
+    def ink(self) -> dict[str, Any]:
+        """The color of its lines, and their id."""
+        return {"color": self.color, "gid": self.series}
+
+    @property
     def series(self) -> str:
         """The id of its marks."""
         return f"series-{self.number}"
@@ -124,37 +87,29 @@ def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Loo
     are columns: of the names of series, and of what has a color each, `kind` or one of algorithms.
     """
     by = by or ("kind" if rows["kind"].nunique() > 1 else "algo")
+    known, others = (_KINDS, _OTHER_KINDS) if by == "kind" else (_ALGORITHMS, _OTHER_ALGORITHMS)
     groups = dict(zip(rows[name], rows[by], strict=True))
-    known, others = _KINDS, _OTHER_KINDS
-    if by == "kind":
-        groups = {series: _family(kind) for series, kind in groups.items()}
-    else:
-        known, others = _ALGORITHMS, _OTHER_ALGORITHMS
-    for i, group in enumerate(sorted({*groups.values()} - {*known})):
-        marker = _MARKERS[len(known) % len(_MARKERS)]
-        known = {**known, group: (others[i % len(others)], marker)}
-    order = [*groups]
+    if by == "kind":  # one such as `planar-mirror` has the color of `planar`
+        for series, kind in groups.items():
+            families = [one for one in known if f"{kind}-".startswith(f"{one}-")]
+            groups[series] = max(families, key=len, default=kind)
+    new = sorted({*groups.values()} - {*known})
+    known = known | dict(zip(new, cycle(others), strict=False))
+    order, places = [*groups], [*known]
     if by == "kind":  # the shortest name, such as `dae12` beside `dae12-whitened`, is solid
-        kinds = [*known]
-        order.sort(key=lambda series: (kinds.index(groups[series]), len(series), series))
-    count: dict[str, int] = {}
+        order.sort(key=lambda series: (places.index(groups[series]), len(series), series))
+    count = Counter[str]()
     chosen = {}
     for number, series in enumerate(order):
-        color, marker = known[groups[series]]
-        nth = count[color] = count.get(color, -1) + 1
-        turns, index = divmod(nth, len(_DASHES))
+        group = groups[series]
+        turns, index = divmod(count[known[group]], len(_DASHES))
         # After all dashes were used they are stretched, so that no two are equal.
         dash = tuple(length * (1 + 0.7 * turns) for length in _DASHES[index])
         dash = dash if dash or not turns else (12 + 4 * turns, 2)
-        place = _MARKERS.index(marker) + 4 * nth  # neighbors look similar
-        chosen[series] = Look(color, dash, _MARKERS[place % len(_MARKERS)], number)
+        place = places.index(group) + 4 * count[known[group]]  # neighbors look similar
+        chosen[series] = Look(known[group], dash, _MARKERS[place % len(_MARKERS)], number)
+        count[known[group]] += 1
     return chosen
-
-
-def _family(kind: str) -> str:
-    """Returns the kind whose color a kind has, such as `planar` for `planar-mirror`."""
-    known = [name for name in _KINDS if kind == name or kind.startswith(f"{name}-")]
-    return max(known, key=len, default=kind)
 
 
 def image(figure: Figure, ending: str) -> bytes:

@@ -78,10 +78,9 @@ class Chart:
                     Line2D([], [], color=look.color, linestyle=look.line, marker=look.marker)
                     for look in self.legend.values()
                 ]
-                names = list(map(marks.shortened, self.legend))
-                place: Any = {"loc": "outside upper left", "ncols": -(-len(names) // legend_rows)}
+                place: Any = {"loc": "outside upper left", "ncols": -(-len(entries) // legend_rows)}
                 place |= {"handlelength": 1.8, "columnspacing": 1.2, "borderaxespad": 0}
-                figure.legend(entries, names, **place)
+                figure.legend(entries, map(marks.shortened, self.legend), **place)
             # Placed once, or each format would place it and draw it twice.
             ConstrainedLayoutEngine().execute(figure)
         # Tips are for the page.
@@ -93,16 +92,11 @@ class Chart:
 def by_task(
     rows: pd.DataFrame,
     draw: Callable[..., None],
-    width: float = 4.2,
-    height: float | Callable[[pd.DataFrame], float] = 2.5,
+    size: tuple[float, float] | Callable[[pd.DataFrame], tuple[float, float]] = (4.2, 2.5),
     by: Sequence[str] = ("task",),
 ) -> list[Panel]:
     """Returns a panel for each group of rows, whose last name is the title, drawn by a function."""
     return [
-        Panel(
-            str(names[-1]),
-            {"": partial(draw, group)},
-            (width, height(group) if callable(height) else height),
-        )
+        Panel(str(names[-1]), {"": partial(draw, group)}, size(group) if callable(size) else size)
         for names, group in rows.groupby([*by], sort=False)
     ]

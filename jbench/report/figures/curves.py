@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -81,7 +80,7 @@ def by_processor_time(frames: Frames) -> Chart | None:
     rows = rows.assign(series=rows["label"], steps=rows["seconds"] / size, q10=np.nan, q90=np.nan)
     looks = style.looks(rows, "series", "kind")
     x, scale = f"{unit} of processor time of a seed", "linear" if longest / size < 100 else "log"
-    panels = by_task(rows, partial(draw_curves, looks=looks, x=x, scale=scale), 5.2, 2.8)
+    panels = by_task(rows, partial(draw_curves, looks=looks, x=x, scale=scale), (5.2, 2.8))
     note = "median over seeds, where all runs recorded their processor time"
     return Chart("processor", "Return against processor time", note, panels, "processor", looks)
 
@@ -194,8 +193,7 @@ def draw_curves(
         if run_curves is not None and without_band and curve["seeds"].iloc[0] > 1:
             keys = ["configuration", "returns"]
             mine = run_curves[(run_curves[keys] == curve[keys].iloc[0]).all(axis=1)]
-            width = mpl.rcParams["lines.linewidth"] / 2
-            thin: Any = {"color": look.color, "alpha": 0.5, "linewidth": width, "gid": look.series}
+            thin = {"alpha": 0.5, "linewidth": mpl.rcParams["lines.linewidth"] / 2} | look.ink
             for _, seed in mine.groupby("run", sort=False):
                 axes.plot(seed["steps"], seed["value"], **thin)
     if published is not None:
@@ -223,8 +221,7 @@ def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Loo
         called = " ".join(curve[["algo", "representation"]].iloc[0])
         curve = curve.iloc[marks.thinned(len(curve), 100)]
         at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
-        dotted = (0, style.PUBLISHED_DASH)
-        axes.plot(at, median, color=look.color, linestyle=dotted, gid=look.series)
+        axes.plot(at, median, linestyle=(0, style.PUBLISHED_DASH), **look.ink)
         shown = marks.thinned(len(at), 20)
         tips = [f"{called}, {source}, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
         marks.add_points(axes, at[shown], median[shown], tips, look, seen=False)

@@ -68,17 +68,13 @@ def add_line(
 
     step is where a step is, as matplotlib's `pre`, `mid` or `post`; None for a line.
     """
-    drawn: Any = {"color": look.color, "linestyle": look.line, "gid": look.series, "zorder": 2.5}
-    axes.plot(x, y, drawstyle=f"steps-{step}" if step else "default", **drawn)
+    drawstyle = f"steps-{step}" if step else "default"
+    axes.plot(x, y, linestyle=look.line, drawstyle=drawstyle, zorder=2.5, **look.ink)
     if band is not None and np.isfinite(np.asarray(band[0], float)).any():
-        axes.fill_between(
-            x, *band, step=step, color=look.color, alpha=alpha, linewidth=0, gid=look.series
-        )
-    shown = thinned(len(x), _TIPS)
-    seen = marked and len(x) <= _TIPS
-    texts = [tips[int(i)] for i in shown]
-    size = mpl.rcParams["lines.markersize"]
-    add_points(axes, np.asarray(x)[shown], np.asarray(y)[shown], texts, look, size=size, seen=seen)
+        axes.fill_between(x, *band, step=step, alpha=alpha, linewidth=0, **look.ink)
+    shown, seen = thinned(len(x), _TIPS), marked and len(x) <= _TIPS
+    x, y, texts = (np.asarray(values)[shown] for values in (x, y, tips))
+    add_points(axes, x, y, texts.tolist(), look, size=mpl.rcParams["lines.markersize"], seen=seen)
 
 
 def add_rows(
@@ -100,8 +96,8 @@ def add_rows(
         low, high = (row[name] for name in ends or (f"{value}_low", f"{value}_high"))
         if np.isfinite(low):  # an interval without an upper end reaches the edge
             interval = [low, high if np.isfinite(high) else 1e6]
-            line: Any = {"color": drawn.color, "solid_capstyle": "butt", "gid": drawn.series}
-            axes.plot(interval, [place] * 2, linewidth=2.2, **line)
+            line = {"linewidth": 2.2, "solid_capstyle": "butt"} | drawn.ink
+            axes.plot(interval, [place] * 2, **line)
         tip = f"{row['name']}: {interval_text(row[value], low, high)}"
         tip += f", n = {row['seeds']}" if "seeds" in row else ""
         blank = hollow is not None and bool(hollow[place])

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -66,8 +65,7 @@ def _draw_forest(
         look, mine = looks[row["look"]], seeds[seeds["configuration"] == row["configuration"]]
         final, below = mine["final"], np.full(len(mine), place + 0.27)
         error = 2 * mine["episode_sd"] / np.sqrt(mine["episodes"])
-        thin: Any = {"color": look.color, "alpha": 0.35, "linewidth": 0.8, "gid": look.series}
-        axes.hlines(below, final - error, final + error, **thin)
+        axes.hlines(below, final - error, final + error, alpha=0.35, linewidth=0.8, **look.ink)
         tips = [
             f"seed {seed}: {whole(value)}" + (f" ± {whole(twice)}" if np.isfinite(twice) else "")
             for seed, value, twice in zip(mine["seed"], final, error, strict=True)
@@ -121,7 +119,7 @@ def comparisons(frames: Frames) -> Chart | None:
         marks.add_rows(axes, group, looks, value="difference", ends=("low", "high"), look="algo")
         axes.axvline(0, color=style.SOFT, linewidth=0.7)
 
-    panels = by_task(rows, draw, 5.2, 0.6 + marks.ROW * rows.groupby("task").size().max())
+    panels = by_task(rows, draw, (5.2, 0.6 + marks.ROW * rows.groupby("task").size().max()))
     name = "comparisons"
     return Chart(name, "Differences", note, panels, name, looks, columns=2, minimum=440)
 
@@ -137,14 +135,14 @@ def errors(frames: Frames) -> Chart | None:
         series=(unsized + " " + settings).str.strip(),
         name=(rows["representation"] + " " + settings).str.strip(),
     )
+    sizes = rows.groupby(["task", "series"])["latents"].transform("nunique")
+    rows["by_size"] = sizes.groupby(rows["task"]).transform("max") > 1
     looks = style.looks(rows, "series", "kind")
-    panels = []
-    for task, group in rows.groupby("task", sort=False):
-        by_size = group.groupby("series")["latents"].nunique().max() > 1
-        size = (4.2, 2.6) if by_size else (5.2, 0.7 + marks.ROW * len(group))
-        group = group.sort_values("latents") if by_size else group
-        draw = partial(_draw_errors, group, looks=looks, by_size=by_size)
-        panels.append(Panel(str(task), {"": draw}, size))
+
+    def size(group: pd.DataFrame) -> tuple[float, float]:
+        return (4.2, 2.6) if group["by_size"].all() else (5.2, 0.7 + marks.ROW * len(group))
+
+    panels = by_task(rows, partial(_draw_errors, looks=looks), size)
     note = (
         "filled: held-out episodes; hollow: those of the hand-written policy; planar and ddae "
         "encode other features"
@@ -153,10 +151,10 @@ def errors(frames: Frames) -> Chart | None:
     return Chart("encoders", title, note, panels, "encoders", looks, **ROWS)
 
 
-def _draw_errors(
-    rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look], by_size: bool
-) -> None:
+def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
     """Draws the unexplained variance of encoders, in rows or against the number of latents."""
+    if by_size := rows["by_size"].all():
+        rows = rows.sort_values("latents")
     places = dict(zip(rows["name"], range(len(rows)), strict=False))
     # The filled mark is the smaller one, so that both are seen where errors are equal.
     for column, hollow in (("heuristic", True), ("test", False)):
@@ -169,17 +167,16 @@ def _draw_errors(
             x, y, size = errors, group["name"].map(places), 8 if hollow else 5
             if by_size:
                 x, y, size = group["latents"], errors, 5
-                line: Any = {"linestyle": look.line, "linewidth": 0.8 if hollow else 1.6}
-                axes.plot(x, y, color=look.color, gid=look.series, **line)
+                width = 0.8 if hollow else 1.6
+                axes.plot(x, y, linestyle=look.line, linewidth=width, **look.ink)
             marks.add_points(axes, x, y, tips, look, size=size, hollow=hollow)
-    axis = axes.yaxis if by_size else axes.xaxis
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
     else:
         marks.name_rows(axes, rows["name"])
         axes.set(xscale="log", xlabel="fraction of the variance not explained")
-    axis.set_major_formatter(marks.PLAIN)
+    (axes.yaxis if by_size else axes.xaxis).set_major_formatter(marks.PLAIN)
 
 
 def predictions(frames: Frames) -> Chart:
@@ -192,7 +189,7 @@ def predictions(frames: Frames) -> Chart:
         for row in rows.to_dict("records"):
             look, at = looks[row["representation"]], max(row["r2"], 0.0)
             if np.isfinite(row["low"]):
-                axes.plot([at, at], [row["low"], row["high"]], color=look.color, gid=look.series)
+                axes.plot([at, at], [row["low"], row["high"]], **look.ink)
             tip = f"{row['label']}: {row['iqm']:.0f}, R² {ratio(row['r2'])}"
             marks.add_points(axes, [at], [row["iqm"]], [tip], look, size=6)
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
@@ -204,7 +201,7 @@ def predictions(frames: Frames) -> Chart:
     panels = [
         panel
         for _, group in rows.groupby("panel", sort=False)
-        for panel in by_task(group, draw, 3.2, 2.3, by=["quantity", "panel"])
+        for panel in by_task(group, draw, (3.2, 2.3), by=["quantity", "panel"])
     ]
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"
     name, title = "predictions", "Return against what latents predict"

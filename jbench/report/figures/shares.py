@@ -32,7 +32,7 @@ def pairs(frames: Frames) -> Chart:
         "percentage of pairs of runs in which the row's reaches the higher final return; bold: "
         "decided, as in the verdicts or corrected for the number of pairs"
     )
-    panels = by_task(rows, _draw_pairs, 5.2, lambda rows: 1.4 + 0.33 * rows["a"].nunique())
+    panels = by_task(rows, _draw_pairs, lambda rows: (5.2, 1.4 + 0.33 * rows["a"].nunique()))
     return Chart("pairs", "Probability of improvement", note, panels, "pairs", **ROWS)
 
 
@@ -77,7 +77,7 @@ def profiles(frames: Frames) -> Chart:
         axes.set_xlim(left=float(rows["final_return"].min()))
 
     note = "share of runs with a higher final return, up to six configurations; 95% bands"
-    panels = by_task(rows, draw, 5.2, 2.8)
+    panels = by_task(rows, draw, (5.2, 2.8))
     return Chart("profiles", "Performance profiles", note, panels, "profiles", looks)
 
 
@@ -93,14 +93,13 @@ def motor(frames: Frames) -> Chart:
                 f"{name}: density {value:.2g} at {at * _FULL_SPEED:.0f} rad/s"
                 for at, value in zip(velocity, density, strict=True)
             ]
-            marks.add_line(
-                axes, velocity, density, tips, looks[str(name)], step="mid", marked=False
-            )
+            look = looks[str(name)]
+            marks.add_line(axes, velocity, density, tips, look, step="mid", marked=False)
         axes.set(yscale="log", xlabel="motor velocity as observed (1: 180 rad/s)")
         axes.set_ylabel("density")
         axes.yaxis.set_major_formatter(marks.PLAIN)
 
-    panels = by_task(frames.motor, draw, 5.0, 2.8)
+    panels = by_task(frames.motor, draw, (5.0, 2.8))
     note = "distribution over all states of the evaluated episodes (the paper's Figure 4)"
     return Chart("motor", "Motor velocities", note, panels, "motor", looks, columns=2)
 
@@ -111,7 +110,7 @@ def positions(frames: Frames) -> Chart:
         "share of all states, from light to dark on a logarithmic scale; cross: start; arrow: the "
         "target's direction (the paper's Figure 5)"
     )
-    panels = by_task(frames.positions, _draw_positions, 3.4, 3.2, by=["task", "label"])
+    panels = by_task(frames.positions, _draw_positions, (3.4, 3.2), by=["task", "label"])
     return Chart("positions", "Positions", note, panels, "positions", minimum=260)
 
 

@@ -8,6 +8,7 @@ import sys
 import time
 import webbrowser
 from collections.abc import Iterator, Sequence
+from itertools import chain, product
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -25,9 +26,6 @@ from jbench.wording import repair_hint
 if TYPE_CHECKING:
     from jbench.report.frames import Frames
     from jbench.store import Results
-
-_NOT_SHOWN = ("--json", "--watch")
-"""Options that the command in a report's page lacks."""
 
 
 @options.with_settings(
@@ -87,6 +85,7 @@ def report(
     if watch and (json or curves):
         other = "--json" if json else "--curves"
         raise RequestError(f"--watch and {other} exclude each other; type one of them.")
+    typed = [word for word in sys.argv[1:] if word not in ("--json", "--watch")]
     request = Request(
         task=task and (task if curves else parsing.known_or_held("task", task, read)),
         algo=algo and (algo if curves else parsing.known_or_held("algo", algo, read)),
@@ -94,7 +93,7 @@ def report(
         compare=compare,
         curves=curves,
         watched=watch,
-        command=shlex.join(["jbench", *(word for word in sys.argv[1:] if word not in _NOT_SHOWN)]),
+        command=shlex.join(["jbench", *typed]),
         **chosen,
     )
     name = "comparison" if compare else "report"
@@ -135,9 +134,8 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
     from jbench.store.query import records
 
     frames, files = write_report(None if request.curves else database, out, request)
-    asked = {"comparisons"} if request.compare else {"final_returns", "verdicts"}
-    asked |= {"comparisons"} if request.curves else set()
-    asked |= {"claims"} if request.claims else set()
+    asked = {"comparisons", "claims"}
+    asked |= set() if request.compare else {"final_returns", "verdicts"}
     for table in tables(frames):
         if table.name in asked:
             if table.name == "verdicts" and not request.claims:
@@ -166,16 +164,12 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
 def _short_verdicts(frames: "Frames") -> tuple[list[str], list[list[str]]]:
     from jbench.report.page import verdict_matrix
 
-    matrix = verdict_matrix(frames)
-    header = ["", "observation"]
-    header += [
-        f"{of} against {name}" for name in matrix["baselines"] for of in matrix["claims"].values()
-    ]
-    rows = []
+    matrix, rows = verdict_matrix(frames), []
     for row in matrix["rows"]:
         said = [f"{cell['mark']} {cell['verdict']}" if cell else "" for cell in row["verdicts"]]
         rows.append([row["about"], row["representation"], *said])
-    return header, rows
+    heads = product(matrix["baselines"], matrix["claims"].values())
+    return ["", "observation", *(f"{of} against {name}" for name, of in heads)], rows
 
 
 def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[None]:
@@ -199,9 +193,8 @@ def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[No
         signal.signal(signal.SIGINT, remember)
     try:
         while not interrupts:
-            now, began = set(), time.monotonic()
-            for directory in directories:
-                now |= {(path, stamp(path)) for path in directory.rglob(MANIFEST)}
+            began, paths = time.monotonic(), (d.rglob(MANIFEST) for d in directories)
+            now = {(path, stamp(path)) for path in chain.from_iterable(paths)}
             if now != seen:
                 seen = now
                 yield

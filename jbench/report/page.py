@@ -102,7 +102,7 @@ def verdict_matrix(frames: Frames) -> dict[str, Any]:
     verdicts = frames.lead(frames.verdicts)
     # Half of the width of a claim's small axis; few intervals reach beyond it.
     ends = verdicts.melt("claim", ["low", "high"], value_name="end").replace(np.inf, np.nan)
-    scales = ends["end"].abs().groupby(ends["claim"]).quantile(0.9).fillna(1.0)
+    scales = ends["end"].astype(float).abs().groupby(ends["claim"]).quantile(0.9).fillna(1.0)
     baselines = list(dict.fromkeys(verdicts["against"]))
     claims = {claim: title for claim, title in COMPARED.items() if claim in scales}
     keys = [(name, claim) for name in baselines for claim in claims]

@@ -20,12 +20,8 @@ from jbench.report.figures.chart import Panel
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
-_COLORS = {
-    style.INK: "currentColor",
-    style.SOFT: "var(--soft)",
-    style.LINE: "var(--line)",
-    "#ffffff": "var(--card)",
-}
+_COLORS = {style.INK: "currentColor", "#ffffff": "var(--card)"}
+_COLORS |= {style.SOFT: "var(--soft)", style.LINE: "var(--line)"}
 _FONT = re.compile(r"(?:(bold|\d+) )?([\d.]+)px")
 _NUMBER = re.compile(r"-?\d+\.\d\d+")
 _EDGE = 3  # points around a panel

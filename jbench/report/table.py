@@ -65,10 +65,10 @@ def to_csv(frame: pd.DataFrame) -> str:
 
 def to_markdown(table: Table) -> str:
     """Returns a table in GitHub's Markdown, with its title and caption above."""
-    texts = table.texts()
-    right = {column.title for column in table.columns if column.numeric}
-    lines = [[*map(str, texts)], ["---:" if name in right else "---" for name in texts]]
-    lines += [[text.translate(_MARKDOWN) for text in row] for row in texts.to_numpy().tolist()]
+    columns, rows = table.shown()
+    lines = [[column.title for column in columns]]
+    lines += [["---:" if column.numeric else "---" for column in columns]]
+    lines += [[text.translate(_MARKDOWN) for _, text in row] for row in rows]
     body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     title = table.title if table.title.endswith("?") else f"{table.title}."
     return f"{f'{title} {table.caption}'.translate(_MARKDOWN)}\n\n{body}\n"
@@ -79,14 +79,10 @@ def to_latex(table: Table) -> str:
     texts = table.texts()
     right = {column.title for column in table.columns if column.numeric}
     shown = texts.style.hide(axis="index").format(_latex).format_index(_latex, axis="columns")
+    sides = "".join("r" if name in right else "l" for name in texts)
+    label: Any = {"caption": _latex(table.title), "label": f"tab:{table.name.replace('_', '-')}"}
     return str(
-        shown.to_latex(
-            hrules=True,
-            column_format="".join("r" if name in right else "l" for name in texts),
-            caption=_latex(table.title),
-            label=f"tab:{table.name.replace('_', '-')}",
-            position_float="centering",
-        )
+        shown.to_latex(hrules=True, column_format=sides, position_float="centering", **label)
     )
 
 

@@ -26,16 +26,11 @@ COMPARED = {"a": "final return", "b": "variability", "c": "speed"}  # by a verdi
 
 def tables(frames: Frames) -> list[Table]:
     """Returns the tables of a report that have rows, in the order of the page."""
-    every = [
-        _final_returns(frames),
-        _verdicts(frames),
-        _decisions(frames),
-        _comparisons(frames),
-        _claims(frames),
-        leaderboard_table(frames.leaderboard, frames.returns),
-        _encoders(frames),
-        _runs(frames),
-    ]
+    every = (
+        *(_final_returns(frames), _verdicts(frames), _decisions(frames), _comparisons(frames)),
+        *(_claims(frames), leaderboard_table(frames.leaderboard, frames.returns)),
+        *(_encoders(frames), _runs(frames)),
+    )
     return [table for table in every if len(table.frame)]
 
 
@@ -49,10 +44,6 @@ def _final(frames: Frames) -> str:
 
 def _agent(frames: Frames) -> Column:
     return plain("method", "algo") if frames.request.curves else _SOURCED
-
-
-def _positive(value: float) -> str:
-    return str(value) if value else ""
 
 
 def _range(row: Row) -> str:
@@ -78,23 +69,22 @@ _RANGE = Column("steps", "steps", _range, numeric=True)
 
 def _final_returns(frames: Frames) -> Table:
     agents = frames.lead(frames.configurations)
-    policies = frames.baselines.assign(source=OWN, representation="", words="")
-    policies = policies.assign(algo=policies["policy"].replace("random", "random actions"))
-    policies = policies.rename(columns={"low": "median_low", "high": "median_high"})
+    policies = frames.baselines.rename(columns={"low": "median_low", "high": "median_high"})
+    names = policies["policy"].replace("random", "random actions")
+    policies = policies.assign(source=OWN, representation="", words="", algo=names)
     counts = dict.fromkeys(("seeds", "draws", "diverged", "reached", "steps_min", "steps"), "Int64")
     both = [rows.reindex(columns=agents.columns).astype(counts) for rows in (agents, policies)]
-    order = {task: i for i, task in enumerate(agents["task"].unique())}
     rows = pd.concat(both, ignore_index=True)
-    rows = rows.sort_values("task", key=lambda task: task.map(order), kind="stable")
+    rows = rows.sort_values("task", key=lambda task: pd.factorize(task)[0], kind="stable")
 
     def reached(row: Row) -> str:
         return "" if missing(row["reached"]) else f"{row['reached']} of {row['seeds']}"
 
+    draws, diverged = (number(n, n, lambda value: str(value or "")) for n in ("draws", "diverged"))
     columns = [
-        *(_TASK, _agent(frames), _OBSERVED, _SEEDS),
-        *(number("draws", "draws", _positive), _RANGE),
-        *(number("diverged", "diverged", _positive), estimate("median", "median")),
-        *(estimate("IQM", "iqm"), estimate("over the run", "over_run"), estimate("s", "s")),
+        *(_TASK, _agent(frames), _OBSERVED, _SEEDS, draws, _RANGE, diverged),
+        *(estimate("median", "median"), estimate("IQM", "iqm")),
+        *(estimate("over the run", "over_run"), estimate("s", "s")),
         *(number("detectable", "detectable"), Column(f"reach {SOLVED}", "reached", reached, True)),
         estimate(f"steps to {SOLVED}", "solved_steps", steps),
         number("published median", "published"),
@@ -108,10 +98,8 @@ def _final_returns(frames: Frames) -> Table:
     if frames.request.curves:
         title = "Final returns by method"
         caption = f"{_final(frames)} IQM: mean without the lowest and highest quarter. {_INTERVAL}"
-        if NORMALIZED in {*agents["task"]}:
-            caption += (
-                " Normalized: 0 is the lowest and 1 the highest return of a task in the file."
-            )
+        normalized = " Normalized: 0 is the lowest and 1 the highest return of a task in the file."
+        caption += normalized if NORMALIZED in {*agents["task"]} else ""
     return Table("final_returns", title, caption, rows, columns)
 
 

@@ -145,7 +145,7 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
     for note in frames.notes:
         output.say(f"Note: {note}")
     output.say(frames.headline)
-    page = next(file for file in files if file.name == "index.html")
+    page = out / "index.html"
     output.say(f"Wrote {len(files)} files to {page.parent}; open {page} in a browser.")
     if output.as_json:
         shown = ["configurations", "verdicts", "comparisons"] + ["claims"] * request.claims

@@ -6,6 +6,7 @@ The first seven kinds and all algorithms have colors that the color-blind tell a
 
 import io
 from collections import Counter
+from collections.abc import Mapping
 from itertools import cycle
 from typing import Any, NamedTuple
 
@@ -75,9 +76,17 @@ class Look(NamedTuple):
         return {"color": self.color, "gid": self.series}
 
     @property
+    def hollow(self) -> dict[str, Any]:
+        """The colors of a hollow mark."""
+        return {"facecolors": "#ffffff", "edgecolors": self.color}
+
+    @property
     def series(self) -> str:
         """The id of its marks."""
         return f"series-{self.number}"
+
+
+Looks = Mapping[str, Look]
 
 
 def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Look]:

@@ -1,6 +1,5 @@
 """Learning curves: by representation, by algorithm, on augmented robots, by processor time."""
 
-from collections.abc import Mapping
 from functools import partial
 
 import matplotlib as mpl
@@ -15,7 +14,7 @@ from jbench.report.data.returns import EVALUATION, FILE, TRAINING
 from jbench.report.figures import marks
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task
 from jbench.report.frames import Frames
-from jbench.report.style import Look
+from jbench.report.style import Look, Looks
 
 _BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}  # dotted curves in legends
 _ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
@@ -96,7 +95,7 @@ def _chart(
     title: str,
     curves: pd.DataFrame,
     published: pd.DataFrame,
-    looks: dict[str, Look],
+    looks: Looks,
     by: list[str],
 ) -> Chart | None:
     if curves.empty:
@@ -113,14 +112,7 @@ def _chart(
     for key, rows in groups:
         old = _beside(published, rows, name)
         sources |= {*old["source"]}
-        draw = partial(
-            draw_curves,
-            looks=looks,
-            published=old,
-            baselines=frames.baselines[frames.baselines["task"] == rows["task"].iloc[0]],
-            run_curves=frames.run_curves,
-            each_seed=frames.request.each_seed,
-        )
+        draw = partial(draw_curves, looks=looks, published=old, frames=frames)
         versions: dict[str, Draw] = {}
         shown = [kind for kind in kinds if (rows["returns"] == kind).any()]
         for kind in shown:
@@ -134,7 +126,7 @@ def _chart(
         panels.append(Panel(", ".join(words), versions, size))
     beside = " and ".join(name for source, name in _BESIDE.items() if source in sources)
     dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
-    legend = looks | ({beside: dotted} if beside else {})
+    legend = {**looks, **({beside: dotted} if beside else {})}
     band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
     switches = [pair for pair in (kinds, scales) if len(pair) > 1]
     return Chart(name, title, f"median and {band}", panels, "curves", legend, switches)
@@ -169,30 +161,27 @@ def draw_curves(
     rows: pd.DataFrame,
     axes: Axes,
     *,
-    looks: Mapping[str, Look],
+    looks: Looks,
     published: pd.DataFrame | None = None,
-    baselines: pd.DataFrame | None = None,
-    run_curves: pd.DataFrame | None = None,
-    each_seed: bool = False,
+    frames: Frames | None = None,
     scale: str = "linear",
     x: str = "control steps",
     y: str = "return",
 ) -> None:
     """Draws the curves of a panel, of one kind of return; frames have a column `series`.
 
-    Curves of runs are drawn where there are too few seeds for a band.
+    Those of runs, of the frames if given, are drawn where there are too few seeds for a band.
     """
     if axes.has_data():  # of another kind of return
         axes.clear()
     alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
     for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
-        look, band = looks[str(name)], (curve["q10"], curve["q90"])
-        at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
-        marks.add_line(axes, at, median, _tips(str(name), curve), look, band=band, alpha=alpha)
-        without_band = each_seed or band[0].isna().all()
-        if run_curves is not None and without_band and curve["seeds"].iloc[0] > 1:
-            keys = ["configuration", "returns"]
-            mine = run_curves[(run_curves[keys] == curve[keys].iloc[0]).all(axis=1)]
+        look, line = looks[str(name)], curve[["steps", "median", "q10", "q90"]]
+        marks.add_line(axes, line, _tips(str(name), curve), look, alpha)
+        each = line["q10"].isna().all() or (frames and frames.request.each_seed)
+        if frames and each and curve["seeds"].iloc[0] > 1:
+            seeds, keys = frames.run_curves, ["configuration", "returns"]
+            mine = seeds[(seeds[keys] == curve[keys].iloc[0]).all(axis=1)]
             thin = {"alpha": 0.5, "linewidth": mpl.rcParams["lines.linewidth"] / 2} | look.ink
             for _, seed in mine.groupby("run", sort=False):
                 axes.plot(seed["steps"], seed["value"], **thin)
@@ -200,7 +189,7 @@ def draw_curves(
         _draw_published(axes, published[published["task"].isin(rows["task"])], looks)
     marks.set_axes(axes, rows, scale)
     axes.set(xlabel=x, ylabel=y)
-    marks.add_levels(axes, rows, baselines)
+    marks.add_levels(axes, rows, frames.baselines if frames else None)
 
 
 def _tips(name: str, curve: pd.DataFrame) -> list[str]:
@@ -214,7 +203,7 @@ def _tips(name: str, curve: pd.DataFrame) -> list[str]:
     ]
 
 
-def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Look]) -> None:
+def _draw_published(axes: Axes, published: pd.DataFrame, looks: Looks) -> None:
     entry = Look(style.SOFT, (), "", len(looks))
     for (name, source), curve in published.groupby(["series", "source"], sort=False):
         look = looks.get(str(name), entry)._replace(number=entry.number)
@@ -224,4 +213,4 @@ def _draw_published(axes: Axes, published: pd.DataFrame, looks: Mapping[str, Loo
         axes.plot(at, median, linestyle=(0, style.PUBLISHED_DASH), **look.ink)
         shown = marks.thinned(len(at), 20)
         tips = [f"{called}, {source}, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
-        marks.add_points(axes, at[shown], median[shown], tips, look, seen=False)
+        marks.add_points(axes, at[shown], median[shown], tips, look, **marks.UNSEEN)

@@ -1,6 +1,6 @@
 """What figures are drawn of: lines, points with tips, rows with names, levels and axes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.data.returns import FILE, SOLVED, has_solved_return, whole
-from jbench.report.style import Look
+from jbench.report.style import Look, Looks
 
 MOST_POINTS = 200  # of a curve that are drawn; a panel of a page is about 300 pixels wide
 ROW = 0.25  # height of a row in inches
@@ -20,88 +20,54 @@ PLAIN = ticker.StrMethodFormatter("{x:g}")
 
 _ROOM = 0.09  # of the height of a panel, between words beside it
 _TIPS = 25  # points of a curve that have a tip, if it has too many for markers
-_UNSEEN = [(-1, -1), (1, 1)]  # corners of a mark; a circle would take 200 bytes
+UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
+"""A mark that only has a tip: its corners, since a circle would take 200 bytes."""
+
 _LONGEST = 34  # characters of a name beside a panel
 
 
 def add_points(
-    axes: Axes,
-    x: Any,
-    y: Any,
-    tips: Sequence[str],
-    look: Look,
-    *,
-    size: float = 4.5,
-    hollow: bool = False,
-    alpha: float = 1,
-    seen: bool = True,
+    axes: Axes, x: Any, y: Any, tips: Sequence[str], look: Look, size: float = 4.5, **drawn: Any
 ) -> None:
-    """Draws marks of a diameter in points, each with a tip on the page; unseen: only the tips."""
-    face = "none" if not seen else "#ffffff" if hollow else look.color
-    axes.scatter(
-        x,
-        y,
-        s=size**2,
-        marker=look.marker if seen else _UNSEEN,
-        facecolors=face,
-        edgecolors=None if look.marker == "|" else look.color if seen and hollow else "none",
-        alpha=alpha if seen else None,
-        urls=list(tips),
-        gid=look.series,
-        zorder=3,
-    )
+    """Draws marks of a diameter in points, each with a tip on the page; drawn is for `scatter`."""
+    edges = None if look.marker == "|" else "none"
+    usual = {"marker": look.marker, "facecolors": look.color, "edgecolors": edges}
+    axes.scatter(x, y, s=size**2, urls=list(tips), gid=look.series, zorder=3, **usual | drawn)
 
 
 def add_line(
-    axes: Axes,
-    x: Any,
-    y: Any,
-    tips: Sequence[str],
-    look: Look,
-    *,
-    band: tuple[Any, Any] | None = None,
-    alpha: float = 0.14,
-    step: Any = None,
-    marked: bool = True,
+    axes: Axes, xy: pd.DataFrame, tips: list[str], look: Look, alpha: float = 0.14, step: Any = None
 ) -> None:
     """Draws a line with a band; if it has few points, with marks, else with some unseen tips.
 
-    step is where a step is, as matplotlib's `pre`, `mid` or `post`; None for a line.
+    xy has columns x, y, and the lower and upper end of the band, if any. step is where a step is,
+    as matplotlib's `pre`, `mid` or `post`; None for a line, and only this has marks.
     """
+    x, y, *band = xy.to_numpy(float).T
     drawstyle = f"steps-{step}" if step else "default"
     axes.plot(x, y, linestyle=look.line, drawstyle=drawstyle, zorder=2.5, **look.ink)
-    if band is not None and np.isfinite(np.asarray(band[0], float)).any():
+    if band and np.isfinite(band[0]).any():
         axes.fill_between(x, *band, step=step, alpha=alpha, linewidth=0, **look.ink)
-    shown, seen = thinned(len(x), _TIPS), marked and len(x) <= _TIPS
-    x, y, texts = (np.asarray(values)[shown] for values in (x, y, tips))
-    add_points(axes, x, y, texts.tolist(), look, size=mpl.rcParams["lines.markersize"], seen=seen)
+    shown, drawn = thinned(len(x), _TIPS), UNSEEN if step or len(x) > _TIPS else {}
+    texts, size = [tips[int(i)] for i in shown], mpl.rcParams["lines.markersize"]
+    add_points(axes, x[shown], y[shown], texts, look, size, **drawn)
 
 
-def add_rows(
-    axes: Axes,
-    rows: pd.DataFrame,
-    looks: Mapping[str, Look],
-    *,
-    value: str,
-    ends: tuple[str, str] | None = None,
-    look: str = "look",
-    hollow: Any = None,
-) -> None:
+def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
     """Draws a row for each configuration: its name, a number and the interval of this number.
 
-    value, ends (by default …_low and …_high) and look are columns; hollow says which marks are.
+    value is the column of the number; those of its ends are …_low and …_high. The column
+    hollow, if any, says which marks are.
     """
     for place, row in enumerate(rows.to_dict("records")):
-        drawn = looks[row[look]]
-        low, high = (row[name] for name in ends or (f"{value}_low", f"{value}_high"))
+        look, low, high = looks[row["look"]], row[f"{value}_low"], row[f"{value}_high"]
         if np.isfinite(low):  # an interval without an upper end reaches the edge
-            interval = [low, high if np.isfinite(high) else 1e6]
-            line = {"linewidth": 2.2, "solid_capstyle": "butt"} | drawn.ink
-            axes.plot(interval, [place] * 2, **line)
+            line = {"linewidth": 2.2, "solid_capstyle": "butt"} | look.ink
+            axes.plot([low, high if np.isfinite(high) else 1e6], [place] * 2, **line)
         tip = f"{row['name']}: {interval_text(row[value], low, high)}"
         tip += f", n = {row['seeds']}" if "seeds" in row else ""
-        blank = hollow is not None and bool(hollow[place])
-        add_points(axes, [row[value]], [place], [tip], drawn, size=7.5, hollow=blank)
+        drawn = look.hollow if row.get("hollow") else {}
+        add_points(axes, [row[value]], [place], [tip], look, 7.5, **drawn)
     name_rows(axes, rows["name"])
 
 
@@ -149,7 +115,8 @@ def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -
     solved = has_solved_return(rows["task"], rows["source"])
     levels = {"solved": float(SOLVED)} if solved else {}
     if baselines is not None:
-        levels |= dict(zip(baselines["policy"], baselines["median"], strict=True))
+        mine = baselines[baselines["task"].isin(rows["task"])]
+        levels |= dict(zip(mine["policy"], mine["median"], strict=True))
     low, high = axes.get_ylim()
     place = -np.inf
     for name, level in sorted(levels.items(), key=lambda item: item[1]):

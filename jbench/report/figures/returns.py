@@ -1,6 +1,5 @@
 """Final returns and other numbers in rows: forest plots, differences, errors of encoders."""
 
-from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -13,7 +12,7 @@ from jbench.report.data.returns import FILE, ratio, whole
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
-from jbench.report.style import Look
+from jbench.report.style import Look, Looks
 
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
@@ -53,12 +52,7 @@ def forest(frames: Frames) -> Chart | None:
 
 
 def _draw_forest(
-    rows: pd.DataFrame,
-    axes: Axes,
-    *,
-    looks: Mapping[str, Look],
-    seeds: pd.DataFrame,
-    policies: pd.DataFrame,
+    rows: pd.DataFrame, axes: Axes, *, looks: Looks, seeds: pd.DataFrame, policies: pd.DataFrame
 ) -> None:
     seeds = seeds[seeds["configuration"].isin(rows["configuration"]) & seeds["final"].notna()]
     for place, row in enumerate(rows.to_dict("records")):
@@ -70,20 +64,19 @@ def _draw_forest(
             f"seed {seed}: {whole(value)}" + (f" ± {whole(twice)}" if np.isfinite(twice) else "")
             for seed, value, twice in zip(mine["seed"], final, error, strict=True)
         ]
-        marks.add_points(axes, final, below, tips, look._replace(marker="o"), size=3.2, alpha=0.6)
+        marks.add_points(axes, final, below, tips, look._replace(marker="o"), 3.2, alpha=0.6)
         if np.isfinite(row["published"]):
             tip = f"{row['name']}, the paper's training return: {row['published']:.0f}"
-            marks.add_points(
-                axes, [row["published"]], [place], [tip], look._replace(marker="|"), size=11
-            )
-    marks.add_rows(axes, rows, looks, value="iqm")
+            look = look._replace(marker="|")
+            marks.add_points(axes, [row["published"]], [place], [tip], look, 11)
+    marks.add_rows(axes, rows, looks, "iqm")
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
     apart = Look(style.SOFT, (), "D", len(looks))
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
         axes.plot([row["q10"], row["q90"]], [place] * 2, color=style.SOFT, linewidth=1)
         numbers = marks.interval_text(row["median"], row["q10"], row["q90"])
         tip = f"{names[place - len(rows)]}: median {numbers}"
-        marks.add_points(axes, [row["median"]], [place], [tip], apart, size=5.5, hollow=True)
+        marks.add_points(axes, [row["median"]], [place], [tip], apart, 5.5, **apart.hollow)
     marks.add_solved(axes, rows)
     marks.name_rows(axes, [*rows["name"], *names])
     if FILE not in {*rows["source"]}:
@@ -91,9 +84,9 @@ def _draw_forest(
         axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))
 
 
-def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
+def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
     """Draws the standard deviation s between agents' expected returns; hollow if it may be 0."""
-    marks.add_rows(axes, rows, looks, value="s", hollow=~(rows["s_low"].to_numpy() > 0))
+    marks.add_rows(axes, rows.assign(hollow=~(rows["s_low"] > 0)), looks, "s")
     # A few configurations with few seeds have intervals that would hide all others.
     ends = rows["s_high"][np.isfinite(rows["s_high"])]
     widest = min(float(ends.max()), 3 * float(ends.median()))
@@ -113,10 +106,11 @@ def comparisons(frames: Frames) -> Chart | None:
     if frames.request.curves is not None:
         rows = rows.assign(name=rows["a"] + " minus " + rows["b"], algo=rows["a"])
         note = "difference of the interquartile means of final returns; 95% interval"
+    rows = rows.assign(look=rows["algo"], difference_low=rows["low"], difference_high=rows["high"])
     looks = style.looks(rows, "algo", "algo")
 
     def draw(group: pd.DataFrame, axes: Axes) -> None:
-        marks.add_rows(axes, group, looks, value="difference", ends=("low", "high"), look="algo")
+        marks.add_rows(axes, group, looks, "difference")
         axes.axvline(0, color=style.SOFT, linewidth=0.7)
 
     panels = by_task(rows, draw, (5.2, 0.6 + marks.ROW * rows.groupby("task").size().max()))
@@ -151,7 +145,7 @@ def errors(frames: Frames) -> Chart | None:
     return Chart("encoders", title, note, panels, "encoders", looks, **ROWS)
 
 
-def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -> None:
+def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
     """Draws the unexplained variance of encoders, in rows or against the number of latents."""
     if by_size := rows["by_size"].all():
         rows = rows.sort_values("latents")
@@ -169,7 +163,7 @@ def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) -
                 x, y, size = group["latents"], errors, 5
                 width = 0.8 if hollow else 1.6
                 axes.plot(x, y, linestyle=look.line, linewidth=width, **look.ink)
-            marks.add_points(axes, x, y, tips, look, size=size, hollow=hollow)
+            marks.add_points(axes, x, y, tips, look, size, **(look.hollow if hollow else {}))
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
@@ -191,7 +185,7 @@ def predictions(frames: Frames) -> Chart:
             if np.isfinite(row["low"]):
                 axes.plot([at, at], [row["low"], row["high"]], **look.ink)
             tip = f"{row['label']}: {row['iqm']:.0f}, R² {ratio(row['r2'])}"
-            marks.add_points(axes, [at], [row["iqm"]], [tip], look, size=6)
+            marks.add_points(axes, [at], [row["iqm"]], [tip], look, 6)
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
         axes.set(xlim=(-0.03, 1.03), ylim=(0, 1000))
         if marks.narrow(axes):

@@ -67,11 +67,10 @@ def profiles(frames: Frames) -> Chart:
         for name, line in rows.groupby("label", sort=False):
             values = line[["share", "low", "high"]]
             changes = [(values != values.shift(by)).any(axis=1) for by in (1, -1)]
-            line = line[changes[0] | changes[1]]
-            x, share = line["final_return"].to_numpy(), line["share"].to_numpy()
-            tips = [f"{name}: {100 * y:.0f}% above {at:g}" for at, y in zip(x, share, strict=True)]
-            band, look = (line["low"], line["high"]), looks[str(name)]
-            marks.add_line(axes, x, share, tips, look, band=band, step="post", marked=False)
+            line = line[changes[0] | changes[1]][["final_return", "share", "low", "high"]]
+            points = line.itertuples(index=False, name=None)
+            tips = [f"{name}: {100 * y:.0f}% above {at:g}" for at, y, _, _ in points]
+            marks.add_line(axes, line, tips, looks[str(name)], step="post")
         marks.add_solved(axes, every if ALL_TASKS in {*rows["task"]} else rows)
         axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
         axes.set_xlim(left=float(rows["final_return"].min()))
@@ -87,14 +86,13 @@ def motor(frames: Frames) -> Chart:
 
     def draw(rows: pd.DataFrame, axes: Axes) -> None:
         for name, line in rows.groupby("label", sort=False):
-            velocity, density = line["velocity"].to_numpy(), line["density"].to_numpy()
-            density = np.where(density > 0, density, np.nan)  # the axis is logarithmic
+            density = line["density"].where(line["density"] > 0)  # the axis is logarithmic
             tips = [
                 f"{name}: density {value:.2g} at {at * _FULL_SPEED:.0f} rad/s"
-                for at, value in zip(velocity, density, strict=True)
+                for at, value in zip(line["velocity"], density, strict=True)
             ]
-            look = looks[str(name)]
-            marks.add_line(axes, velocity, density, tips, look, step="mid", marked=False)
+            line = line[["velocity"]].assign(density=density)
+            marks.add_line(axes, line, tips, looks[str(name)], step="mid")
         axes.set(yscale="log", xlabel="motor velocity as observed (1: 180 rad/s)")
         axes.set_ylabel("density")
         axes.yaxis.set_major_formatter(marks.PLAIN)

@@ -47,7 +47,7 @@ def add_line(
     drawstyle = f"steps-{step}" if step else "default"
     axes.plot(x, y, linestyle=look.line, drawstyle=drawstyle, zorder=2.5, **look.ink)
     if band and np.isfinite(band[0]).any():
-        axes.fill_between(x, *band, step=step, alpha=alpha, linewidth=0, **look.ink)
+        axes.fill_between(x, band[0], band[1], step=step, alpha=alpha, linewidth=0, **look.ink)
     shown, drawn = thinned(len(x), _TIPS), UNSEEN if step or len(x) > _TIPS else {}
     texts, size = [tips[int(i)] for i in shown], mpl.rcParams["lines.markersize"]
     add_points(axes, x[shown], y[shown], texts, look, size, **drawn)
@@ -62,7 +62,7 @@ def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
     for place, row in enumerate(rows.to_dict("records")):
         look, low, high = looks[row["look"]], row[f"{value}_low"], row[f"{value}_high"]
         if np.isfinite(low):  # an interval without an upper end reaches the edge
-            line = {"linewidth": 2.2, "solid_capstyle": "butt"} | look.ink
+            line: Any = {"linewidth": 2.2, "solid_capstyle": "butt"} | look.ink
             axes.plot([low, high if np.isfinite(high) else 1e6], [place] * 2, **line)
         tip = f"{row['name']}: {interval_text(row[value], low, high)}"
         tip += f", n = {row['seeds']}" if "seeds" in row else ""

@@ -2,7 +2,6 @@
 
 import base64
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -117,8 +116,7 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
     """Returns a verdict with the places of its intervals on a small axis, 120 wide."""
 
     def at(value: float) -> float:
-        share = min(max(value / (reach or 1), -1), 1)
-        return round(60 + 56 * (0 if math.isnan(share) else share), 1)
+        return round(60 + 56 * float(np.nan_to_num(np.clip(value / (reach or 1), -1, 1))), 1)
 
     value, low, high = (rounded(row[name]) for name in ("value", "low", "high"))
     enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])

@@ -1,7 +1,6 @@
-"""Completion of values by the shell."""
+"""Completion of values by the shell; typer leaves out those without the typed beginning."""
 
 import importlib.metadata
-from collections.abc import Callable
 from glob import escape, glob
 from pathlib import Path
 
@@ -10,50 +9,42 @@ import typer
 from jbench import names, task_specs
 
 
-def complete(*known: str) -> Callable[[str], list[str]]:
-    """Returns a shell completion that offers the names with the typed prefix."""
-    return lambda incomplete: [name for name in known if name.startswith(incomplete)]
-
-
-def complete_tasks(incomplete: str) -> list[str]:
+def complete_tasks() -> list[str]:
     """Offers the Jitterbug's tasks, installed ones, and those of dm_control's suite."""
     points = importlib.metadata.entry_points(group=task_specs.TASK_GROUP)
-    return complete(*names.TASKS, *sorted(p.name for p in points), *task_specs.SUITE_TASKS)(
-        incomplete
-    )
+    return [*names.TASKS, *sorted(point.name for point in points), *task_specs.SUITE_TASKS]
 
 
-def complete_datasets(context: typer.Context, incomplete: str) -> list[str]:
+def complete_datasets(context: typer.Context) -> list[str]:
     """Offers the datasets of --results."""
-    return complete(*_ids(context, "dataset"))(incomplete)
+    return _ids(context, "dataset")
 
 
-def complete_policies(context: typer.Context, incomplete: str) -> list[str]:
+def complete_policies(context: typer.Context) -> list[str]:
     """Offers hand-written policies, runs of --results, and shipped policies."""
     shipped = [f"{names.REFERENCE}/{id}" for id in _ids(names.REFERENCE, "run", "policy*.json")]
-    known = names.HEURISTIC, "random", "constant:1", *shipped, *_ids(context, "run")
-    return complete(*known)(incomplete)
+    return [names.HEURISTIC, "random", "constant:1", *shipped, *_ids(context, "run")]
 
 
 def complete_encoders(context: typer.Context, incomplete: str) -> list[str]:
     """Offers the representations of the encoders in --results, and their ids after a slash."""
     ids = _ids(context, "encoder")
     representations = sorted({id.split("/")[1] for id in ids if id.count("/") > 1})
-    return complete(*(ids if "/" in incomplete else ("none", *representations)))(incomplete)
+    return ids if "/" in incomplete else ["none", *representations]
 
 
 def complete_results(incomplete: str) -> list[str]:
     """Offers the shipped results and directories."""
     directories = (name for name in glob(f"{escape(incomplete)}*") if Path(name).is_dir())
-    return [*complete(names.REFERENCE)(incomplete), *sorted(directories)]
+    return [names.REFERENCE, *sorted(directories)]
 
 
-def complete_settings(context: typer.Context, incomplete: str) -> list[str]:
+def complete_settings(context: typer.Context) -> list[str]:
     """Offers the hyperparameters of the typed algorithm of jbench."""
     from jbench.settings.algorithms import SETTINGS
 
     settings = SETTINGS.get(context.params.get("algo") or "ddpg")
-    return complete(*(f"{name}=" for name in getattr(settings, "model_fields", ())))(incomplete)
+    return [f"{name}=" for name in getattr(settings, "model_fields", ())]
 
 
 def _ids(where: typer.Context | str, kind: str, file: str = "manifest.json") -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from typer import Option
 
 from jbench import names
-from jbench.commands import completion, options, parsing
+from jbench.commands import options, parsing
 from jbench.commands.output import Output, described
 from jbench.wording import counted, with_results
 
@@ -30,7 +30,7 @@ def train_encoder(
         "dae",
         help=f"Kind of encoder: {', '.join(names.ENCODER_KINDS)}, one of another package, or "
         "MODULE:CLASS; several: a,b.",
-        autocompletion=completion.complete(*names.ENCODER_KINDS),
+        autocompletion=lambda: names.ENCODER_KINDS,
     ),
     task: str = options.some_task(
         "face_direction",

@@ -115,7 +115,7 @@ DEVICE = Option(
     "auto",
     help="Device to train on, by the batched engine: auto (a GPU if there is one), cpu, cuda or "
     "such as cuda:1.",
-    autocompletion=completion.complete(*names.DEVICES),
+    autocompletion=lambda: names.DEVICES,
 )
 SET = Option(
     [],
@@ -159,9 +159,7 @@ POLICY_TASK = some_task(
     "face_direction, render and view move_to_pose).",
 )
 ONE_TASK = some_task(None, help="Only this task.")
-ONE_ALGORITHM = Option(
-    None, help="Only this algorithm.", autocompletion=completion.complete(*ALGORITHMS)
-)
+ONE_ALGORITHM = Option(None, help="Only this algorithm.", autocompletion=lambda: ALGORITHMS)
 ONE_REPRESENTATION = Option(None, help="Only this representation: full, or one such as dae12.")
 ONE_STATUS = Option(None, help=f"Only runs of this status: {', '.join(names.STATUSES)}.")
 SOME_SEEDS = Option(None, "--seeds", "--seed", help="Only these seeds, such as 0-9 or 0,2,5-7.")
@@ -177,5 +175,5 @@ CAMERA = Option(
     None,
     help=f"Camera: {', '.join(names.CAMERAS)} (default: tracking), or one of another robot's model "
     "(default: its first).",
-    autocompletion=completion.complete(*names.CAMERAS),
+    autocompletion=lambda: names.CAMERAS,
 )

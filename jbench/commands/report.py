@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from typer import Option
 
 from jbench import names
-from jbench.commands import completion, options, parsing
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.opengl import has_display
@@ -53,7 +53,7 @@ def report(
         "--format",
         metavar="FORMAT",
         help=f"Format of the figures: {', '.join(names.FIGURE_FORMATS)}; repeatable.",
-        autocompletion=completion.complete(*names.FIGURE_FORMATS),
+        autocompletion=lambda: names.FIGURE_FORMATS,
     ),
     watch: bool = Option(
         False,

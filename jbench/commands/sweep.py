@@ -6,7 +6,7 @@ from pathlib import Path
 from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import completion, options, parsing
+from jbench.commands import options, parsing
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 from jbench.wording import counted, with_results
@@ -18,7 +18,7 @@ def sweep(
     matrix: str = Argument(
         ...,
         help=f"Matrix of runs: {', '.join(names.SWEEPS)}, or a FILE.toml.",
-        autocompletion=completion.complete(*names.SWEEPS),
+        autocompletion=lambda: names.SWEEPS,
     ),
     claims: list[str] = Argument(
         None,

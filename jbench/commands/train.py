@@ -27,7 +27,7 @@ def train(
         help=f"Algorithm: {', '.join(ALGORITHMS)}, one of another package "
         "(jbench algorithms), or MODULE:CLASS: a jbench.Agent, a jbench.Rule, or a class with the "
         "interface of stable-baselines3.",
-        autocompletion=completion.complete(*ALGORITHMS),
+        autocompletion=lambda: ALGORITHMS,
     ),
     encoder: str = Option(
         "none",

@@ -1,7 +1,7 @@
 """Commands that list what is installed: algorithms, tasks."""
 
 import importlib.util
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from json import dumps
 from typing import Any
 
@@ -39,23 +39,17 @@ def algorithms(
         }
 
     output = Output(json)
-    if name is None:
-
-        def cells(entry: dict[str, Any]) -> tuple[Any, ...]:
-            settings = (f"{s['name']}={_text(s['default'])}" for s in entry["settings"])
-            return entry["name"], entry["engine"], entry["package"], ", ".join(settings)
-
-        header = "--algo", "engine", "package", "settings"
-        hint = "jbench algorithms NAME explains the settings of one; --set changes them."
-        listed = *ALGORITHMS, *known.installed()
-        _list("algorithm", listed, describe, header, cells, hint, output)
-    else:
+    if name is not None:
         entry = describe(name)
-        package = entry["package"] or "in no package"
         rows = [(s["name"], _text(s["default"]), s["description"]) for s in entry["settings"]]
-        title = f"{name}: {package}, engine {entry['engine']}"
+        title = f"{name}: {entry['package'] or 'in no package'}, engine {entry['engine']}"
         output.table(title, ("setting", "default", "meaning"), rows)
         output.document({"algorithms": [entry], "broken": []})
+        return
+
+    columns = {"--algo": "name", "engine": "engine", "package": "package", "settings": "settings"}
+    hint = "jbench algorithms NAME explains the settings of one; --set changes them."
+    _list("algorithm", (*ALGORITHMS, *known.installed()), describe, columns, hint, output)
 
 
 def tasks(
@@ -80,32 +74,25 @@ def tasks(
         }
 
     output = Output(json)
-    if name is None:
-        suite = task_specs.SUITE_TASKS if importlib.util.find_spec("dm_control") else ()
-
-        def cells(entry: dict[str, Any]) -> tuple[Any, ...]:
-            timestep = entry["control_timestep"]
-            seconds = "" if timestep is None else f"{timestep:g} s"
-            return entry["name"], entry["observation_size"], entry["action_size"], seconds
-
-        header = "--task", "observation", "actions", "control timestep"
-        hint = "jbench tasks NAME shows the parts of an observation, and tries the task."
-        listed = *names.TASKS, *installed_tasks(), *suite
-        _list("task", listed, describe, header, cells, hint, output)
-    else:
+    if name is not None:
         checked_task(name)
         entry = describe(name)
         title = f"{name}: {counted(entry['action_size'], 'action')}"
         output.table(title, ("part", "size"), list(entry["parts"].items()))
         output.document({"tasks": [entry], "broken": []})
+        return
+    suite = task_specs.SUITE_TASKS if importlib.util.find_spec("dm_control") else ()
+    columns = {"--task": "name", "observation": "observation_size", "actions": "action_size"}
+    columns["control timestep (s)"] = "control_timestep"
+    hint = "jbench tasks NAME shows the parts of an observation, and tries the task."
+    _list("task", (*names.TASKS, *installed_tasks(), *suite), describe, columns, hint, output)
 
 
 def _list(
     noun: str,
     listed: Iterable[str],
     describe: Callable[[str], dict[str, Any]],
-    header: Sequence[str],
-    cells: Callable[[dict[str, Any]], Sequence[Any]],
+    columns: Mapping[str, str],
     hint: str,
     output: Output,
 ) -> None:
@@ -117,11 +104,17 @@ def _list(
         except (RequestError, WorkError) as error:
             broken.append({"name": name, "error": str(error)})
             output.warn(str(error))
-    output.table(f"{noun.capitalize()}s", header, map(cells, entries))
+    rows = ([_cell(entry[name]) for name in columns.values()] for entry in entries)
+    output.table(f"{noun.capitalize()}s", list(columns), rows)
     output.say(hint)
     output.document({f"{noun}s": entries, "broken": broken})
     if broken:
         raise WorkError(f"{counted(len(broken), noun)} can't be used; see above.")
+
+
+def _cell(value: Any) -> Any:
+    is_settings = isinstance(value, list)
+    return ", ".join(f"{s['name']}={_text(s['default'])}" for s in value) if is_settings else value
 
 
 def _text(value: Any) -> str:

@@ -49,8 +49,7 @@ def decide(
     if needed:
         configurations = counted(len(needed_next), "configuration")
         output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
-    unfinished = (run for outcome in reached for run in outcome.needed)
-    statuses = run_statuses(unfinished, results)
+    statuses = run_statuses((run for outcome in reached for run in outcome.needed), results)
     failures = failures_among(statuses)
     output.document(
         {
@@ -85,7 +84,7 @@ _VERDICTS = {
 
 
 def _show_outcomes(
-    reached: Sequence[deciding.ComparisonOutcome], tried: Container[str], output: Output
+    reached: Sequence[deciding.MatrixComparison], tried: Container[str], output: Output
 ) -> None:
     """Prints each comparison's decision; runs with the tried ids were trained, finished or not."""
     rows = []
@@ -98,23 +97,19 @@ def _show_outcomes(
         if decision.seeds:
             difference = f"{decision.difference:+.0f}"
             interval = f"[{decision.low:+.0f}, {decision.high:+.0f}]"
-        name, spent = outcome.comparison.name, f"{decision.spent:.2%}"
+        name, spent = outcome.name, f"{decision.spent:.2%}"
         rows.append((name, verdict, decision.seeds, difference, interval, spent))
     decided = sum(outcome.decision.verdict != "undecided" for outcome in reached)
     header = ("comparison", "verdict", "seeds", "difference", "interval", "error spent")
     output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows)
 
 
-def _described(outcome: deciding.ComparisonOutcome) -> dict[str, Any]:
-    comparison = outcome.comparison
+def _described(comparison: deciding.MatrixComparison) -> dict[str, Any]:
+    cell = comparison.ours
     return {
         "comparison": comparison.name,
-        "task": comparison.ours.task,
-        "algo": comparison.ours.algo,
-        "representation": comparison.ours.representation,
-        "against": comparison.against,
-        "claim": comparison.claim,
-        "share": comparison.share,
-        **outcome.decision._asdict(),
-        "needed": [run.id for run in outcome.needed],
+        **{name: getattr(cell, name) for name in ("task", "algo", "representation")},
+        **{name: getattr(comparison, name) for name in ("against", "claim", "share")},
+        **comparison.decision._asdict(),
+        "needed": [run.id for run in comparison.needed],
     }

@@ -76,11 +76,18 @@ _CURVES = """
     WITH means AS (
         SELECT run, control_steps, avg(episode_return) AS episode_return
         FROM evaluations GROUP BY ALL
+    ),
+    points AS (
+        SELECT representation, control_steps, median(episode_return) AS median, count(*) AS seeds,
+            printf('%.0f and %.0f', min(episode_return), max(episode_return)) AS extremes
+        FROM means JOIN runs USING (run) WHERE task = 'face_direction' AND algo = 'td3'
+        GROUP BY ALL
     )
-    SELECT representation, control_steps, median(episode_return) AS median,
-        min(episode_return) AS lowest, max(episode_return) AS highest, count(*) AS seeds
-    FROM means JOIN runs USING (run) WHERE task = 'face_direction' AND algo = 'td3'
-    GROUP BY ALL ORDER BY representation, control_steps
+    SELECT representation, list(median ORDER BY control_steps) AS "learning curve",
+        round(arg_max(median, control_steps)) AS "evaluation return",
+        arg_max(seeds, control_steps) AS seeds,
+        arg_max(extremes, control_steps) AS "lowest and highest"
+    FROM points GROUP BY representation ORDER BY representation
 """
 
 
@@ -88,13 +95,8 @@ def _show_curves(results: "Results", output: Output) -> None:
     from jbench.commands.progress import sparkline
     from jbench.store.query import query_results
 
-    rows, (curves, _) = [], query_results(results, _CURVES)
-    for representation, curve in curves.groupby("representation"):
-        last = curve.iloc[-1]
-        extremes = f"{last['lowest']:.0f} and {last['highest']:.0f}"
-        line = sparkline(curve["median"].tolist())
-        rows.append((representation, line, f"{last['median']:.0f}", int(last["seeds"]), extremes))
-    if rows:
+    curves, _ = query_results(results, _CURVES)
+    curves["learning curve"] = curves["learning curve"].map(sparkline)
+    if len(curves):
         title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
-        header = "representation", "learning curve", "evaluation return", "seeds"
-        output.table(title, (*header, "lowest and highest"), rows)
+        output.frame(title, curves)

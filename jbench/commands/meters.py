@@ -2,11 +2,12 @@
 
 import sys
 import time
+from collections.abc import Iterable
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID
-from rich.table import Column
+from rich.progress import BarColumn, Progress, Task, TaskID
+from rich.table import Column, Table
 from rich.text import Text
 
 from jbench.wording import duration
@@ -20,10 +21,8 @@ class Meters(Progress):
 
         If `alone`, a single task is shown, with a bar, and a plain line when it is done.
         """
+        self._plain_every, self._alone, self._printed = plain_every, alone, time.monotonic()
         super().__init__(
-            _Cell(0),
-            *([BarColumn(bar_width=16)] if alone else []),
-            *map(_Cell, range(1, 5)),
             console=Console(stderr=True),
             refresh_per_second=2,
             speed_estimate_period=600,
@@ -31,7 +30,16 @@ class Meters(Progress):
             redirect_stdout=sys.stdout.isatty(),
             disable=not sys.stderr.isatty(),
         )
-        self._plain_every, self._alone, self._printed = plain_every, alone, time.monotonic()
+
+    def make_tasks_table(self, tasks: Iterable[Task]) -> Table:
+        """Returns a row for each task, whose numbers are never cut."""
+        bars = [BarColumn(bar_width=16)] if self._alone else []
+        fixed = [Column(no_wrap=True) for _ in ("done", "speed")]
+        table = Table.grid(*(Column() for _ in ("name", *bars)), *fixed, padding=(0, 1))
+        for task in tasks:
+            name, *cells = map(Text, _cells(task))
+            table.add_row(name, *(bar(task) for bar in bars), *cells)
+        return table
 
     def show_done(self, id: TaskID, done: int, **fields: Any) -> None:
         """Shows how much of a task is done, with its description and other fields."""
@@ -47,15 +55,6 @@ class Meters(Progress):
         self._printed = time.monotonic()
         for name, *cells in map(_cells, self.tasks) if self.disable else ():
             print(f"{name}: {', '.join(filter(None, cells))}", file=sys.stderr, flush=True)
-
-
-class _Cell(ProgressColumn):
-    def __init__(self, index: int) -> None:
-        super().__init__(Column(no_wrap=index in (1, 2)))
-        self._index = index
-
-    def render(self, task: Task) -> Text:
-        return Text(_cells(task)[self._index])
 
 
 def _cells(task: Task) -> tuple[str, ...]:

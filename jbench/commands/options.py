@@ -15,6 +15,7 @@ from typer import Argument, Option
 
 from jbench import names, task_specs
 from jbench.commands import completion, parsing
+from jbench.cores import cores
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.base import typed_default
 
@@ -130,7 +131,7 @@ JOBS = Option(
     help="Number of worker processes (0: one per core, or one for a GPU, which trains all seeds of "
     "a configuration in one process).",
 )
-_threads = partial(Option, 0, min=0, callback=parsing.all_cores)
+_threads = partial(Option, 0, min=0, callback=lambda number: number or cores())
 THREADS = _threads(help="Number of threads (0: one per core).")
 FILES = _threads(help="Number of records checked at a time (0: one per core).")
 FINAL_EPISODES = Option(

@@ -1,5 +1,6 @@
 """Terminal output of the commands: text, tables, progress, or one JSON document."""
 
+import re
 import shutil
 import sys
 from collections import Counter
@@ -12,11 +13,11 @@ from jbench.wording import are, counted, json_text
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.table import Table
 
     from jbench.store import Record
 
 _MAX_TERMINAL_LINES = 3  # of a row whose words don't fit side by side
+_NUMBER = re.compile(r"[-+]?[\d,.]+(e[-+]?\d+)?|nan|[-+]?inf|")
 
 
 @contextmanager
@@ -50,8 +51,12 @@ class Output:
             print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
 
     def table(self, title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Prints a table for people; no word is broken, and numbers are aligned to the right."""
+        """Prints a table for people; no word is broken, and numbers are aligned to the right.
+
+        A cell that is None is empty, and floats that are not whole have six digits.
+        """
         from rich import box
+        from rich.cells import cell_len
         from rich.console import Console
         from rich.measure import Measurement
         from rich.table import Table
@@ -60,8 +65,18 @@ class Output:
         # A pipe has no width but that of COLUMNS: use one that holds most tables.
         width = shutil.get_terminal_size((200, 24)).columns
         console = Console(file=sys.stderr if self.as_json else sys.stdout, width=width)
-        cells = [[printable(str(cell)) for cell in row] for row in rows]
-        table = _table(header, cells)
+        cells = [[printable(_short(cell)) for cell in row] for row in rows]
+        table = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+        for name, *column in zip(header, *cells, strict=True):
+            table.add_column(
+                Text(name),
+                justify="right" if all(map(_NUMBER.fullmatch, column)) else "left",
+                min_width=max(map(cell_len, " ".join((name, *column)).split()), default=0),
+                # Only columns of several words are narrowed.
+                no_wrap=all(len(cell.split()) < 2 for cell in column),
+            )
+        for row in cells:
+            table.add_row(*map(Text, row))
         widths = Measurement.get(console, console.options.update(max_width=10**6), table)
         if widths.minimum > width:
             if widths.maximum <= _MAX_TERMINAL_LINES * width or not cells:
@@ -79,9 +94,9 @@ class Output:
             console.print(table)
 
     def frame(self, title: str, frame: "pd.DataFrame") -> None:
-        """Prints a frame for people; numbers have six digits."""
-        cells = frame.astype(object).where(frame.notna(), None).to_numpy()
-        self.table(title, list(map(str, frame.columns)), [list(map(short, row)) for row in cells])
+        """Prints a frame for people."""
+        cells = frame.astype(object).where(frame.notna(), None)
+        self.table(title, list(map(str, frame.columns)), cells.to_numpy())
 
     def warn_of_damage(self, problems: Sequence[str], advice: str = "") -> None:
         """Prints a warning for each damaged record, and then raises a WorkError with advice."""
@@ -123,47 +138,14 @@ class Output:
             )
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
-    """Returns a table whose columns are at least as wide as their longest word."""
-    from rich import box
-    from rich.cells import cell_len
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    for name, *column in zip(header, *rows, strict=True):
-        words = [word for cell in (name, *column) for word in cell.split()]
-        table.add_column(
-            Text(name),
-            justify="right" if all(map(_is_number, column)) else "left",
-            min_width=max(map(cell_len, words), default=0),
-            # Only columns of several words are narrowed.
-            no_wrap=all(len(cell.split()) < 2 for cell in column),
-        )
-    for row in rows:
-        table.add_row(*map(Text, row))
-    return table
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "") or "0")
-    except ValueError:
-        return False
-    return True
-
-
 def printable(text: str) -> str:
     """Strips control characters from untrusted text."""
     return "".join(c if c.isprintable() or c in "\n\t" else "\ufffd" for c in text)
 
 
-def short(cell: object) -> str:
-    """Formats a table cell: None as an empty string, floats that are not whole with six digits."""
-    if cell is None:
-        return ""
+def _short(cell: object) -> str:
     if not isinstance(cell, float):
-        return str(cell)
+        return "" if cell is None else str(cell)
     return f"{cell:.0f}" if cell.is_integer() and abs(cell) < 1e15 else f"{cell:.6g}"
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from typer import BadParameter
 
 from jbench import names
-from jbench.cores import cores
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 
@@ -86,11 +85,6 @@ def path(text: str | Path) -> Path:
     if not str(text):
         raise BadParameter("it is empty; type . for the working directory")
     return Path(text)
-
-
-def all_cores(number: int) -> int:
-    """Returns a number of threads; 0 is replaced by the number of cores."""
-    return number or cores()
 
 
 def count(text: str | int) -> int:

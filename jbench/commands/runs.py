@@ -69,7 +69,7 @@ def runs(
     if rows:
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
         values = ([row[name] for name in header] for row in rows)
-        cells = [[f"{v:.0f}" if isinstance(v, float) else v or "" for v in row] for row in values]
+        cells = [[f"{v:.0f}" if isinstance(v, float) else v for v in row] for row in values]
         output.table(counted(len(rows), what), header, cells)
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")

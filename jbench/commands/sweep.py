@@ -2,6 +2,7 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from typer import Argument, Option
 
@@ -91,8 +92,10 @@ def sweep(
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = jobs or default_jobs(train_on)
-    local = partial(Local, database, at_a_time, train_on)
-    cluster = partial(Ray, database, address, jobs, gpus_per_task)
+    worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
+    worker["checkpoint_every"] = checkpoint_every
+    local = partial(Local, database, at_a_time, train_on, **worker)
+    cluster = partial(Ray, database, address, jobs, gpus_per_task, **worker)
     train = partial(
         training.train_cells,
         results=database,
@@ -101,9 +104,6 @@ def sweep(
         log=log,
         device=device,
         retry_failed=retry_failed,
-        checkpoint_every=checkpoint_every,
-        keep_state=keep_state,
-        final_episodes=final_episodes,
     )
     cells = matrix_cells(parts, database)
     training.check_runs([cell.runs[0] for cell in cells], keep_state, output)

@@ -99,17 +99,15 @@ def train(
             training.show_status(title, cells, database, at_once, train_on, output, times=True)
         )
         return
-    failures = training.train_cells(
-        cells,
-        database,
-        partial(Local, database, processes, train_on),
-        output,
-        log,
-        retry_failed=retry_failed,
-        wait=False,
+    make_executor = partial(
+        Local,
+        *(database, processes, train_on),
         checkpoint_every=checkpoint_every,
         keep_state=keep_state,
         final_episodes=final_episodes,
+    )
+    failures = training.train_cells(
+        cells, database, make_executor, output, log, retry_failed=retry_failed, wait=False
     )
     _show_outcome(runs, failures, database, output)
 
@@ -122,7 +120,7 @@ def _show_outcome(
 
     after = run_statuses(runs, results)
     failures = failures | failures_among(after)
-    elsewhere = [id for id, status in after.items() if not status.is_ended]
+    elsewhere = [id for id, run in after.items() if run.state not in ("finished", "failed")]
     training.show_runs(runs, results, output)
     if len(elsewhere) + len(failures) < len(runs):
         output.say(f"Next: {with_results('jbench report', results.name)}")

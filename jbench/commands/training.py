@@ -3,8 +3,7 @@
 import sys
 from collections.abc import Callable, Sequence, Sized
 from contextlib import ExitStack, redirect_stdout
-from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 from jbench import names
 from jbench.commands.output import Output
@@ -21,6 +20,7 @@ from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
 from jbench.sweeps.prepare import is_finished, missing_encoders
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.continuation import check_state_can_be_kept
+from jbench.training.status import State
 from jbench.wording import counted, duration
 
 
@@ -51,19 +51,15 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool, output: Output) ->
 def train_cells(
     cells: Sequence[Cell],
     results: Results,
-    make_executor: Callable[..., Executor],
+    make_executor: Callable[[], Executor],
     output: Output,
     log: str | None,
-    *,
-    device: str = "auto",
-    retry_failed: bool,
-    wait: bool = True,
-    **worker: Any,
+    **options: Any,
 ) -> dict[str, str]:
     """Trains the missing runs of cells, and shows their progress; returns and raises as `sweep`.
 
     Their rows are copied to the experiment tracker `log`, if any, whose library must be installed.
-    `worker` are other options of the executor.
+    `options` are other ones of `sweep`.
     """
     with ExitStack() as stack:
         if output.as_json:  # Ray prints to standard output, which is only for the JSON document
@@ -72,15 +68,8 @@ def train_cells(
             logger, ids = make_logger(log, results.path), {run.id for run in all_runs(cells)}
             output.say(logger.where)
             stack.enter_context(copying_rows(results, ids, logger, output.warn))
-        return sweep(
-            cells,
-            results,
-            partial(make_executor, **worker),
-            stack.enter_context(TrainingView(output)).show,
-            device=device,
-            retry_failed=retry_failed,
-            wait=wait,
-        )
+        view = stack.enter_context(TrainingView(output))
+        return sweep(cells, results, make_executor, view.show, **options)
 
 
 def check_failures(failures: Sized, runs: int) -> None:
@@ -142,16 +131,13 @@ def show_status(
     rows, left = [_described(status) for status in statuses], seconds_left(statuses, jobs)
     if_varied = ("settings", "precision", "environments", "time_limit", "steps")
     varied = (name for name in if_varied if len({row[name] for row in rows}) > 1)
-    header = ["task", "algo", "representation", *varied]
-    header += ["finished", "partial", "failed", "missing"]
-
-    def text(value: Any) -> str:
-        return f"{value:,}" if isinstance(value, int) else value or ""
+    header = ["task", "algo", "representation", *varied, *get_args(State)]
 
     def time(seconds: float | None) -> str:
         return "unknown" if seconds is None else duration(seconds)
 
-    texts = [[text(row[name]) for name in header] for row in rows]
+    values = ([row[name] for name in header] for row in rows)
+    texts = [[f"{v:,}" if isinstance(v, int) else v for v in row] for row in values]
     if times:
         header += ["time left", "estimated from"]
         for line, row in zip(texts, rows, strict=True):
@@ -166,18 +152,11 @@ def show_status(
 
 
 def _described(status: CellStatus) -> dict[str, Any]:
-    cell, run, numbers = status.cell, status.cell.runs[0], status._asdict()
-    del numbers["cell"]
+    cell, run = status.cell, status.cell.runs[0]
     return {
-        "task": cell.task,
-        "algo": cell.algo,
-        "representation": cell.representation,
-        "encoder": run.encoder,
-        "settings": cell.settings,
-        "precision": run.precision,
+        **{name: getattr(cell, name) for name in ("task", "algo", "representation", "settings")},
+        **{name: getattr(run, name) for name in ("encoder", "precision", "time_limit", "steps")},
         "environments": run.parallel,
-        "time_limit": run.time_limit,
-        "steps": run.steps,
         "runs": [run.id for run in cell.runs],
-        **numbers,
+        **{name: value for name, value in status._asdict().items() if name != "cell"},
     }

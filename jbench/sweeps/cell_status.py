@@ -1,9 +1,11 @@
 """Status of the cells of a matrix, and the estimated time left."""
 
+import contextlib
+import re
 import statistics
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
@@ -15,7 +17,7 @@ from jbench.store import Record, Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell, with_runs
 from jbench.sweeps.executors import batches
-from jbench.training.status import run_status
+from jbench.training.status import State, run_status
 from jbench.wording import counted, duration
 
 _MIN_REPORTED = 2_000_000_000  # bytes
@@ -67,10 +69,7 @@ def cell_statuses(
         all_statuses.append(
             CellStatus(
                 cell,
-                finished=states.count("finished"),
-                partial=states.count("partial"),
-                failed=states.count("failed"),
-                missing=states.count("missing"),
+                **{state: states.count(state) for state in get_args(State)},
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / processes,
                 estimate="" if not left else "unknown" if seconds is None else source,
@@ -82,12 +81,9 @@ def cell_statuses(
 
 def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
     """Returns the seconds left if no process is ever idle; None if unknown."""
-    work = 0.0
-    for status in statuses:
-        if status.seconds_left is None:
-            return None
-        work += status.seconds_left * min(jobs, len(status.cell.runs))
-    return work / jobs
+    if any(status.seconds_left is None for status in statuses):
+        return None
+    return sum((s.seconds_left or 0.0) * min(jobs, len(s.cell.runs)) for s in statuses) / jobs
 
 
 def forecasts(
@@ -166,12 +162,9 @@ def _transitions(run: RunSettings, device: str) -> int:
 
 
 def _available() -> int | None:
-    try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
-    except OSError:
-        pass
+    with contextlib.suppress(OSError):
+        known = re.search(r"^MemAvailable: *(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE)
+        return int(known[1]) * 1024 if known else None
     return None
 
 

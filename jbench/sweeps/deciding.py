@@ -26,12 +26,15 @@ from jbench.sweeps.cell import Cell, with_runs
 from jbench.sweeps.matrix import COMPARISON, Claim, Planned, named
 from jbench.training.status import run_status
 
+_NO_DECISION = Decision("undecided", 0, np.nan, -np.inf, np.inf, rate=0.0, spent=0.0)
+
 
 class MatrixComparison(NamedTuple):
     """Two cells that differ only in their representation, with runs of the seeds from 0 on.
 
     `share` is that of the error rate, before other comparisons pass theirs on. `max_seeds` per cell
-    is a multiple of the block size.
+    is a multiple of the block size. `needed` are the unfinished runs up to the next interim
+    analysis, if any, after the `decision` so far.
     """
 
     ours: Cell
@@ -40,6 +43,8 @@ class MatrixComparison(NamedTuple):
     share: float
     claim: Claim = "a"
     max_seeds: int = 0
+    decision: Decision = _NO_DECISION
+    needed: Sequence[RunSettings] = ()
 
     @property
     def name(self) -> str:
@@ -76,9 +81,8 @@ def comparisons(
     for claim in claims:
         known("comparison", claim, names)
     chosen = [pair for pair in every if not claims or {*pair.claims} & {*claims}]
-    if planned:
-        return chosen
-    return [pair._replace(share=ERROR_RATE / len(chosen)) for pair in chosen]
+    shared = (pair._replace(share=ERROR_RATE / len(chosen)) for pair in chosen)
+    return chosen if planned else list(shared)
 
 
 def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[MatrixComparison]:
@@ -93,12 +97,9 @@ def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[Matri
             same = [(other.ours, other.theirs, other.claim) for other in listed]
             if (*pair, entry.claim) in same:
                 raise RequestError(f"{entry.first} against {entry.second} is listed twice.")
-            assert entry.share is not None
-            listed.append(
-                MatrixComparison(
-                    *pair, entry.second, entry.share, entry.claim, entry.max_seeds or 0
-                )
-            )
+            share, most = entry.share, entry.max_seeds or 0
+            assert share is not None
+            listed.append(MatrixComparison(*pair, entry.second, share, entry.claim, most))
     return listed
 
 
@@ -146,14 +147,6 @@ def _key(cell: Cell) -> str:
     return alike(cell.runs[0], {*SEED, *with_implied("representation")})
 
 
-class ComparisonOutcome(NamedTuple):
-    """The decision so far, and the unfinished runs up to the next interim analysis, if any."""
-
-    comparison: MatrixComparison
-    decision: Decision
-    needed: list[RunSettings]
-
-
 def compared_return(record: Record, claim: Claim = "a") -> float:
     """Returns the mean return of a run's last evaluation (a), or of all evaluations (c).
 
@@ -167,10 +160,8 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
         mean = float(points[-1] if claim == "a" else np.mean(points))
     else:
         rows = record.read("episodes")
-        returns, steps = (
-            rows[name].to_numpy().astype(np.float64)[None]
-            for name in ("episode_return", "control_steps")
-        )
+        columns = (rows[name].to_numpy() for name in ("episode_return", "control_steps"))
+        returns, steps = (column.astype(np.float64)[None] for column in columns)
         final = final_returns(returns, steps, np.array([rows.num_rows]))[0][0]
         mean = float(final if claim == "a" else returns.mean())
     if not np.isfinite(mean):
@@ -180,14 +171,14 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
 
 def outcomes(
     chosen: Sequence[MatrixComparison], results: Results, returns: dict[tuple[str, Claim], float]
-) -> list[ComparisonOutcome]:
-    """Returns the outcome of each comparison with finished seeds; adds to the returns read."""
+) -> list[MatrixComparison]:
+    """Decides comparisons with finished seeds; adds to the returns read."""
     first = partial(_first_returns, results=results, returns=returns)
     pairs = [(first(pair.ours, pair), first(pair.theirs, pair)) for pair in chosen]
     shares = [comparison.share for comparison in chosen]
     looks = [comparison.max_seeds // BLOCK for comparison in chosen]
     return [
-        ComparisonOutcome(comparison, decision, _needed(comparison, decision, results))
+        comparison._replace(decision=decision, needed=_needed(comparison, decision, results))
         for comparison, decision in zip(chosen, decide(pairs, shares, looks, MARGIN), strict=True)
     ]
 
@@ -222,17 +213,9 @@ def _needed(
     return [run for run in runs if run_status(run, results).state != "finished"]
 
 
-def next_cells(outcomes: Sequence[ComparisonOutcome], tried: Container[str]) -> list[Cell]:
+def next_cells(reached: Sequence[MatrixComparison], tried: Container[str]) -> list[Cell]:
     """Returns cells with the runs that undecided comparisons need, unless one was tried before."""
-    going_on = [
-        outcome
-        for outcome in outcomes
-        if outcome.needed and not any(run.id in tried for run in outcome.needed)
-    ]
-    needed = {run.id for outcome in going_on for run in outcome.needed}
-    cells = {
-        cell.runs[0].id: cell
-        for outcome in going_on
-        for cell in (outcome.comparison.theirs, outcome.comparison.ours)
-    }
+    going_on = [pair for pair in reached if not any(run.id in tried for run in pair.needed)]
+    needed = {run.id for pair in going_on for run in pair.needed}
+    cells = {cell.runs[0].id: cell for pair in going_on for cell in (pair.theirs, pair.ours)}
     return with_runs(cells.values(), needed)

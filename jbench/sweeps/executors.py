@@ -95,13 +95,8 @@ def worker_request(
     runs: Sequence[RunSettings], results: Results, device: str, options: Mapping[str, Any]
 ) -> str:
     """Returns the request as a line of JSON, with the command that the worker records."""
-    request = {
-        "results": str(results.path),
-        "options": {"device": device, **options},
-        "command": sys.argv,
-        "runs": [run.values for run in runs],
-    }
-    return json.dumps(request)
+    request = {"results": str(results.path), "options": {"device": device, **options}}
+    return json.dumps({**request, "command": sys.argv, "runs": [run.values for run in runs]})
 
 
 def _start() -> subprocess.Popen[str]:

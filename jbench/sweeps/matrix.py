@@ -216,11 +216,8 @@ def _content(name: str) -> dict[str, Any]:
     if name in SWEEPS:
         path = resources.files("jbench.paper") / "matrices" / f"{name}.toml"
     elif not name.endswith(".toml"):
-        try:
-            known("matrix", name, SWEEPS)
-        except RequestError as error:
-            file = f"{name}.toml" if Path(f"{name}.toml").exists() else "a FILE.toml"
-            raise RequestError(f"{str(error).rstrip('.')}; or type {file}.") from None
+        file = f"{name}.toml" if Path(f"{name}.toml").exists() else "a FILE.toml"
+        known("matrix", name, (*SWEEPS, file))
     try:
         return tomllib.loads(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
-from jbench.store import Results
+from jbench.store import Results, locks
 from jbench.store.files import make_directory
 from jbench.store.follow import LOOK_EVERY
 from jbench.sweeps.cell import Cell, all_runs
@@ -25,7 +25,7 @@ from jbench.sweeps.executors import Local, batches
 from jbench.sweeps.prepare import prepare
 from jbench.training.continuation import new_beginnings
 from jbench.training.events import Event, Report, ignore
-from jbench.training.status import is_being_trained, plan, record_failure, run_status
+from jbench.training.status import failures_among, plan, record_failure, run_status, sentences
 
 if TYPE_CHECKING:
     from jbench.sweeps.cluster import Ray
@@ -67,10 +67,11 @@ def sweep(
             results.clean("dataset", cell.dataset.id)
         for encoder in cell.encoders:
             results.clean("encoder", encoder.id)
-    planned = plan(list(all_runs(cells)), results)
-    to_do = planned.to_do(retry_failed)
-    new = [run for run in to_do if planned.statuses[run.id].state == "missing"]
-    for sentence in (*planned.sentences(retry_failed), *new_beginnings(new, results)):
+    runs = list(all_runs(cells))
+    statuses, done = plan(runs, results), ("finished",) if retry_failed else ("finished", "failed")
+    to_do = [run for run in runs if statuses[run.id].state not in done]
+    new = [run for run in to_do if statuses[run.id].state == "missing"]
+    for sentence in (*sentences(statuses, retry_failed), *new_beginnings(new, results)):
         report(Event("note", text=sentence))
     if not to_do:
         return {}
@@ -87,7 +88,7 @@ def sweep(
                 for sentence in forecasts(cells, runs, results, executor.jobs, executor.device):
                     report(Event("note", text=sentence))
             report(Event("training", runs=runs))
-            scheduler = _Scheduler(results, executor, pool, report, planned.ids("failed"), wait)
+            scheduler = _Scheduler(results, executor, pool, report, failures_among(statuses), wait)
             failures |= scheduler.train(runs)
         return failures
     finally:
@@ -140,7 +141,7 @@ class _Scheduler:
                 self._events.put(Event("failed", run.id, status.error))
             elif status.state == "finished":
                 self._events.put(Event("finished", run.id))
-            elif is_being_trained(run, self._results):
+            elif locks.is_held(self._results.record("run", run.id).path):
                 held.append(run)
             else:
                 left[run.id] = run

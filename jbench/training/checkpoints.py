@@ -86,9 +86,8 @@ def save(
         row, oldest = engine.replay.row, engine.replay.oldest
         pieces = [] if only else _pieces(roles)
         # A piece that begins before the oldest row in the buffer stays as it is.
-        joined = [piece for piece in pieces if piece.first >= oldest]
-        if len(pieces) < _MAX_PIECES:
-            joined = []
+        too_many = len(pieces) >= _MAX_PIECES
+        joined = [piece for piece in pieces if too_many and piece.first >= oldest]
         first = joined[0].first if joined else max([oldest, *(other.end for other in pieces)])
         piece = _Piece(first, row)
         rows = engine.replay.rows_since(index, piece.first)

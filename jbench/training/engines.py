@@ -41,10 +41,6 @@ def make_trainer(
         from jbench.training.sb3_engine import SB3Engine  # takes a second to import
 
         return SB3Engine(settings, encoders[0], seeds[0])
-
-    def augment(episode: int) -> int | None:
-        return settings.robot_seed(episode // settings.episodes_on_each)
-
     algorithm: Any = settings.algo if settings.is_ours else find_class(settings.algo)
     values: Any = hyperparameters(settings)
     train_on = find_device(device)
@@ -55,7 +51,7 @@ def make_trainer(
         encoders,
         # On a CPU, learning dominates, and one process per core is faster.
         threads=cores() if train_on.type == "cuda" else 1,
-        augment=augment,
+        augment=lambda episode: settings.robot_seed(episode // settings.episodes_on_each),
         episode_steps=EPISODE_STEPS,
     )
     options: dict[str, Any] = {"time_limit": settings.time_limit, "device": train_on}

@@ -22,11 +22,10 @@ def make_env(
 ) -> gymnasium.Env[Any, Any]:
     """Returns an environment with the wrappers of a run, and its robot with the given index."""
     augment = settings.augment
-    kwargs = {} if augment is None else {"augment": augment + robot}
     env: gymnasium.Env[Any, Any] = gymnasium.make(
         environment_id(settings.task, augmented=augment is not None),
         disable_env_checker=True,
-        **kwargs,
+        **({} if augment is None else {"augment": augment + robot}),
     )
     env = gymnasium.wrappers.RecordEpisodeStatistics(env, buffer_length=1)
     if settings.time_limit == "terminal":
@@ -58,23 +57,17 @@ class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
         super().__init__(make_env(settings, encoder))
-        self._settings, self._encoder = settings, encoder
-        self._robot = self._ended = 0
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Steps the current robot, and counts its episodes."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        self._ended += terminated or truncated
-        return observation, reward, terminated, truncated, info
+        self._settings, self._encoder, self._robot = settings, encoder, 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; switches to the next robot after the last episode of this one."""
-        robot = min(self._ended // self._settings.episodes_on_each, self._settings.robots - 1)
-        if robot != self._robot:
-            before, self._robot = self.env, robot
-            self.env = make_env(self._settings, self._encoder, robot)
+        before, episodes = self.env, self.env.get_wrapper_attr("episode_count")
+        is_last = self._robot == self._settings.robots - 1
+        if episodes >= self._settings.episodes_on_each and not is_last:
+            self._robot += 1
+            self.env = make_env(self._settings, self._encoder, self._robot)
             self.env.unwrapped.np_random = before.unwrapped.np_random
             before.close()
         return self.env.reset(seed=seed, options=options)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
 from jbench.settings.base import Settings
@@ -20,13 +20,11 @@ _MAX_PARTS = 32  # files of a table before they are merged
 _MAX_COMMIT_SHARE = 0.02  # fraction of a run's time that its commits may take
 
 
-class Position(BaseModel):
+class Position(Settings):
     """Progress of a run: control steps of all environments, counts, and s without interruptions.
 
     The processor time is None in checkpoints of older versions, where it is unknown.
     """
-
-    model_config = Settings.model_config
 
     control_steps: int = Field(default=0, ge=0)
     episodes: int = Field(default=0, ge=0)
@@ -170,12 +168,9 @@ def rows_before(record: Record, position: Position) -> dict[str, pa.Table]:
     """
     evaluated = pc.field("evaluation") < position.evaluations
     logged = pc.field("control_steps") <= position.control_steps
-    return {
-        "episodes": record.read("episodes").filter(pc.field("episode") < position.episodes),
-        "evaluations": record.read("evaluations").filter(evaluated),
-        "metrics": record.read("metrics").filter(logged),
-        "paths": record.read("paths").filter(evaluated),
-    }
+    kept = {"evaluations": evaluated, "metrics": logged, "paths": evaluated}
+    kept["episodes"] = pc.field("episode") < position.episodes
+    return {name: record.read(name).filter(rows) for name, rows in kept.items()}
 
 
 class ProcessorClock:

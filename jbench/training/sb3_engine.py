@@ -50,8 +50,7 @@ class SB3Engine(Closing):
 
         def on_step(values: dict[str, Any], _: object) -> bool:
             self._policy = None
-            self._check_losses()
-            self._check("actions", values["actions"])
+            self._check(actions=values["actions"])
             ended = [info["episode"]["r"] for info in values["infos"] if "episode" in info]
             returns = np.array([ended], np.float64) if ended else None
             return after_step(returns)
@@ -81,17 +80,11 @@ class SB3Engine(Closing):
 
     def check_weights(self) -> None:
         """Records a divergence if a loss or a weight is not finite."""
-        self._check_losses()
         for parameters in self._agent.policy.parameters():
-            self._check("weights", parameters.detach().numpy())
+            self._check(weights=parameters.detach().numpy())
 
-    def _check_losses(self) -> None:
-        if (name := divergent_loss(sb3.losses(self._agent))) is not None:
-            self._record(name)
-
-    def _check(self, what: str, values: ArrayLike) -> None:
-        if not np.isfinite(values).all():
-            self._record(what)
-
-    def _record(self, what: str) -> None:
-        self.diverged.setdefault(0, Divergence(self.updates, self.control_steps, what))
+    def _check(self, **values: ArrayLike) -> None:
+        """Records a divergence if a loss or one of the values, by name, is not finite."""
+        infinite = [name for name, numbers in values.items() if not np.isfinite(numbers).all()]
+        for what in filter(None, (divergent_loss(sb3.losses(self._agent)), *infinite)):
+            self.diverged.setdefault(0, Divergence(self.updates, self.control_steps, what))

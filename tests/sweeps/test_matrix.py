@@ -252,7 +252,7 @@ def test_unknown_or_unreadable_matrix_is_refused(tmp_path, monkeypatch):
         ("fig6", r"Unknown matrix 'fig6'; did you mean fig\d\? .*FILE\.toml"),
         ("gone.toml", r"gone\.toml can't be read \(No such file"),
         ("bytes.toml", r"bytes\.toml can't be read \(it is not text"),
-        ("bytes", r"Unknown matrix 'bytes'; .*; or type bytes\.toml\."),
+        ("bytes", r"Unknown matrix 'bytes'; .* or bytes\.toml\."),
     ):
         with pytest.raises(RequestError, match=says):
             read_matrix(name)

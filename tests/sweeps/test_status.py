@@ -3,13 +3,12 @@
 import pytest
 
 from jbench.simulation import find_task
-from jbench.store import Results
+from jbench.store import Results, locks
 from jbench.sweeps.cell import Cell, matrix_cells
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, seconds_left
 from jbench.sweeps.matrix import read_matrix
 from jbench.training.status import (
     failures_among,
-    is_being_trained,
     record_failure,
     run_status,
     run_statuses,
@@ -128,9 +127,9 @@ def test_failure_is_recorded_once_and_never_for_finished_run(results, cell):
     for run in (finished, failed, new):
         record_failure(run, results, "another reason")
     with results.record("run", held.id).lock():
-        assert is_being_trained(held, results)
+        assert locks.is_held(results.record("run", held.id).path)
         record_failure(held, results, "another reason")
-    assert not is_being_trained(held, results)
+    assert not locks.is_held(results.record("run", held.id).path)
     assert [run_status(run, results)[::2] for run in cell.runs] == [
         ("finished", ""),
         ("failed", "the first reason"),

@@ -90,7 +90,7 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
     # Points at control steps 0, 20 and 40 of episodes of 50 steps.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}
     assert load_agent(results, run.id).task == "face_direction"
-    assert plan([run], results).ids("finished") == [run.id]
+    assert plan([run], results)[run.id].state == "finished"
     # The finished run is not repeated.
     before = record.manifest
     run_batch([run], results)

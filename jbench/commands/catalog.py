@@ -16,9 +16,7 @@ from jbench.wording import counted
 
 
 def algorithms(
-    name: str | None = Argument(
-        None, help="Only this algorithm, or MODULE:CLASS, with its settings' meaning."
-    ),
+    name: str | None = Argument(None, help="Only this one, or MODULE:CLASS, and its settings."),
     json: bool = options.JSON,
 ) -> None:
     """List the installed algorithms with their settings."""

@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 def verify(
     threads: int = options.FILES,
     reevaluate: bool = Option(
-        False,
-        "--reevaluate",
-        help="Also repeat each run's last evaluation with its kept policy.",
+        False, "--reevaluate", help="Also repeat each run's last evaluation with its kept policy."
     ),
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
@@ -107,15 +105,13 @@ def reproduce(
     run: str = Argument(
         ...,
         metavar="RUN",
-        help="The id of a run or its beginning, or reference/ID of a run that is shipped with "
-        "jbench.",
+        help="Id of a run or its beginning, or reference/ID of a run that is shipped with jbench.",
         autocompletion=completion.complete_policies,
     ),
     episodes: int | None = Option(
         None,
         min=0,
-        help="Number of training episodes to repeat, 0 for none (default: up to the agent's first "
-        "updates).",
+        help="Training episodes to repeat, 0 for none (default: up to the agent's first updates).",
     ),
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
@@ -165,9 +161,7 @@ def reproduce(
         same = "versions and processor are the same, so the record was altered or is incomplete"
         raise WorkError(f"{record.id} was not reproduced: {why if changed else same}.")
     if all(part.control_steps is None for part in repeated):
-        raise WorkError(
-            f"Nothing of {record.id} could be compared; repeat episodes (--episodes 1)."
-        )
+        raise WorkError(f"Nothing of {record.id} could be compared; type --episodes 1 or more.")
 
 
 def _sentence(part: "Repeated | None", otherwise: str) -> str:

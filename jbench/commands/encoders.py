@@ -38,9 +38,7 @@ def train_encoder(
         "another robot (jbench tasks).",
     ),
     latent: str | None = Option(
-        None,
-        help="Number of latents, or several: 2,4,8 or 1-16 (default: 12; some kinds have one "
-        "size).",
+        None, help="Number of latents, or several: 2,4,8 or 1-16 (default: 12, or the only size)."
     ),
     dataset: str | None = options.DATASET,
     noise: float | None = Option(
@@ -54,9 +52,7 @@ def train_encoder(
         help="Number of passes over the training rows (default: that of the kind, such as dae's "
         "200; more for a small dataset, so that it has 4,000 updates).",
     ),
-    batch: int | None = Option(
-        None, help="Minibatch size (default: that of the kind; dae has 8192)."
-    ),
+    batch: int | None = Option(None, help="Minibatch size (default: the kind's; dae has 8192)."),
     learning_rate: float | None = Option(
         None, help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4)."
     ),

@@ -19,12 +19,10 @@ from jbench.cores import cores
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.base import typed_default
 
-_Command = Callable[..., None]
+_Verb = Callable[..., None]
 
 
-def with_settings(
-    kind: type, *chosen: str, main: Sequence[str] = ()
-) -> Callable[[_Command], _Command]:
+def with_settings(kind: type, *chosen: str, main: Sequence[str] = ()) -> Callable[[_Verb], _Verb]:
     """Returns a decorator that gives a command an option for each of some fields of a class.
 
     The command takes their values as keyword arguments by the names of the fields. These have type,
@@ -33,7 +31,7 @@ def with_settings(
     """
     fields = _fields(kind)
 
-    def decorate(command: _Command) -> _Command:
+    def decorate(command: _Verb) -> _Verb:
         signature = inspect.signature(command, eval_str=True)
         typed = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
         parameters = [*typed, *(_parameter(name, fields[name]) for name in chosen)]
@@ -93,9 +91,7 @@ READ_RESULTS = _results(
 )
 JSON = Option(False, "--json", help="Print one JSON document to stdout, everything else to stderr.")
 CSV = Option(False, "--csv", help="Print CSV to standard output.")
-DRY_RUN = Option(
-    False, "--dry-run", help="Show the status of the runs and the time left, and train nothing."
-)
+DRY_RUN = Option(False, "--dry-run", help="Show the runs' status and the time left; train nothing.")
 KEEP_STATE = Option(
     False,
     "--keep-state",
@@ -103,9 +99,7 @@ KEEP_STATE = Option(
     "command with more --steps continues them.",
 )
 RETRY_FAILED = Option(False, "--retry-failed", help="Retry runs that failed before.")
-LOG = Option(
-    None, help=f"Also write the rows to an experiment tracker: {', '.join(names.LOGGERS)}."
-)
+LOG = Option(None, help=f"Also write rows to an experiment tracker: {', '.join(names.LOGGERS)}.")
 CHECKPOINT_EVERY = Option(
     names.CHECKPOINT_EVERY,
     min=0,
@@ -137,14 +131,11 @@ FILES = _threads(help="Number of records checked at a time (0: one per core).")
 FINAL_EPISODES = Option(
     None,
     min=1,
-    help="Episodes of a run's last evaluation (default: 100, but not more than the run has "
-    "training episodes).",
+    help="Episodes of a run's last evaluation (default: 100, or as many as it trains, if fewer).",
 )
 AUGMENT = Option(None, min=0, help="Seed of an augmented robot (default: the plain robot).")
 DATASET = Option(
-    None,
-    help="Id of the dataset (default: the newest).",
-    autocompletion=completion.complete_datasets,
+    None, help="Id of the dataset (default: newest).", autocompletion=completion.complete_datasets
 )
 some_task = partial(Option, autocompletion=completion.complete_tasks)
 _task = partial(

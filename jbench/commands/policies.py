@@ -26,9 +26,7 @@ def evaluate(
     policy: str | None = options.POLICY,
     policy_option: str | None = options.OLD_POLICY,
     task: str | None = options.POLICY_TASK,
-    target_yaw: float | None = Option(
-        None, help="Yaw of the target in degrees (default: drawn by the task)."
-    ),
+    target_yaw: float | None = Option(None, help="Target's yaw in degrees (default: random)."),
     threads: int = options.THREADS,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
@@ -80,18 +78,12 @@ def render(
     policy: str | None = options.POLICY,
     policy_option: str | None = options.OLD_POLICY,
     out: Path = Option(
-        Path("jitterbug.mp4"),
-        help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).",
+        Path("jitterbug.mp4"), help="File: FILE.mp4, FILE.gif, or FILE.png (a strip of frames)."
     ),
     task: str | None = options.POLICY_TASK,
     camera: str | None = options.CAMERA,
     seed: int = _POSE_SEED,
-    steps: int = Option(
-        names.EPISODE_STEPS,
-        min=1,
-        max=names.EPISODE_STEPS,
-        help="Number of control steps, 1 to 1000.",
-    ),
+    steps: int = Option(names.EPISODE_STEPS, min=1, max=names.EPISODE_STEPS, help="Control steps."),
     augment: int | None = options.AUGMENT,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,

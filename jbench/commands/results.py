@@ -52,9 +52,7 @@ def _cut(cell: Any) -> Any:
 
 
 def repair(
-    dry_run: bool = Option(
-        False, "--dry-run", help="Show what would be set aside, and change nothing."
-    ),
+    dry_run: bool = Option(False, "--dry-run", help="Show what would be set aside; move nothing."),
     threads: int = options.FILES,
     results: Path = options.RESULTS,
     json: bool = options.JSON,
@@ -127,9 +125,7 @@ def merge(
     *("seed_column", "tag", "returns"),
 )
 def import_(
-    files: list[Path] = Argument(
-        ..., parser=parsing.path, metavar="FILE", help="Files with learning curves."
-    ),
+    files: list[Path] = Argument(..., parser=parsing.path, metavar="FILE", help="Learning curves."),
     task: str = options.REQUIRED_TASK,
     results: Path = options.RESULTS,
     json: bool = options.JSON,

@@ -32,9 +32,7 @@ def runs(
         help="Show final returns (reads all episodes); quote that of the evaluation. A report also "
         "counts the episodes of jbench evaluate RUN.",
     ),
-    imports: bool = Option(
-        False, "--imports", help="List imported learning curves instead of runs."
-    ),
+    imports: bool = Option(False, "--imports", help="List imported learning curves, not runs."),
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
 ) -> None:

@@ -30,15 +30,10 @@ def sweep(
     dry_run: bool = options.DRY_RUN,
     retry_failed: bool = options.RETRY_FAILED,
     seeds: str | None = Option(
-        None,
-        "--seeds",
-        "--seed",
-        help="Seeds to train, such as 0-9 or 0,2,5-7 (default: those of the matrix).",
+        None, "--seeds", "--seed", help="Seeds, such as 0-9 or 0,2,5-7 (default: the matrix's)."
     ),
     steps: int | None = Option(
-        None,
-        parser=parsing.count,
-        help="Number of control steps of each run (default: that of the matrix).",
+        None, parser=parsing.count, help="Control steps of each run (default: the matrix's)."
     ),
     until_decided: bool = Option(
         False,
@@ -47,9 +42,7 @@ def sweep(
         "default those of each representation with full and scaled.",
     ),
     max_seeds: int | None = Option(
-        None,
-        help="With --until-decided: maximum number of seeds of a configuration (default: "
-        f"{_MAX_SEEDS}).",
+        None, help=f"With --until-decided: most seeds of a configuration (default: {_MAX_SEEDS})."
     ),
     executor: names.Executor = Option(
         "local", help="Where runs are trained: local (this machine) or ray (a Ray cluster)."
@@ -91,10 +84,10 @@ def sweep(
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
-    at_a_time = jobs or default_jobs(train_on)
+    at_once = jobs or default_jobs(train_on)
     worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
     worker["checkpoint_every"] = checkpoint_every
-    local = partial(Local, database, at_a_time, train_on, **worker)
+    local = partial(Local, database, at_once, train_on, **worker)
     cluster = partial(Ray, database, address, jobs, gpus_per_task, **worker)
     train = partial(
         training.train_cells,
@@ -113,9 +106,7 @@ def sweep(
     runs = list(all_runs(cells))
     failures = {} if dry_run else train(cells)
     title = f"{matrix}: {counted(len(runs), 'run')}"
-    status = training.show_status(
-        title, cells, database, at_a_time, train_on, output, times=dry_run
-    )
+    status = training.show_status(title, cells, database, at_once, train_on, output, times=dry_run)
     status["made_first"] = training.show_missing(cells, database, output)
     failures |= failures_among(run_statuses(runs, database))
     output.document({"matrix": matrix, **status, "failures": failures})
@@ -125,21 +116,17 @@ def sweep(
 
 
 def _device(
-    executor: str,
-    address: str | None,
-    gpus_per_task: float,
-    engine: names.Engine | None,
-    device: str,
+    executor: str, address: str | None, gpus: float, engine: names.Engine | None, device: str
 ) -> str:
     """Returns the device that the batched engine trains on, `cpu`, `cuda` or such as `cuda:1`."""
     from jbench.training.request import training_device
 
     if executor == "local":
-        if address is not None or gpus_per_task:
+        if address is not None or gpus:
             raise RequestError("--address and --gpus-per-task are for --executor ray.")
         return training_device(engine, device)
     if device != "auto":
         raise RequestError("--device is for --executor local; type --gpus-per-task.")
-    if gpus_per_task and engine == "sb3":
+    if gpus and engine == "sb3":
         raise RequestError("--gpus-per-task is for the batched engine; this matrix uses sb3.")
-    return "cuda" if gpus_per_task else "cpu"
+    return "cuda" if gpus else "cpu"

@@ -74,9 +74,8 @@ def train(
     output, database = Output(json), parsing.results_to_write(results)
     algo = algo.lower() if algo.lower() in ALGORITHMS else algo
     chosen["engine"] = choose_engine(algo, chosen["engine"])
-    chosen["evaluate_every"] = chosen["evaluate_every"] or names.evaluation_interval(
-        chosen["steps"]
-    )
+    every = chosen["evaluate_every"] or names.evaluation_interval(chosen["steps"])
+    chosen["evaluate_every"] = every
     train_on = training_device(chosen["engine"], device, chosen["precision"])
     processes = jobs or default_jobs(train_on)
     runs = request_runs(
@@ -94,9 +93,9 @@ def train(
     cells = [Cell(task, algo, runs[0].representation, runs, default_base(task, settings))]
     title = counted(len(runs), "run")
     if dry_run:
-        at_once = min(processes, len(runs))
+        most = min(processes, len(runs))
         output.document(
-            training.show_status(title, cells, database, at_once, train_on, output, times=True)
+            training.show_status(title, cells, database, most, train_on, output, times=True)
         )
         return
     make_executor = partial(

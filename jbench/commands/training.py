@@ -123,7 +123,6 @@ def show_status(
     jobs: int,
     device: str,
     output: Output,
-    *,
     times: bool,
 ) -> dict[str, Any]:
     """Prints how many seeds are finished, and perhaps the time left; returns it for JSON."""

@@ -63,9 +63,7 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
             for name in part.representations:
                 task, slash, _ = name.partition("/")
                 if slash and task not in map(in_id, part.tasks):
-                    raise RequestError(
-                        f"the encoder {name} is of {task}, which is not among the tasks."
-                    )
+                    raise RequestError(f"the encoder {name} is of {task}, which is not in tasks.")
             for task, algo, name in product(part.tasks, part.algos, part.representations):
                 if "/" not in name or name.split("/")[0] == in_id(task):
                     cell = _cell(part, results, task, algo, name)

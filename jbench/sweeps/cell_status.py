@@ -111,10 +111,7 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
     less = f" For less: {fewer}." if fewer and seconds > 600 else ""
     parts = [(status.evaluating, status.seconds_left or 0.0) for status in statuses]
     share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
-    most = (
-        " (most of the time: fewer with --evaluate-episodes, or episodes of [evaluation] in a "
-        "matrix)"
-    )
+    most = " (most of the time: fewer with --evaluate-episodes, or [evaluation] of a matrix)"
     return (
         f"{counted(len(runs), 'run')} with {steps:,} control steps left at about "
         f"{steps / seconds:,.0f} steps/s, evaluations included{most if share > 0.5 else ''}, "
@@ -140,13 +137,12 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
         return None
     import torch
 
-    whose, free = "memory", _available()
+    what, free = "memory", _available()
     if device != "cpu":  # for a cluster a guess: its GPUs may have more or less memory
-        whose = "the GPU's memory"
+        what = "the GPU's memory"
         free = torch.cuda.mem_get_info(device)[0] if torch.cuda.is_available() else None
-    text = (
-        f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of {whose}"
-    )
+    size = f"{needed / 1e9:.1f} GB"
+    text = f"The replay buffers of {len(runs)} runs will take up to {size} of {what}"
     if free is None or needed <= _USABLE * free:
         return f"{text}."
     less = int(max(_transitions(run, device) for run in runs) * free / needed / 2)

@@ -51,9 +51,8 @@ class Ray:
             import ray
             import ray.exceptions
         except ImportError:
-            raise RequestError(
-                "--executor ray needs Ray; type pip install 'jbench[cluster]'."
-            ) from None
+            hint = "--executor ray needs Ray; type pip install 'jbench[cluster]'."
+            raise RequestError(hint) from None
         self._ray: Any = ray
         self._results, self._options = Results(results.path.resolve()), options
         self._stopped = threading.Event()

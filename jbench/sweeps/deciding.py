@@ -90,9 +90,7 @@ def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[Matri
     for n, entry in enumerate(planned, 1):
         with named(f"{COMPARISON} {n}"):
             if entry.first == entry.second:
-                raise RequestError(
-                    f"first and second are both {entry.first}; name two representations."
-                )
+                raise RequestError(f"first and second are both {entry.first}; name another one.")
             pair = _pair(cells, entry)
             same = [(other.ours, other.theirs, other.claim) for other in listed]
             if (*pair, entry.claim) in same:
@@ -184,32 +182,27 @@ def outcomes(
 
 
 def _first_returns(
-    cell: Cell,
-    comparison: MatrixComparison,
-    results: Results,
-    returns: dict[tuple[str, Claim], float],
+    cell: Cell, pair: MatrixComparison, results: Results, returns: dict[tuple[str, Claim], float]
 ) -> FloatArray:
     """Returns the returns of a cell's first seeds, up to the first unfinished one."""
     first = []
-    for run in cell.runs[: comparison.max_seeds]:
-        key = run.id, comparison.claim
+    for run in cell.runs[: pair.max_seeds]:
+        key = run.id, pair.claim
         if key not in returns:
             if run_status(run, results).state != "finished":
                 break
             record = results.find("run", run.id)
             assert record is not None
-            returns[key] = compared_return(record, comparison.claim)
+            returns[key] = compared_return(record, pair.claim)
         first.append(returns[key])
     return np.array(first)
 
 
-def _needed(
-    comparison: MatrixComparison, decision: Decision, results: Results
-) -> list[RunSettings]:
+def _needed(pair: MatrixComparison, decision: Decision, results: Results) -> list[RunSettings]:
     if decision.verdict != "undecided":
         return []
-    seeds = min(decision.seeds + BLOCK, comparison.max_seeds)
-    runs = (*comparison.ours.runs[:seeds], *comparison.theirs.runs[:seeds])
+    seeds = min(decision.seeds + BLOCK, pair.max_seeds)
+    runs = (*pair.ours.runs[:seeds], *pair.theirs.runs[:seeds])
     return [run for run in runs if run_status(run, results).state != "finished"]
 
 

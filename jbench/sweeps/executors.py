@@ -82,12 +82,11 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     for run in runs:
         key = alike(run, SEED) if run.engine == "batched" else run.id
         configurations.setdefault(key, []).append(run)
+    most = jobs if device == "cpu" else 1
     return [
         [seeds[i] for i in part]
         for seeds in configurations.values()
-        for part in np.array_split(
-            range(len(seeds)), min(jobs if device == "cpu" else 1, len(seeds))
-        )
+        for part in np.array_split(range(len(seeds)), min(most, len(seeds)))
     ]
 
 

@@ -32,9 +32,7 @@ _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 _Seeds = Annotated[
     tuple[Seed, ...],
     Field(strict=False, min_length=1),
-    BeforeValidator(
-        lambda typed: parse_numbers(typed, "seeds") if isinstance(typed, str) else typed
-    ),
+    BeforeValidator(lambda text: parse_numbers(text, "seeds") if isinstance(text, str) else text),
     AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds))),
 ]
 
@@ -79,8 +77,7 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
     seeds: _Seeds = tuple(range(10))
     settings: Base | None = Field(
         default=None,
-        description="source of default hyperparameters; default: published, and suite for other "
-        "robots",
+        description="source of default hyperparameters; default: published, of other robots suite",
     )
     hyperparameters: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="hyperparameters by algorithm that replace the defaults"
@@ -88,9 +85,7 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
     evaluation: EvaluationPart = EvaluationPart()
     dataset: DatasetPart = DatasetPart()
     encoder: EncoderPart = EncoderPart()
-    ofe: dict[str, Any] = Field(
-        default_factory=dict, description="settings of ofeN that replace the defaults"
-    )
+    ofe: dict[str, Any] = Field(default_factory=dict, description="changed settings of ofeN")
     _name: str = PrivateAttr("the matrix")  # of the file or part, for errors
 
     @property
@@ -179,10 +174,8 @@ def read_comparisons(name: str) -> list[Planned]:
                 f"the shares of the comparisons add up to {given:g}{left}; together they have "
                 f"{ERROR_RATE:g}, so write smaller ones."
             )
-    return [
-        entry.model_copy(update={"share": entry.share or (ERROR_RATE - given) / rest})
-        for entry in planned
-    ]
+    equal = (ERROR_RATE - given) / max(1, rest)
+    return [entry.model_copy(update={"share": entry.share or equal}) for entry in planned]
 
 
 @contextlib.contextmanager

@@ -75,25 +75,17 @@ def run_batch(
                 failures[run.id] = error
             else:
                 members += [] if member is None else [member]
-        left, end = members, until or math.inf
-        while left := [
-            m for m in left if m.record.status == "unfinished" and m.control_steps < end
-        ]:
+        options = device, checkpoint_every, len(members), final_episodes, report, keep_state
+        due, end = members, until or math.inf
+        while due := [m for m in due if m.record.status == "unfinished" and m.control_steps < end]:
             # Seeds may have stopped at different steps: those furthest behind catch up first.
-            behind = min(member.control_steps for member in left)
-            ahead = [member.control_steps for member in left if member.control_steps > behind]
+            behind = min(member.control_steps for member in due)
+            ahead = [member.control_steps for member in due if member.control_steps > behind]
             try:
-                TrainingGroup(
-                    [member for member in left if member.control_steps == behind],
-                    device,
-                    checkpoint_every,
-                    len(members),
-                    final_episodes,
-                    report,
-                    keep_state=keep_state,
-                ).train(min(ahead, default=until))
+                together = [member for member in due if member.control_steps == behind]
+                TrainingGroup(together, *options).train(min(ahead, default=until))
             except Exception as error:
-                for member in left:
+                for member in due:
                     if member.record.status == "unfinished":
                         with contextlib.suppress(WorkError):
                             member.record.fail(sentence_of_failure(error))

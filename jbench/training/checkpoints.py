@@ -69,9 +69,7 @@ class _Piece(NamedTuple):
         return f"replay-{self.first:012d}-{self.end:012d}.safetensors"
 
 
-def save(
-    record: Record, log: RunLog, engine: Engine, index: int, *, only: bool = False
-) -> Checkpoint:
+def save(record: Record, log: RunLog, engine: Engine, index: int, only: bool = False) -> Checkpoint:
     """Commits the pending rows of a run and a checkpoint atomically.
 
     The run has an index in the engine, which is between two control steps. If `only`, all existing
@@ -145,10 +143,9 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
         except UnreadableError:
             raise
         except (WorkError, ValueError) as error:
-            reason = str(error).partition(";")[0].rstrip(".")
+            step, reason = int(match[1]), str(error).partition(";")[0].rstrip(".")
             refused.append(
-                f"The checkpoint of {record.id} at {int(match[1])} control steps is not used: "
-                f"{reason}."
+                f"The checkpoint of {record.id} at {step} control steps is not used: {reason}."
             )
     return None, refused
 

@@ -70,19 +70,17 @@ def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[st
 def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
     """Raises a RequestError if no longer run could continue one of these runs."""
     for run in runs:
-        reason, instead = obstacle(run), "leave --keep-state out"
+        why, hint = obstacle(run), "leave --keep-state out"
         episodes = EPISODE_STEPS * run.environments  # control steps from one end to the next
-        if reason is None and run.specs is not None and run.last_step % episodes:
-            reason = (
+        if why is None and run.specs is not None and run.last_step % episodes:
+            why = (
                 f"{run.task} has a state between two episodes only, and the run's last control "
                 f"step is the {run.last_step:,}th"
             )
             enough = math.lcm(episodes, run.rollout)
-            instead = f"type --steps {-(-run.steps // enough) * enough}, or {instead}"
-        if reason is not None:
-            raise RequestError(
-                f"A finished run of {run.algo} can't be continued: {reason}; {instead}."
-            )
+            hint = f"type --steps {-(-run.steps // enough) * enough}, or {hint}"
+        if why is not None:
+            raise RequestError(f"A finished run of {run.algo} can't be continued: {why}; {hint}.")
 
 
 def obstacle(run: RunSettings) -> str | None:

@@ -52,7 +52,6 @@ class TrainingGroup:
         sharing: int,
         final_episodes: int | None,
         report: Report,
-        *,
         keep_state: bool,
     ) -> None:
         """Makes or restores the engine; `sharing` runs, also at other steps, share the process."""
@@ -61,9 +60,8 @@ class TrainingGroup:
         self._keep_state = keep_state
         self._settings = settings = members[0].settings
         self._final_episodes = evaluation.final_evaluation_episodes(settings, final_episodes)
-        self._engine = make_trainer(
-            [m.settings for m in members], [m.encoder for m in members], device
-        )
+        runs, encoders = [m.settings for m in members], [m.encoder for m in members]
+        self._engine = make_trainer(runs, encoders, device)
         if members[0].checkpoint is not None:
             self._restore()
 

@@ -71,28 +71,24 @@ class RunLog:
         """Returns whether a multiple of `every` was passed since the last evaluation."""
         return control_steps // every != self.progress.last_evaluation // every
 
-    def episode(
-        self, control_steps: int, episode_return: float, losses: Mapping[str, float]
-    ) -> None:
-        """Adds a training episode that has just ended."""
+    def episode(self, steps: int, episode_return: float, losses: Mapping[str, float]) -> None:
+        """Adds a training episode that has just ended, after these control steps."""
         number = self.progress.episodes
         row = {"episode": number, "episode_return": episode_return, **losses}
-        self._add("episodes", control_steps, row)
+        self._add("episodes", steps, row)
         self._advance(episodes=number + 1)
 
-    def evaluation(
-        self, control_steps: int, returns: Iterable[float], path: Path | None = None
-    ) -> None:
+    def evaluation(self, steps: int, returns: Iterable[float], path: Path | None = None) -> None:
         """Adds an evaluation, with the path of its first episode; the first and last are kept."""
         number = self.progress.evaluations
         for episode, episode_return in enumerate(returns):
             row = {"evaluation": number, "episode": episode, "episode_return": episode_return}
-            self._add("evaluations", control_steps, row)
+            self._add("evaluations", steps, row)
         if path is not None:
             first = self._paths.filter(pc.field("evaluation") == 0)
-            self._paths = pa.concat_tables([first, self._path_rows(control_steps, path)])
+            self._paths = pa.concat_tables([first, self._path_rows(steps, path)])
             self._paths_changed = True
-        self._advance(evaluations=number + 1, last_evaluation=control_steps)
+        self._advance(evaluations=number + 1, last_evaluation=steps)
 
     def metrics(self, control_steps: int, values: Mapping[str, float]) -> None:
         """Adds values that a training loop logs, by name."""
@@ -103,13 +99,11 @@ class RunLog:
         """Returns the number of rows of a table, pending ones included."""
         return self._record.rows(table) + len(self._rows[table])
 
-    def commit(
-        self, checkpoint: Mapping[str, bytes] | None = None, drop: Collection[str] = ()
-    ) -> float:
+    def commit(self, files: Mapping[str, bytes] | None = None, drop: Collection[str] = ()) -> float:
         """Commits pending rows and a checkpoint atomically; returns the seconds that it took.
 
         When a table has many files, its rows are written again as one, so that a long run does not
-        end with thousands. The checkpoint has files by role; `drop` are roles to remove.
+        end with thousands. The checkpoint's files are by role; `drop` are roles to remove.
         """
         began, record = time.perf_counter(), self._record
         tables = {
@@ -125,7 +119,7 @@ class RunLog:
         if self._paths_changed:
             replace.add("paths")
             tables["paths"] = self._paths
-        record.append(tables, checkpoint, drop=drop, replace=replace)
+        record.append(tables, files, drop=drop, replace=replace)
         self._rows = {name: [] for name in self._rows}
         self._before, self._paths_changed = None, False
         return time.perf_counter() - began

@@ -136,10 +136,10 @@ def retrain(
         )
         for failure in failures.values():
             raise failure
-        trained = temporary.find("run", settings.id)
-        assert trained is not None
+        new = temporary.find("run", settings.id)
+        assert new is not None
         recorded, computed = (
-            _rows(run, "episode", "evaluation", until=until) for run in (record, trained)
+            _rows(run, "episode", "evaluation", until=until) for run in (record, new)
         )
     repeated = _compared(record, until, recorded, computed, "episode")
     losses = (row.get(name) for row in computed.values() for name in schema.LOSSES)
@@ -178,9 +178,7 @@ def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
     if record.manifest.provenance.get("device", "cpu") != _device_for(record.manifest.provenance):
         return "A GPU evaluated it, and this machine has none."
     if settings.engine == "plugin":
-        return (
-            "Its evaluations ran the agent's own code; the kept copy rounds its sums differently."
-        )
+        return "Its evaluations ran the agent's own code; the kept copy rounds sums differently."
     newest = max(number for _, _, number, _ in rows)
     evaluated = record.manifest.summary.get(POLICY_EVALUATION)
     if evaluated is None and isinstance(settings, RunSettings):
@@ -206,16 +204,14 @@ def _rows(record: Record, *kinds: str, until: float = math.inf) -> _Rows:
     }
 
 
-def _compared(
-    record: Record, control_steps: int, recorded: _Rows, computed: _Rows, what: str
-) -> Repeated:
+def _compared(record: Record, until: int, recorded: _Rows, computed: _Rows, what: str) -> Repeated:
     difference = _difference(recorded, computed)
     returns = (
         tuple(row["episode_return"] for key, row in sorted(rows.items()) if key[1] == what)
         for rows in (recorded, computed)
     )
     verdict: Verdict = "different" if difference else "equal"
-    return Repeated(record.id, verdict, difference, control_steps, *returns)
+    return Repeated(record.id, verdict, difference, until, *returns)
 
 
 def _difference(recorded: _Rows, computed: _Rows) -> str:

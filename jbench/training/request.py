@@ -57,9 +57,7 @@ def request_runs(
     if ofe is not None:
         fields["representation"] = ofe.representation
     elif feature_changes:
-        raise RequestError(
-            "--set ofe.NAME=VALUE is for --encoder ofeN, such as ofe12; leave it out."
-        )
+        raise RequestError("--set ofe.NAME is for --encoder ofeN, such as ofe12; leave it out.")
     elif encoder not in names.NO_ENCODER:
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
         fields["representation"] = read_representation(results, encoder_id)
@@ -140,9 +138,7 @@ def training_device(
     """
     if engine == "sb3":
         if wanted.startswith("cuda"):
-            raise RequestError(
-                f"--device {wanted} is for --engine batched; stable-baselines3 gets cpu."
-            )
+            raise RequestError(f"--device {wanted} is for --engine batched; sb3 trains on cpu.")
         find_device(wanted)
         return "cpu"
     device = str(find_device(wanted))

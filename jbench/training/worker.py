@@ -42,7 +42,6 @@ def main() -> int:
     sys.argv = request["command"]
     runs = [RunSettings(**settings) for settings in request["runs"]]
     results = Results(Path(request["results"]))
-    failures: dict[str, Exception]
     try:
         failures = run_batch(runs, results, report=send, **request["options"])
     except Exception as error:

@@ -18,7 +18,7 @@ from jbench.policies.saved import policy_files
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
-from jbench.store import encoder_schema, schema
+from jbench.store import schema
 
 TASK = "face_direction"
 DATASET = "random/s00-5de9f54f"
@@ -50,10 +50,12 @@ def _add_encoder(results):
     description |= {"features": [f"feature {index}" for index in range(16)]}
     description |= {"minimum": [-1.0] * 16, "maximum": [1.0] * 16}
     record = results.create("encoder", settings.id, settings.model_dump())
-    errors = dict.fromkeys(encoder_schema.ENCODER_ERRORS.names, 0.5) | {"encoder": settings.id}
+    errors = dict.fromkeys(schema.TABLES["encoder_errors"].names, 0.5) | {"encoder": settings.id}
     errors |= {"test_states": 1000, "heuristic_states": 1000}
     errors |= {"test_explained": 0.959, "pca_explained": 0.976, "heuristic_explained": 0.977}
-    record.append({"encoder_errors": pa.Table.from_pylist([errors], encoder_schema.ENCODER_ERRORS)})
+    record.append(
+        {"encoder_errors": pa.Table.from_pylist([errors], schema.TABLES["encoder_errors"])}
+    )
     files = {saved.DESCRIPTION: json.dumps(description).encode()}
     files |= {saved.WEIGHTS: safetensors.numpy.save(weights)}
     record.finish({"test_mse": 0.00537, "test_explained": 0.959, "wall_time": 1.0}, files)

@@ -10,7 +10,7 @@ from jbench.commands import options, parsing
 from jbench.commands.output import Output, tally
 from jbench.errors import RequestError, WorkError
 from jbench.importing.request import ImportRequest
-from jbench.wording import are, counted, repair_hint, with_results
+from jbench.wording import are, counted, json_text, repair_hint, with_results
 
 _SHOWN, _LONGEST = 100, 80  # rows of a query, and characters of a cell, in a table for people
 
@@ -26,7 +26,7 @@ def query(
     SHOW TABLES lists the tables, and DESCRIBE runs the columns of the table runs.
     """
     from jbench.store import Results
-    from jbench.store.query import named_tables, query_results, to_csv, to_json
+    from jbench.store.query import named_tables, query_results, records, to_csv
 
     if as_csv and json:
         raise RequestError("--csv and --json exclude each other; type one of them.")
@@ -36,7 +36,7 @@ def query(
     output = Output(json)
     answer, problems = query_results(database, sql)
     if json:
-        output.raw(f"{to_json(answer)}\n")
+        output.raw(f"{json_text(records(answer))}\n")
     elif as_csv:
         output.raw(to_csv(answer))
     else:

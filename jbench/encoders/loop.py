@@ -25,7 +25,7 @@ from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import StatePairs, States
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.store import Record
-from jbench.store.encoder_schema import ENCODER_TABLES
+from jbench.store.schema import ENCODER_TABLES
 
 CHECKPOINT = "checkpoint.safetensors"
 

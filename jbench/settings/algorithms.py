@@ -21,11 +21,11 @@ Initialization = Literal["fan-in", "glorot"]
 class AlgorithmSettings(Settings):
     """Settings of all four algorithms. Only the batched engine supports omissible settings."""
 
-    learning_rate: float = Field(default=1e-4, gt=0, description="of Adam; Table 1")
-    batch_size: Count = Field(default=256, description="transitions; Table 1")
-    gamma: float = Field(default=0.99, ge=0, le=1, description="discount; section 4.2")
+    learning_rate: float = Field(1e-4, gt=0, description="of Adam; Table 1")
+    batch_size: Count = Field(256, description="transitions; Table 1")
+    gamma: float = Field(0.99, ge=0, le=1, description="discount; section 4.2")
     hidden_layers: tuple[Count, ...] = Field(
-        default=(350, 250),
+        (350, 250),
         strict=False,  # JSON has lists
         description="ReLU units of each hidden layer, in actor and critic; Table 1",
     )
@@ -41,25 +41,23 @@ class OffPolicySettings(AlgorithmSettings):
     Rules of other packages have these defaults, those of SAC in stable-baselines3.
     """
 
-    buffer_size: Count = Field(default=1_000_000, description="transitions; Table 1")
+    buffer_size: Count = Field(1_000_000, description="transitions; Table 1")
     learning_starts: NonNegativeInt = Field(
-        default=100, description="control steps before the first update"
+        100, description="control steps before the first update"
     )
     uniform_warmup: bool = Field(
-        default=True, description="whether actions before learning_starts are uniform"
+        True, description="whether actions before learning_starts are uniform"
     )
-    train_freq: Count = Field(default=1, description="control steps between updates")
-    gradient_steps: Count = Field(default=1, description="updates after every train_freq steps")
-    tau: float = Field(
-        default=0.005, gt=0, le=1, description="polyak coefficient of the target networks"
-    )
+    train_freq: Count = Field(1, description="control steps between updates")
+    gradient_steps: Count = Field(1, description="updates after every train_freq steps")
+    tau: float = Field(0.005, gt=0, le=1, description="polyak coefficient of the target networks")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = Field(
-        default="none", description="for exploration"
+        "none", description="for exploration"
     )
-    noise_mean: float = Field(default=0.0, description="of the action noise; Table 1")
-    noise_sigma: float = Field(default=0.2, ge=0, description="of the action noise; Table 1")
-    noise_theta: float = Field(default=0.15, ge=0, description="Ornstein-Uhlenbeck; Table 1")
-    noise_dt: float = Field(default=0.01, gt=0, description="s; stable-baselines 2")
+    noise_mean: float = Field(0.0, description="of the action noise; Table 1")
+    noise_sigma: float = Field(0.2, ge=0, description="of the action noise; Table 1")
+    noise_theta: float = Field(0.15, ge=0, description="Ornstein-Uhlenbeck; Table 1")
+    noise_dt: float = Field(0.01, gt=0, description="s; stable-baselines 2")
     mirror: bool = omissible(
         False,
         description="whether half of each minibatch are mirror images of transitions, x to -x and "
@@ -106,14 +104,14 @@ class DDPGSettings(DeterministicSettings):
     """DDPG (Lillicrap et al., 2015)."""
 
     # Updates begin as soon as a batch can be sampled; the policy acts from the first step.
-    learning_starts: NonNegativeInt = Field(default=256, description="stable-baselines 2")
-    uniform_warmup: bool = Field(default=False, description="stable-baselines 2")
-    train_freq: Count = Field(default=100, description="stable-baselines 2")
-    gradient_steps: Count = Field(default=50, description="stable-baselines 2")
-    tau: float = Field(default=0.001, gt=0, le=1, description="stable-baselines 2")
+    learning_starts: NonNegativeInt = Field(256, description="stable-baselines 2")
+    uniform_warmup: bool = Field(False, description="stable-baselines 2")
+    train_freq: Count = Field(100, description="stable-baselines 2")
+    gradient_steps: Count = Field(50, description="stable-baselines 2")
+    tau: float = Field(0.001, gt=0, le=1, description="stable-baselines 2")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "ornstein-uhlenbeck"
     noise_mean: float = 0.3
-    noise_sigma: float = Field(default=0.3, ge=0)
+    noise_sigma: float = Field(0.3, ge=0)
     action_layer: Literal[0, 1] = omissible(
         0, description="layer of the critic that takes the action: 0, the first; script: 1"
     )
@@ -137,49 +135,49 @@ class DDPGSettings(DeterministicSettings):
 class TD3Settings(DeterministicSettings):
     """TD3 (Fujimoto et al., 2018)."""
 
-    learning_starts: NonNegativeInt = Field(default=10_000, description="Table 1")
-    train_freq: Count = Field(default=1000, description="Table 1")
-    gradient_steps: Count = Field(default=1000, description="Table 1")
-    tau: float = Field(default=0.005, gt=0, le=1, description="stable-baselines 2")
+    learning_starts: NonNegativeInt = Field(10_000, description="Table 1")
+    train_freq: Count = Field(1000, description="Table 1")
+    gradient_steps: Count = Field(1000, description="Table 1")
+    tau: float = Field(0.005, gt=0, le=1, description="stable-baselines 2")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
-    policy_delay: Count = Field(default=2, description="stable-baselines 2")
-    target_policy_noise: float = Field(default=0.2, ge=0, description="stable-baselines 2")
-    target_noise_clip: float = Field(default=0.5, ge=0, description="stable-baselines 2")
+    policy_delay: Count = Field(2, description="stable-baselines 2")
+    target_policy_noise: float = Field(0.2, ge=0, description="stable-baselines 2")
+    target_noise_clip: float = Field(0.5, ge=0, description="stable-baselines 2")
 
 
 class SACSettings(OffPolicySettings):
     """SAC with a learned entropy coefficient (Haarnoja et al., 2018)."""
 
-    learning_starts: NonNegativeInt = Field(default=100, description="stable-baselines 2")
-    train_freq: Count = Field(default=1, description="stable-baselines 2")
-    gradient_steps: Count = Field(default=1, description="stable-baselines 2")
-    tau: float = Field(default=0.005, gt=0, le=1, description="stable-baselines 2")
+    learning_starts: NonNegativeInt = Field(100, description="stable-baselines 2")
+    train_freq: Count = Field(1, description="stable-baselines 2")
+    gradient_steps: Count = Field(1, description="stable-baselines 2")
+    tau: float = Field(0.005, gt=0, le=1, description="stable-baselines 2")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
     ent_coef: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
-        default="auto", description="stable-baselines 2"
+        "auto", description="stable-baselines 2"
     )
     target_entropy: float | Literal["auto"] = Field(
-        default=-1.0, description="minus the number of actions; stable-baselines 2"
+        -1.0, description="minus the number of actions; stable-baselines 2"
     )
-    target_update_interval: Count = Field(default=1, description="stable-baselines 2")
+    target_update_interval: Count = Field(1, description="stable-baselines 2")
 
 
 class PPOSettings(AlgorithmSettings):
     """PPO with a clipped objective (Schulman et al., 2017)."""
 
-    n_envs: Count = Field(default=8, description="parallel environments; authors' script")
-    n_steps: Count = Field(default=256, description="per environment and update; Table 1")
+    n_envs: Count = Field(8, description="parallel environments; authors' script")
+    n_steps: Count = Field(256, description="per environment and update; Table 1")
     # stable-baselines 2 has no batch size for PPO but 4 minibatches: 8 * 256 / 4 transitions.
-    batch_size: Count = Field(default=512, description="stable-baselines 2")
-    n_epochs: Count = Field(default=4, description="stable-baselines 2")
-    gae_lambda: float = Field(default=0.95, ge=0, le=1, description="stable-baselines 2")
-    clip_range: float = Field(default=0.2, gt=0, description="stable-baselines 2 (script: 0.1)")
+    batch_size: Count = Field(512, description="stable-baselines 2")
+    n_epochs: Count = Field(4, description="stable-baselines 2")
+    gae_lambda: float = Field(0.95, ge=0, le=1, description="stable-baselines 2")
+    clip_range: float = Field(0.2, gt=0, description="stable-baselines 2 (script: 0.1)")
     # stable-baselines 2 clips the value function like the policy by default.
-    clip_range_vf: float | None = Field(default=0.2, gt=0, description="stable-baselines 2")
-    normalize_advantage: bool = Field(default=True, description="stable-baselines 2")
-    ent_coef: float = Field(default=0.01, ge=0, description="Table 1")
-    vf_coef: float = Field(default=0.5, ge=0, description="stable-baselines 2 (script: 0.25)")
-    max_grad_norm: float = Field(default=0.5, gt=0, description="stable-baselines 2")
+    clip_range_vf: float | None = Field(0.2, gt=0, description="stable-baselines 2")
+    normalize_advantage: bool = Field(True, description="stable-baselines 2")
+    ent_coef: float = Field(0.01, ge=0, description="Table 1")
+    vf_coef: float = Field(0.5, ge=0, description="stable-baselines 2 (script: 0.25)")
+    max_grad_norm: float = Field(0.5, gt=0, description="stable-baselines 2")
     shared_layers: bool = omissible(
         False, description="whether policy and value share their hidden layers; script: true"
     )

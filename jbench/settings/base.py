@@ -54,7 +54,7 @@ def _is_finite(value: Any) -> bool:
 
 def omissible(default: Any, **more: Any) -> Any:
     """Returns a field that is omitted at its default, so that older records keep their ids."""
-    return Field(default=default, exclude_if=lambda value: value == default, **more)
+    return Field(default, exclude_if=lambda value: value == default, **more)
 
 
 def typed(default: Any, unit: str | None = None, **more: Any) -> Any:

@@ -17,13 +17,13 @@ class Specs(Settings):
     """
 
     model: str | None = Field(
-        default=None, description="SHA-256 of the physical parameters of the MuJoCo model"
+        None, description="SHA-256 of the physical parameters of the MuJoCo model"
     )
     parts: list[str] = Field(description="names of the parts of the observation, in order")
     sizes: list[Count] = Field(description="number of values of each part")
     action_minimum: list[float] = Field(description="what the action -1 is for each actuator")
     action_maximum: list[float] = Field(description="what the action 1 is for each actuator")
-    control_timestep: float | None = Field(default=None, description="s")
+    control_timestep: float | None = Field(None, description="s")
 
 
 class OFESettings(Settings):
@@ -36,17 +36,17 @@ class OFESettings(Settings):
         "the agent observes only them, else the observation followed by them",
     )
     layers: Count = Field(
-        default=6, description="layers over which the units are spread; the authors' code"
+        6, description="layers over which the units are spread; the authors' code"
     )
-    learning_rate: float = Field(default=3e-4, gt=0, description="Adam; the authors' code")
+    learning_rate: float = Field(3e-4, gt=0, description="Adam; the authors' code")
     pretraining: float = Field(
-        default=1.0,
+        1.0,
         ge=0,
         description="feature updates per control step before the agent's first update, all made "
         "just before it; the authors' code",
     )
     standardize_updates: Count = Field(
-        default=10_000,
+        10_000,
         description="number of feature updates whose minibatches determine the observations' mean "
         "and standard deviation, which are fixed afterwards",
     )
@@ -71,11 +71,11 @@ class DatasetSettings(Settings):
     """Settings that identify a dataset."""
 
     policy: str = "random"
-    robot: str = Field(default=JITTERBUG, description="or the name of a task of another robot")
+    robot: str = Field(JITTERBUG, description="or the name of a task of another robot")
     specs: Specs | None = omissible(None, description="of a task of another robot")
-    seed: Seed = Field(default=0, description="random seed")
+    seed: Seed = Field(0, description="random seed")
     steps: int = Field(
-        default=5_000_000,
+        5_000_000,
         gt=0,
         description="number of control steps, a multiple of 1000 (paper, section 5.2: 5 million)",
         json_schema_extra={"unit": "control steps"},
@@ -108,12 +108,12 @@ class EvaluationSettings(Settings):
     task: str
     specs: Specs | None = omissible(None, description="of a task of another robot")
     policy: str = Field(description="as typed by the user, such as heuristic; a file has no path")
-    episodes: Count = Field(default=100, description="number of episodes")
-    seed: Seed = Field(default=0, description="random seed of poses, targets and actions")
-    states: bool = Field(default=False, description="record the state at every control step")
-    target_yaw: float | None = Field(default=None, description="rad; None: drawn by the task")
+    episodes: Count = Field(100, description="number of episodes")
+    seed: Seed = Field(0, description="random seed of poses, targets and actions")
+    states: bool = Field(False, description="record the state at every control step")
+    target_yaw: float | None = Field(None, description="rad; None: drawn by the task")
     augment: Seed | None = Field(
-        default=None, description="seed of an augmented robot (default: the plain robot)"
+        None, description="seed of an augmented robot (default: the plain robot)"
     )
     code: str | None = omissible(
         None, description="package and version of an imported policy, or its file's SHA-256"
@@ -136,7 +136,7 @@ class LabeledSettings(Settings):
     task: str
     algo: str = Field(description="label of the algorithm, such as cleanrl-td3")
     representation: str = Field(
-        default=FULL, description="label of what the agent observes: full, or one such as dae12"
+        FULL, description="label of what the agent observes: full, or one such as dae12"
     )
     seed: Seed
 
@@ -170,7 +170,7 @@ class ExternalSettings(LabeledSettings):
     jbench knows neither the algorithm nor its hyperparameters: both are recorded as given.
     """
 
-    encoder: str | None = Field(default=None, description="id of the encoder")
+    encoder: str | None = Field(None, description="id of the encoder")
     steps: Count = Field(description="control steps over all environments")
     engine: Literal["external"] = EXTERNAL
     time_limit: TimeLimit = "bootstrap"

@@ -23,9 +23,9 @@ class RunSettings(Settings):
     specs: Specs | None = omissible(None, description="of a task of another robot")
     algo: str
     representation: str = Field(
-        default=FULL, description="full, that of an encoder such as dae12, or ofe12"
+        FULL, description="full, that of an encoder such as dae12, or ofe12"
     )
-    encoder: str | None = Field(default=None, description="id of the encoder")
+    encoder: str | None = Field(None, description="id of the encoder")
     seed: Seed
     steps: Count = typed(
         5_000_000,
@@ -34,7 +34,7 @@ class RunSettings(Settings):
         "5e6",
     )
     engine: Engine = Field(
-        default="batched",
+        "batched",
         json_schema_extra={"typed": None},
         description="training engine: batched (many seeds at a time) or sb3 (stable-baselines3) "
         "(default: batched, or the only engine of the algorithm)",
@@ -43,7 +43,7 @@ class RunSettings(Settings):
         None, description="distribution of an agent or an update rule that is not jbench's"
     )
     time_limit: TimeLimit = Field(
-        default="bootstrap",
+        "bootstrap",
         description="treat the time limit as a truncation (bootstrap) or as terminal (terminal)",
     )
     evaluate_every: Count = typed(

@@ -7,18 +7,16 @@ absent. The directory is synced too, so that the name survives a power cut.
 import contextlib
 import errno
 import hashlib
-import io
 import os
+import re
 import stat
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO
 
 from jbench.errors import RequestError, WorkError
-
-_File = TypeVar("_File", bound=BinaryIO | io.BufferedReader)
 
 _TEMPORARY = ".writing-"
 
@@ -106,7 +104,7 @@ def move(path: Path, to: Path) -> None:
 
 
 @contextlib.contextmanager
-def _closing(file: _File) -> Iterator[_File]:
+def _closing(file: BinaryIO) -> Iterator[BinaryIO]:
     """Closes a file at the end of the block, even if `close` is interrupted."""
     try:
         yield file
@@ -120,7 +118,7 @@ def _closing(file: _File) -> Iterator[_File]:
 
 
 @contextlib.contextmanager
-def open_plain(path: Path) -> Iterator[io.BufferedReader]:
+def open_plain(path: Path) -> Iterator[BinaryIO]:
     """Opens a file for reading; raises an OSError if it is not a regular file, see `is_missing`."""
     _check_plain(os.lstat(path).st_mode)
     handle = os.open(path, os.O_RDONLY | PLAIN)
@@ -154,13 +152,9 @@ def entries(directory: Path) -> list[os.DirEntry[str]]:
 
 def written(directory: Path) -> list[Path]:
     """Returns the files that a writer of a record may have written, complete or not."""
-    suffixes = (".parquet", ".safetensors", ".json")
-    return [
-        directory / entry.name
-        for entry in entries(directory)
-        if (entry.name.startswith(_TEMPORARY) or entry.name.endswith(suffixes))
-        and not entry.is_dir(follow_symlinks=False)
-    ]
+    mine = re.compile(rf"{re.escape(_TEMPORARY)}.*|.*\.(parquet|safetensors|json)", re.DOTALL)
+    found = [entry for entry in entries(directory) if mine.fullmatch(entry.name)]
+    return [directory / entry.name for entry in found if not entry.is_dir(follow_symlinks=False)]
 
 
 def remove(paths: Iterable[Path]) -> None:

@@ -2,16 +2,15 @@
 
 import contextlib
 import hashlib
-import io
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbench.store import files, parquet
+from jbench.store import files
 from jbench.store.flaws import DamagedError, UnreadableError
 from jbench.store.manifest import FileEntry
 
@@ -23,23 +22,14 @@ Not every kind of encoder minimizes a squared error. Columns that later versions
 
 
 def write(directory: Path, name: str, content: bytes, **about: Any) -> FileEntry:
-    """Writes a file; returns its entry for the manifest, with what else is known about it."""
+    """Writes a file; returns its entry for the manifest, with what else is known about it.
+
+    A name is made unique by the hash of the content in place of `*`.
+    """
+    sha256 = files.sha256(content)
+    name = name.replace("*", sha256[:8])
     files.write_atomic(directory / name, content)
-    return FileEntry(name=name, bytes=len(content), sha256=files.sha256(content), **about)
-
-
-def write_rows(directory: Path, table: str, number: int, rows: pa.Table) -> FileEntry:
-    """Writes rows of a table; the number shows the order of its files."""
-    content = parquet.to_bytes(rows)
-    # The hash makes the name unique.
-    name = f"{table}-{number:05d}-{files.sha256(content)[:8]}.parquet"
-    return write(directory, name, content, table=table, rows=rows.num_rows)
-
-
-def write_checkpoint(directory: Path, role: str, content: bytes) -> FileEntry:
-    """Writes the checkpoint of a role; the previous one stays intact until the commit."""
-    name = f"{Path(role).stem}-{files.sha256(content)[:8]}{Path(role).suffix}"
-    return write(directory, name, content, role=role)
+    return FileEntry(name=name, bytes=len(content), sha256=sha256, **about)
 
 
 def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
@@ -49,9 +39,8 @@ def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
     reading it fails, perhaps temporarily.
     """
     with _opened(directory, entry, advice) as file:
-        content = file.read()
-        _check_digest(files.sha256(content), entry)
-    return content
+        _check_digest(files.sha256(content := file.read()), entry)
+        return content
 
 
 def read_rows(
@@ -59,8 +48,7 @@ def read_rows(
 ) -> pa.Table:
     """Returns columns, or all, of a file, which may be of an older schema version; see `read`."""
     with _opened(directory, entry, advice) as file:
-        content = file.read()
-        _check_digest(files.sha256(content), entry)
+        _check_digest(files.sha256(content := file.read()), entry)
         source = pa.BufferReader(content)
         footer = pq.read_metadata(source)
         wanted = () if columns is None else columns
@@ -111,19 +99,17 @@ def _check_footer(footer: pq.FileMetaData, entry: FileEntry, columns: Sequence[s
 
 
 @contextlib.contextmanager
-def _opened(directory: Path, entry: FileEntry, advice: str = "") -> Iterator[io.BufferedReader]:
+def _opened(directory: Path, entry: FileEntry, advice: str = "") -> Iterator[BinaryIO]:
     """Opens a file of the listed size; errors in the block are those of `read`."""
     path = directory / entry.name
     try:
         with files.open_plain(path) as file:
-            size = os.fstat(file.fileno()).st_size
-            if size != entry.bytes:
+            if (size := os.fstat(file.fileno()).st_size) != entry.bytes:
                 raise ValueError(f"{size} bytes, not {entry.bytes}")
             yield file
     except (ValueError, OSError, pa.ArrowException) as error:
         reason = str(getattr(error, "strerror", None) or error).splitlines()[0]
         # pyarrow's errors have no number.
-        passes = isinstance(error, OSError) and error.errno and not files.is_missing(error)
-        if passes:
+        if isinstance(error, OSError) and error.errno and not files.is_missing(error):
             raise UnreadableError(path, f"can't be read ({reason})") from None
         raise DamagedError(path, f"is damaged ({reason})", advice) from None

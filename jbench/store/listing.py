@@ -15,7 +15,7 @@ from jbench.returns import final_evaluation, final_return
 from jbench.settings.alike import variant
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.variants import variant_words
-from jbench.store import encoder_schema, schema
+from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.flaws import DamagedError
 from jbench.store.manifest import MANIFEST, Kind
@@ -26,7 +26,7 @@ Row = dict[str, Any]
 
 KIND_TABLES: dict[Kind, tuple[str, dict[str, pa.Schema]]] = {
     "run": ("runs", schema.RUN_TABLES),
-    "encoder": ("encoders", encoder_schema.ENCODER_TABLES),
+    "encoder": ("encoders", schema.ENCODER_TABLES),
     "evaluation": ("policy_evaluations", {"policy_episodes": schema.POLICY_EPISODES}),
     "dataset": ("datasets", {}),
     "import": ("imports", {"import_points": schema.IMPORT_POINTS}),
@@ -46,9 +46,7 @@ def make_row(record: Record) -> Row:
             **manifest.settings,
             **_counted(record),
             record.kind: record.id,
-            "status": manifest.status,
-            "created": manifest.created,
-            "updated": manifest.updated,
+            **{name: getattr(manifest, name) for name in ("status", "created", "updated")},
             "settings": json.dumps(manifest.settings, sort_keys=True),
             "provenance": json.dumps(manifest.provenance, sort_keys=True),
         }
@@ -72,13 +70,9 @@ def _counted(record: Record) -> Row:
     manifest = record.manifest
     if record.kind == "run":
         diverged = manifest.summary.get("diverged")
-        return {
-            "variant": variant(record.settings),
-            "episodes": record.rows("episodes"),
-            "diverged": json.dumps(diverged, sort_keys=True)
-            if isinstance(diverged, dict)
-            else None,
-        }
+        text = json.dumps(diverged, sort_keys=True) if isinstance(diverged, dict) else None
+        counts = {"variant": variant(record.settings), "episodes": record.rows("episodes")}
+        return {**counts, "diverged": text}
     if record.kind == "encoder":
         return {"representation": record.path.parent.name}
     if record.kind == "dataset":
@@ -87,9 +81,8 @@ def _counted(record: Record) -> Row:
         return {"steps_done": steps, "bytes": record.size}
     if record.kind == "import":
         hashes, names = record.settings.get("files"), manifest.provenance.get("files")
-        if isinstance(hashes, list) and isinstance(names, list):
-            return {"files": json.dumps(dict(zip(hashes, names, strict=False)))}
-        return {"files": "{}"}
+        known = isinstance(hashes, list) and isinstance(names, list)
+        return {"files": json.dumps(dict(zip(hashes, names, strict=False)) if known else {})}
     return {}
 
 
@@ -147,12 +140,10 @@ def make_line(record: Record) -> Row:
         **{name: row[name] for name in ("task", "algo", "representation", "seed", "status")},
         "episodes": episodes,
         "steps_done": done,
-        **{name: row.get(name) for name in ("steps", "wall_time", "created", "updated")},
-        "returns": row.get("returns"),
+        **{n: row.get(n) for n in ("steps", "wall_time", "created", "updated", "returns")},
         "error": record.error,
         "variant": row.get("variant"),
-        "last_return": None,
-        "evaluation_return": None,
+        **dict.fromkeys(("last_return", "evaluation_return")),
     }
     return finite(line)
 

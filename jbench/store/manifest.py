@@ -74,13 +74,13 @@ class FileEntry(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: _Name
-    table: _Name | None = Field(default=None, description="table that its rows belong to")
+    table: _Name | None = Field(None, description="table that its rows belong to")
     role: _Name | None = Field(
-        default=None,
+        None,
         exclude_if=lambda role: role is None,
         description="name of a checkpoint; a newer file of the same role replaces it",
     )
-    rows: int = Field(default=0, ge=0)
+    rows: int = Field(0, ge=0)
     bytes: int = Field(ge=0)
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 

@@ -43,7 +43,13 @@ def merge(
     Raises a RequestError if a source contains no results, or is the destination.
     """
     for source in sources:
-        _check_source(results, source)
+        if not any((source.path / f"{kind}s").is_dir() for kind in KINDS):
+            kinds = in_prose(f"{kind}s" for kind in KINDS)
+            raise RequestError(
+                f"{source.path} holds no results; name a directory with {kinds} in it."
+            )
+        if source.path.resolve() == results.path.resolve():
+            raise RequestError(f"{source.path} is the results directory itself; name another.")
     folders = [
         (source, folder)
         for kind in KINDS  # dependencies first
@@ -62,16 +68,6 @@ def merge(
                 merged.append(Merged(name, "refused", str(error)))
             show(len(merged))
     return merged
-
-
-def _check_source(results: Results, source: Results) -> None:
-    if not any((source.path / f"{kind}s").is_dir() for kind in KINDS):
-        raise RequestError(
-            f"{source.path} holds no results; name a directory with "
-            f"{in_prose(f'{kind}s' for kind in KINDS)} in it."
-        )
-    if source.path.resolve() == results.path.resolve():
-        raise RequestError(f"{source.path} is the results directory itself; name another.")
 
 
 def _merge_record(

@@ -28,10 +28,14 @@ _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKA
 
 def provenance() -> dict[str, Any]:
     """Returns versions, processor, threads, git revision and command, as JSON values."""
+    versions = {}
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
     return {
         "jbench": importlib.metadata.version("jbench"),
         "python": platform.python_version(),
-        "packages": _installed(),
+        "packages": versions,
         "system": platform.platform(),
         "processor": processor(),
         "cores": cores(),
@@ -42,14 +46,6 @@ def provenance() -> dict[str, Any]:
             for word in (Path(sys.argv[0]).name, *sys.argv[1:])
         ],
     }
-
-
-def _installed() -> dict[str, str]:
-    versions = {}
-    for name in _PACKAGES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            versions[name] = importlib.metadata.version(name)
-    return versions
 
 
 def device_provenance(device: "torch.device") -> dict[str, str | None]:
@@ -108,10 +104,8 @@ def shell_command(recorded: Mapping[str, Any]) -> str:
 @cache
 def processor() -> str:
     """Returns the name of the processor."""
-    try:
+    with contextlib.suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
-    except OSError:
-        pass
     return platform.processor() or platform.machine()

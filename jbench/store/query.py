@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib import resources
 from typing import Any, NamedTuple
 
@@ -20,7 +21,7 @@ from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.listing import KIND_TABLES, Row, make_row
 from jbench.store.record import Record
-from jbench.wording import json_text, not_formula
+from jbench.wording import not_formula
 
 
 class Tables(NamedTuple):
@@ -56,8 +57,11 @@ def load(
         if not schemas and table not in names:
             continue
         records, unreadable = results.scan(kind)
-        read, damaged = _read(records, schemas)
-        problems += unreadable + damaged
+        # pyarrow and hashlib release the GIL.
+        with ThreadPoolExecutor(cores()) as threads:
+            outcomes = list(threads.map(partial(_read, schemas), records))
+        problems += unreadable + [outcome for outcome in outcomes if isinstance(outcome, str)]
+        read = [outcome for outcome in outcomes if not isinstance(outcome, str)]
         for name, fields in schemas.items():
             parts = (tables_read[name] for _, tables_read in read)
             tables[name] = pa.concat_tables([fields.empty_table(), *parts])
@@ -186,35 +190,21 @@ def to_csv(frame: pd.DataFrame) -> str:
     return frame.to_csv(index=False, lineterminator="\n")
 
 
-def to_json(frame: pd.DataFrame) -> str:
-    """Returns the rows as a JSON list of objects; missing and infinite values are null."""
-    return json_text(records(frame))
-
-
 def records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
     """Returns the rows as dictionaries; missing values are None."""
     return frame.astype(object).where(frame.notna(), None).to_dict("records")
 
 
 def _read(
-    records: Sequence[Record], schemas: Mapping[str, pa.Schema]
-) -> tuple[list[tuple[Row, dict[str, pa.Table]]], list[str]]:
-    def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
-        def row_and_tables() -> tuple[Row, dict[str, pa.Table]]:
-            return make_row(record), {name: record.read(name, schemas[name]) for name in schemas}
-
-        try:
-            return record.reading(row_and_tables)
-        except WorkError as error:
-            return str(error)
-
-    # pyarrow and hashlib release the GIL.
-    with ThreadPoolExecutor(cores()) as threads:
-        outcomes = list(threads.map(read, records))
-    return (
-        [outcome for outcome in outcomes if not isinstance(outcome, str)],
-        [outcome for outcome in outcomes if isinstance(outcome, str)],
-    )
+    schemas: Mapping[str, pa.Schema], record: Record
+) -> tuple[Row, dict[str, pa.Table]] | str:
+    """Returns the row and the tables of a record, or the error of a damaged one."""
+    try:
+        return record.reading(
+            lambda: (make_row(record), {name: record.read(name, schemas[name]) for name in schemas})
+        )
+    except WorkError as error:
+        return str(error)
 
 
 def _select_columns(columns: pa.Schema, names: Sequence[str], coded: bool) -> pa.Schema:

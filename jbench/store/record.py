@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import pyarrow as pa
 
 from jbench.errors import WorkError
-from jbench.store import files, listed, locks, schema
+from jbench.store import files, listed, locks, parquet, schema
 from jbench.store.flaws import DamagedError, RecordError
 from jbench.store.manifest import MANIFEST, FileEntry, Kind, Manifest, Status
 from jbench.store.provenance import differences, provenance, utc_now
@@ -157,7 +157,9 @@ class Record:
         """
         states = checkpoints or {}
         added = [self._write_rows(name, rows) for name, rows in tables.items() if rows.num_rows]
-        added += [listed.write_checkpoint(self.path, *item) for item in states.items()]
+        for role, content in states.items():  # the previous one stays intact until the commit
+            name = f"{Path(role).stem}-*{Path(role).suffix}"
+            added.append(listed.write(self.path, name, content, role=role))
         before, dropped = self.manifest.files, {*states, *drop}
         kept = [e for e in before if e.role not in dropped and e.table not in replace]
         after = {entry.name: entry for entry in (*kept, *added)}  # the same rows are the same file
@@ -227,7 +229,9 @@ class Record:
         return self._write_rows(table, rows)
 
     def _write_rows(self, table: str, rows: pa.Table) -> FileEntry:
-        return listed.write_rows(self.path, table, len(self.parts(table)), rows)
+        # The number shows the order of the table's files.
+        name, content = f"{table}-{len(self.parts(table)):05d}-*.parquet", parquet.to_bytes(rows)
+        return listed.write(self.path, name, content, table=table, rows=rows.num_rows)
 
     def _update(self, **changes: Any) -> None:
         self._commit(self.manifest.model_copy(update={"updated": utc_now(), **changes}))

@@ -1,7 +1,22 @@
 """The tables of the database, as Arrow schemas. Units are in the fields' metadata."""
 
+import re
+
+import pyarrow as pa
+
 from jbench.names import TASKS
-from jbench.store.encoder_schema import ENCODER_TABLES, columns
+
+
+def columns(text: str) -> pa.Schema:
+    """Returns the schema that a text describes: `names: type, unit` in each line or `|` part."""
+    fields = []
+    for part in re.split(r"\n| \| ", text.strip()):
+        names, _, described = part.strip().partition(": ")
+        kind, _, unit = described.partition(", ")
+        metadata = {"unit": unit} if unit else None
+        fields += [pa.field(n, pa.type_for_alias(kind), metadata=metadata) for n in names.split()]
+    return pa.schema(fields)
+
 
 _CELL = "task algo representation: string"
 _CONTROL_STEPS = "control_steps: int64, control steps of the run, all environments"
@@ -13,22 +28,14 @@ _MANIFEST = """created updated: string, UTC
     settings provenance: string, JSON"""
 
 LOSSES = (
-    "actor_loss",
-    "critic_loss",
-    "entropy_coefficient",
-    "policy_loss",
-    "value_loss",
-    "entropy_loss",
-    "prediction_loss",
+    *("actor_loss", "critic_loss", "entropy_coefficient"),
+    *("policy_loss", "value_loss", "entropy_loss", "prediction_loss"),
 )
 """Columns of `episodes`: the last losses before an episode's end; null before any update."""
 
 EPISODES = columns(f"""
-    run: string
-    episode: int32
-    {_CONTROL_STEPS}
-    {_RETURN}
-    {_LENGTH}
+    run: string | episode: int32 | {_CONTROL_STEPS}
+    {_RETURN} | {_LENGTH}
     {_TIMES}
     {" ".join(LOSSES)}: float64
 """)
@@ -38,20 +45,14 @@ EPISODES = columns(f"""
 """
 
 EVALUATIONS = columns(f"""
-    run: string
-    evaluation: int32
-    {_CONTROL_STEPS}
-    episode: int32
-    {_RETURN}
-    {_LENGTH}
+    run: string | evaluation: int32 | {_CONTROL_STEPS}
+    episode: int32 | {_RETURN} | {_LENGTH}
     {_TIMES}
 """)
 """Episodes of the deterministic policy, `episode` counting within each `evaluation`."""
 
 PATHS = columns(f"""
-    run: string
-    evaluation: int32
-    {_CONTROL_STEPS}
+    run: string | evaluation: int32 | {_CONTROL_STEPS}
     time: float32, s since the episode began
     x y target_x target_y: float32, m
     heading target_yaw: float32, rad
@@ -62,85 +63,87 @@ Numbers of the target are null if they are not random in the task.
 """
 
 METRICS = columns(f"""
-    run: string
-    {_CONTROL_STEPS}
-    name: string
-    value: float64
+    run: string | {_CONTROL_STEPS}
+    name: string | value: float64
     wall_time: float64, s since the run began
 """)
 """What a training loop passed to `Recording.log`, a row for each value."""
 
-EPISODE_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS}
-
-LOG_TABLES = {**EPISODE_TABLES, "metrics": METRICS}
+LOG_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS, "metrics": METRICS}
 """Tables to which a run in progress adds rows."""
 
 RUN_TABLES = {**LOG_TABLES, "paths": PATHS}
 
 RUNS = columns(f"""
-    run: string
-    {_CELL}
-    encoder: string
-    seed: int64
-    steps: int64, control steps asked for
-    engine time_limit: string
-    variant: string, hash of the settings but seed and steps
-    status: string
-    episodes: int64
+    run: string | {_CELL}
+    encoder: string | seed: int64 | steps: int64, control steps asked for
+    engine time_limit: string | variant: string, hash of the settings but seed and steps
+    status: string | episodes: int64
     wall_time processor_time: float64, s
     diverged: string, JSON; null unless the run diverged
     {_MANIFEST}
 """)
 
-ENCODERS = columns(f"""
-    encoder task kind representation: string
-    latents seed: int64
-    dataset status: string
-    test_mse: float64, scaled features squared; clean input
-    test_explained: float64, fraction of the variance
-    effective_rank: float64, of the latents on held-out episodes
-    wall_time: float64, s
-    {_MANIFEST}
-""")
-
-DATASETS = columns(f"""
-    dataset: string
-    seed: int64
-    steps: int64, control steps asked for
-    steps_done: int64, control steps
-    status: string
-    bytes: int64, bytes on disk
-    {_MANIFEST}
-""")
-
-POLICY_EVALUATIONS = columns(f"""
-    evaluation task policy: string
-    seed episodes: int64
-    status: string
-    median q10 q90: float64, sum of rewards
-    {_MANIFEST}
-""")
-
 POLICY_EPISODES = columns(f"""
-    evaluation: string
-    episode: int32
-    {_RETURN}
-    {_LENGTH}
-    target_x target_y: float64, m
-    target_yaw: float64, rad
+    evaluation: string | episode: int32 | {_RETURN} | {_LENGTH}
+    target_x target_y: float64, m | target_yaw: float64, rad
 """)
 
 POLICY_STATES = columns("""
-    episode: int32
-    step: int16, control steps; the state after it
-    x y z: float32, m
-    heading: float32, rad
-    upright: float32, reward
-    motor_position: float32, rad
-    motor_velocity: float32, rad/s
+    episode: int32 | step: int16, control steps; the state after it
+    x y z: float32, m | heading: float32, rad | upright: float32, reward
+    motor_position: float32, rad | motor_velocity: float32, rad/s
     action reward: float32
 """)
 """States of an evaluated policy; too large to be a table of `jbench query`."""
+
+_ERRORS = """test_mse test_variance pca_mse random_mse: float64, scaled features squared
+    heuristic_mse heuristic_variance: float64, scaled features squared
+    pca_heuristic_mse random_heuristic_mse: float64, scaled features squared"""
+
+ENCODER_TABLES = {
+    # Errors of an encoder after each epoch on up to 128 held-out episodes; empty for closed forms.
+    # `test_denoising_mse` is null for kinds that do not corrupt their input.
+    "encoder_epochs": columns("""
+        encoder: string | epoch: int32
+        train_loss: float64, what its kind minimizes; dae: as test_denoising_mse
+        test_mse: float64, scaled features squared; clean input
+        test_denoising_mse: float64, scaled features squared; corrupted input
+        wall_time: float64, s of training
+    """),
+    # Error of a finished encoder on each feature: `test` on the held-out episodes, `heuristic` on
+    # ten episodes of the task's hand-written policy. `pca` and `random` are PCA and a random
+    # projection of the same size, fitted to the same states. A variance is that of the target
+    # states.
+    "encoder_features": columns(f"""
+        encoder: string | index: int32 | feature: string
+        {_ERRORS}
+    """),
+    # Error of a finished encoder over all features: the means of the columns of
+    # `encoder_features`, and 1 - error / variance. `ddae` is compared with the future state, PCA
+    # with the present one.
+    "encoder_errors": columns(f"""
+        encoder: string | test_states heuristic_states: int64
+        {_ERRORS}
+        test_explained pca_explained random_explained: float64, fraction of the variance
+        heuristic_explained pca_heuristic_explained: float64, fraction of the variance
+        random_heuristic_explained: float64, fraction of the variance
+    """),
+    # How well an encoder's latents and the action predict the next control step: `r2` of a small
+    # network with fixed settings on held-out episodes, with a row per `target`: `yaw_rate`,
+    # `tilt_rate`, `forward_speed` and `reward`. It is null for a constant target. `amplitude` is
+    # the standard deviation of the latents along the direction in which a linear regression
+    # predicts the target. Encoders that were trained before this table existed have no rows, and
+    # those before version 5 have neither `linear_r2` nor `amplitude`.
+    "encoder_predictions": columns("""
+        encoder target: string
+        r2: float64, fraction of the variance
+        linear_r2: float64, fraction of the variance; of a linear regression
+        amplitude: float64, of the latents; null if linear_r2 is below 0.5
+        effective_rank: float64, of the latents, the same for every target
+        learned_rows test_rows: int64
+    """),
+}
 
 STATE_COLUMNS = {
     "position": (
@@ -158,10 +161,8 @@ STATE_COLUMNS = {
 """Columns of the fields of `jbench.tasks.geometry.State`, in SI units."""
 
 STEPS = columns(f"""
-    episode: int32
-    step: int16
-    {" ".join(name for names in STATE_COLUMNS.values() for name in names)}: float32
-    action: float32
+    episode: int32 | step: int16
+    {" ".join(name for names in STATE_COLUMNS.values() for name in names)} action: float32
 """)
 """States of a dataset: `step` 0 to 1000, and the action taken in the state, null in an episode's
 last. Too large to be a table of `jbench query`.
@@ -173,26 +174,10 @@ DATASET_EPISODES = columns(f"""
 """)
 """Episodes of a dataset: the target of each task (m, m, rad)."""
 
-IMPORTS = columns(f"""
-    import: string
-    {_CELL}
-    seed: int64
-    format: string
-    returns: string, training or evaluation
-    points: int64
-    control_steps: int64, control steps of the last point
-    files: string, JSON: names by SHA-256
-    status: string
-    {_MANIFEST}
-""")
-
 IMPORT_POINTS = columns(f"""
-    import: string
-    point: int32
+    import: string | point: int32
     control_steps: int64, control steps before the point, all environments
-    episode: int32
-    {_RETURN}
-    {_LENGTH}
+    episode: int32 | {_RETURN} | {_LENGTH}
     wall_time: float64, s since the first point; null if unknown
 """)
 """Points of imported curves, `episode` counting within a point.
@@ -201,23 +186,42 @@ A point is a training episode, an evaluation, or a value of a TensorBoard tag or
 """
 
 PUBLISHED = columns(f"""
-    figure: string
-    {_CELL}
+    figure: string | {_CELL}
     control_steps: float64, control steps, center of the window
-    quantile: int64, percent
-    {_RETURN}
-    source: string
+    quantile: int64, percent | {_RETURN} | source: string
 """)
 
 TABLES = {
     "runs": RUNS,
     **RUN_TABLES,
-    "encoders": ENCODERS,
+    "encoders": columns(f"""
+        encoder task kind representation: string | latents seed: int64 | dataset status: string
+        test_mse: float64, scaled features squared; clean input
+        test_explained: float64, fraction of the variance
+        effective_rank: float64, of the latents on held-out episodes
+        wall_time: float64, s
+        {_MANIFEST}
+    """),
     **ENCODER_TABLES,
-    "datasets": DATASETS,
-    "policy_evaluations": POLICY_EVALUATIONS,
+    "datasets": columns(f"""
+        dataset: string | seed: int64
+        steps: int64, control steps asked for | steps_done: int64, control steps
+        status: string | bytes: int64, bytes on disk
+        {_MANIFEST}
+    """),
+    "policy_evaluations": columns(f"""
+        evaluation task policy: string | seed episodes: int64 | status: string
+        median q10 q90: float64, sum of rewards
+        {_MANIFEST}
+    """),
     "policy_episodes": POLICY_EPISODES,
-    "imports": IMPORTS,
+    "imports": columns(f"""
+        import: string | {_CELL} | seed: int64
+        format: string | returns: string, training or evaluation
+        points: int64 | control_steps: int64, control steps of the last point
+        files: string, JSON: names by SHA-256 | status: string
+        {_MANIFEST}
+    """),
     "import_points": IMPORT_POINTS,
     "published": PUBLISHED,
 }

@@ -105,7 +105,11 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
     try:
         record = folder.read()
         if record is not None:
-            _check_settings(record)
+            make_row(record)
+            expected = settings_hash(record.settings)
+            if not record.id.endswith(f"-{expected}"):
+                problem = f"has settings of the hash {expected}, not those that its id was made of"
+                raise DamagedError(record.path / MANIFEST, problem)
     except RecordError as error:
         errors.append(error)
     if record is not None:
@@ -119,23 +123,20 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
     return record, flaws
 
 
-def _check_settings(record: Record) -> None:
-    make_row(record)
-    expected = settings_hash(record.settings)
-    if not record.id.endswith(f"-{expected}"):
-        problem = f"has settings of the hash {expected}, not those that its id was made of"
-        raise DamagedError(record.path / MANIFEST, problem)
-
-
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
     problems = []
     kind, named = _needed(record)
     if named is not None and (kind, str(named)) not in intact:
         problems.append(f"names the {kind} {named}, which is not intact in these results")
     for what in ("created", "updated"):
-        date = getattr(record.manifest, what)
-        if reason := _check_date(date):
-            problems.append(f"was {what} {date!r}: {reason}")
+        date, reason = getattr(record.manifest, what), None
+        try:
+            # Clocks of different machines differ a little.
+            if datetime.fromisoformat(date) > datetime.now(UTC) + timedelta(hours=1):
+                reason = "in the future, so that its clock or this one is wrong"
+        except (ValueError, TypeError):
+            reason = "no date with a time zone"
+        problems += [f"was {what} {date!r}: {reason}"] if reason else []
     for problem in problems:
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
 
@@ -151,13 +152,3 @@ def _needed(record: Record) -> tuple[Kind, Any]:
         is_run = "/" in policy and not policy.startswith("reference/")
         return "run", policy if is_run else None
     return "encoder", settings.get("encoder") if record.kind == "run" else None
-
-
-def _check_date(text: str) -> str | None:
-    try:
-        # Clocks of different machines differ a little.
-        if datetime.fromisoformat(text) > datetime.now(UTC) + timedelta(hours=1):
-            return "in the future, so that its clock or this one is wrong"
-    except (ValueError, TypeError):
-        return "no date with a time zone"
-    return None

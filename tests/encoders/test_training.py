@@ -14,7 +14,7 @@ from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import WorkError
-from jbench.store import Results, encoder_schema
+from jbench.store import Results, schema
 from jbench.tasks.features import feature_labels
 from tests.encoders.encoder_data import (
     CHEAP,
@@ -160,7 +160,7 @@ def test_each_epoch_and_feature_has_row(trained):
         assert set(table["encoder"]) == {trained.record.id}
         assert table.notna().all(axis=None)
     (total,) = errors.to_dict("records")
-    for name in encoder_schema.ENCODER_FEATURES.names[3:]:
+    for name in schema.TABLES["encoder_features"].names[3:]:
         assert features[name].mean() == pytest.approx(total[name])
     # One of five episodes is held out; its error is reported after each epoch.
     assert total["test_mse"] == pytest.approx(epochs["test_mse"].iloc[-1], rel=1e-5)

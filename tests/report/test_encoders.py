@@ -9,7 +9,7 @@ from jbench.errors import RequestError
 from jbench.report.encoders import encoder_frame
 from jbench.report.frames import Frames
 from jbench.report.request import Request
-from jbench.store import Results, encoder_schema, parquet, query
+from jbench.store import Results, parquet, query, schema
 
 EXPLAINED = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3}
 EXPLAINED |= {"random_heuristic": 0.2}
@@ -22,7 +22,7 @@ def add(results, kind, latents, explained, *, task="face_direction", seed=0, **o
     record = results.create("encoder", id, {**settings, "options": options})
     row = {"encoder": id, "test_mse": 1 - explained, "test_explained": explained}
     row |= {f"{name}_explained": value for name, value in EXPLAINED.items()}
-    record.append({"encoder_errors": pa.Table.from_pylist([row], encoder_schema.ENCODER_ERRORS)})
+    record.append({"encoder_errors": pa.Table.from_pylist([row], schema.TABLES["encoder_errors"])})
     record.finish({"test_mse": 1 - explained})
     return record
 
@@ -89,7 +89,9 @@ def test_measured_predictions_stand_beside_errors(results):
         record = add(results, "dae", 4, 0.5, seed=seed)
         r2 = {"yaw_rate": yaw_rate, "tilt_rate": 0.5, "forward_speed": -0.2, "reward": None}
         rows = pd.DataFrame({"encoder": record.id, "target": [*r2], "r2": [*r2.values()]})
-        rows = parquet.to_table(rows.assign(effective_rank=3.5), encoder_schema.ENCODER_PREDICTIONS)
+        rows = parquet.to_table(
+            rows.assign(effective_rank=3.5), schema.TABLES["encoder_predictions"]
+        )
         record.append({"encoder_predictions": rows})
         record.finish({"effective_rank": 3.5})
     add(results, "pca", 4, 0.9)

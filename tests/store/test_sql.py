@@ -7,7 +7,8 @@ import pyarrow as pa
 import pytest
 
 from jbench.errors import RequestError
-from jbench.store.query import run_sql, to_csv, to_json
+from jbench.store.query import records, run_sql, to_csv
+from jbench.wording import json_text
 
 TABLES = {"runs": pa.table({"run": ["a", "b"], "score": [1.5, None]})}
 OUTSIDE = pa.table({"password": ["hunter2"]})  # DuckDB would find it by its Python name
@@ -113,7 +114,7 @@ def test_json_is_list_of_objects_with_null_for_missing_values():
         union all select 9007199254740993, 7, 'b', 'c', null, 2, 3, [], [], null, null, null, null
         order by 1
     """
-    first, second = json.loads(to_json(run_sql(sql, TABLES)))
+    first, second = json.loads(json_text(records(run_sql(sql, TABLES))))
     assert first["real"] == 1.5
     assert [first[name] for name in ("none", "no_text", "nan", "infinite")] == [None] * 4
     assert second["real"] is None
@@ -135,9 +136,9 @@ def test_sums_of_integers_and_dates_keep_their_types():
         select 2, null, 1, date '2020-01-03', null order by n desc
     """
     frame = run_sql(sql, TABLES)
-    first, second = json.loads(to_json(frame))
+    first, second = json.loads(json_text(records(frame)))
     assert to_csv(frame[["n", "gap", "day"]]) == "n,gap,day\n16100000,16100000,2020-01-02\n2,,\n"
-    assert '"n": 16100000,' in to_json(frame)
+    assert '"n": 16100000,' in json_text(records(frame))
     assert isinstance(first["large"], float)
     assert first["large"] == 16100000 * 2.0**60
     assert (first["day"], second["no_day"]) == ("2020-01-02", "2020-01-03")

@@ -6,9 +6,9 @@ training script, which runs stable-baselines 2 and differs from Table 1; `docs/a
 differences.
 """
 
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import Field, NonNegativeInt, model_validator
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, model_validator
 
 from jbench.errors import RequestError
 from jbench.names import TASKS, Base
@@ -16,6 +16,7 @@ from jbench.settings.base import Count, Settings, omissible, settings_with
 from jbench.settings.bases import CHANGES, SCRIPT
 
 Initialization = Literal["fan-in", "glorot"]
+Noise = Literal["none", "normal", "ornstein-uhlenbeck"]
 
 
 class AlgorithmSettings(Settings):
@@ -42,18 +43,12 @@ class OffPolicySettings(AlgorithmSettings):
     """
 
     buffer_size: Count = Field(1_000_000, description="transitions; Table 1")
-    learning_starts: NonNegativeInt = Field(
-        100, description="control steps before the first update"
-    )
-    uniform_warmup: bool = Field(
-        True, description="whether actions before learning_starts are uniform"
-    )
+    learning_starts: NonNegativeInt = Field(100, description="control steps until the first update")
+    uniform_warmup: bool = Field(True, description="uniform actions before learning_starts")
     train_freq: Count = Field(1, description="control steps between updates")
     gradient_steps: Count = Field(1, description="updates after every train_freq steps")
     tau: float = Field(0.005, gt=0, le=1, description="polyak coefficient of the target networks")
-    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = Field(
-        "none", description="for exploration"
-    )
+    action_noise: Noise = Field("none", description="for exploration")
     noise_mean: float = Field(0.0, description="of the action noise; Table 1")
     noise_sigma: float = Field(0.2, ge=0, description="of the action noise; Table 1")
     noise_theta: float = Field(0.15, ge=0, description="Ornstein-Uhlenbeck; Table 1")
@@ -109,7 +104,7 @@ class DDPGSettings(DeterministicSettings):
     train_freq: Count = Field(100, description="stable-baselines 2")
     gradient_steps: Count = Field(50, description="stable-baselines 2")
     tau: float = Field(0.001, gt=0, le=1, description="stable-baselines 2")
-    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "ornstein-uhlenbeck"
+    action_noise: Noise = "ornstein-uhlenbeck"
     noise_mean: float = 0.3
     noise_sigma: float = Field(0.3, ge=0)
     action_layer: Literal[0, 1] = omissible(
@@ -139,7 +134,7 @@ class TD3Settings(DeterministicSettings):
     train_freq: Count = Field(1000, description="Table 1")
     gradient_steps: Count = Field(1000, description="Table 1")
     tau: float = Field(0.005, gt=0, le=1, description="stable-baselines 2")
-    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
+    action_noise: Noise = "normal"
     policy_delay: Count = Field(2, description="stable-baselines 2")
     target_policy_noise: float = Field(0.2, ge=0, description="stable-baselines 2")
     target_noise_clip: float = Field(0.5, ge=0, description="stable-baselines 2")
@@ -152,10 +147,8 @@ class SACSettings(OffPolicySettings):
     train_freq: Count = Field(1, description="stable-baselines 2")
     gradient_steps: Count = Field(1, description="stable-baselines 2")
     tau: float = Field(0.005, gt=0, le=1, description="stable-baselines 2")
-    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
-    ent_coef: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
-        "auto", description="stable-baselines 2"
-    )
+    action_noise: Noise = "normal"
+    ent_coef: NonNegativeFloat | Literal["auto"] = Field("auto", description="stable-baselines 2")
     target_entropy: float | Literal["auto"] = Field(
         -1.0, description="minus the number of actions; stable-baselines 2"
     )

@@ -79,18 +79,13 @@ def with_implied(*names: str) -> set[str]:
 def flatten(settings: Run | Mapping[str, Any]) -> Flat:
     """Returns settings by path, with omitted defaults, without an encoder of the seed's own."""
     if isinstance(settings, Mapping):
-        return _flat(_sorted(settings), ())
-    values = _sorted(_shared(settings.values))
+        return _flat(json.loads(canonical_json(settings)), ())
+    values = json.loads(canonical_json(_shared(settings.values)))
     ours = settings.engine != EXTERNAL and settings.algo in SETTINGS
     if ours and isinstance(values.get("hyperparameters"), dict):
         omitted = SETTINGS[str(settings.algo)].omitted()
         values["hyperparameters"] = omitted | values["hyperparameters"]
     return _flat(RunSettings.omitted() | values, ())
-
-
-def _sorted(values: Mapping[str, Any]) -> dict[str, Any]:
-    copy: dict[str, Any] = json.loads(canonical_json(values))
-    return copy
 
 
 def _flat(values: Mapping[str, Any], path: tuple[str, ...]) -> Flat:

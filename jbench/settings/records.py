@@ -3,7 +3,7 @@
 import re
 from typing import Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from jbench.names import EPISODE_STEPS, FULL, MAX_COUNT, OFE, ImportFormat, ReturnsName, TimeLimit
 from jbench.settings.base import Count, Seed, Settings, in_id, omissible
@@ -16,9 +16,7 @@ class Specs(Settings):
     change. The Jitterbug's tasks have none.
     """
 
-    model: str | None = Field(
-        None, description="SHA-256 of the physical parameters of the MuJoCo model"
-    )
+    model: str | None = Field(None, description="SHA-256 of the MuJoCo model's physical parameters")
     parts: list[str] = Field(description="names of the parts of the observation, in order")
     sizes: list[Count] = Field(description="number of values of each part")
     action_minimum: list[float] = Field(description="what the action -1 is for each actuator")
@@ -35,9 +33,7 @@ class OFESettings(Settings):
         description="features of each network; if there are no more than observation dimensions, "
         "the agent observes only them, else the observation followed by them",
     )
-    layers: Count = Field(
-        6, description="layers over which the units are spread; the authors' code"
-    )
+    layers: Count = Field(6, description="layers that the units are spread over; the authors' code")
     learning_rate: float = Field(3e-4, gt=0, description="Adam; the authors' code")
     pretraining: float = Field(
         1.0,
@@ -67,6 +63,9 @@ JITTERBUG = "jitterbug"
 """Robot of a dataset that serves all five tasks."""
 
 
+_AUGMENT = "seed of an augmented robot (default: the plain robot)"
+
+
 class DatasetSettings(Settings):
     """Settings that identify a dataset."""
 
@@ -80,9 +79,7 @@ class DatasetSettings(Settings):
         description="number of control steps, a multiple of 1000 (paper, section 5.2: 5 million)",
         json_schema_extra={"unit": "control steps"},
     )
-    augment: Seed | None = omissible(
-        None, description="seed of an augmented robot (default: the plain robot)"
-    )
+    augment: Seed | None = omissible(None, description=_AUGMENT)
 
     @field_validator("steps")
     @classmethod
@@ -112,9 +109,7 @@ class EvaluationSettings(Settings):
     seed: Seed = Field(0, description="random seed of poses, targets and actions")
     states: bool = Field(False, description="record the state at every control step")
     target_yaw: float | None = Field(None, description="rad; None: drawn by the task")
-    augment: Seed | None = Field(
-        None, description="seed of an augmented robot (default: the plain robot)"
-    )
+    augment: Seed | None = Field(None, description=_AUGMENT)
     code: str | None = omissible(
         None, description="package and version of an imported policy, or its file's SHA-256"
     )
@@ -140,19 +135,16 @@ class LabeledSettings(Settings):
     )
     seed: Seed
 
-    @field_validator("task")
+    @field_validator("task", "algo", "representation")
     @classmethod
-    def _is_a_name(cls, task: str) -> str:
-        if not LABEL.fullmatch(in_id(task)):
-            raise ValueError("type the name of a task, such as face_direction")
-        return task
-
-    @field_validator("algo", "representation")
-    @classmethod
-    def _fits_into_an_id(cls, label: str) -> str:
-        if not LABEL.fullmatch(label):
-            raise ValueError("type letters, digits, '.', '-' and '_', such as cleanrl-td3")
-        return label
+    def _fits_into_an_id(cls, label: str, info: ValidationInfo) -> str:
+        is_task = info.field_name == "task"
+        if LABEL.fullmatch(in_id(label) if is_task else label):
+            return label
+        letters = "letters, digits, '.', '-' and '_', such as cleanrl-td3"
+        raise ValueError(
+            f"type {'the name of a task, such as face_direction' if is_task else letters}"
+        )
 
     @property
     def id(self) -> str:

@@ -22,9 +22,7 @@ class RunSettings(Settings):
     task: str
     specs: Specs | None = omissible(None, description="of a task of another robot")
     algo: str
-    representation: str = Field(
-        FULL, description="full, that of an encoder such as dae12, or ofe12"
-    )
+    representation: str = Field(FULL, description="full, an encoder's such as dae12, or ofe12")
     encoder: str | None = Field(None, description="id of the encoder")
     seed: Seed
     steps: Count = typed(

@@ -98,9 +98,7 @@ def _labels(
     ]
     ends = Counter(path[-1] for path in differing)
     names = {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in differing}
-    rows = sorted(
-        flat.items(), key=lambda item: ([_rank(item[1].get(path)) for path in differing], item[0])
-    )
+    rows = sorted(flat.items(), key=lambda row: ([_rank(row[1].get(p)) for p in differing], row[0]))
     labels = {}
     for variant, values in rows:
         texts = [form(names[path], values.get(path, ...)) for path in differing[:_NAMED_SETTINGS]]

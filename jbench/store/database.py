@@ -2,14 +2,13 @@
 
 import contextlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import files
-from jbench.store.flaws import DamagedError, RecordError, UnreadableError
-from jbench.store.manifest import MANIFEST, Kind, Manifest
+from jbench.store.manifest import MANIFEST, Json, Kind, Manifest
 from jbench.store.record import Record
 
 # A part of an id becomes a directory: no separators and no leading dot.
@@ -33,7 +32,7 @@ class Folder(NamedTuple):
     def check(self) -> None:
         """Raises an `UnreadableError` if the folder can't be read."""
         if self.problem is not None:
-            raise UnreadableError(self.path, self.problem)
+            raise files.UnreadableError(self.path, self.problem)
 
     def read(self) -> Record | None:
         """Returns its record; None if it has no manifest, or no longer. Raises a RecordError."""
@@ -41,7 +40,7 @@ class Folder(NamedTuple):
         if MANIFEST not in self.names:
             return None
         if not _ID.fullmatch(self.id):
-            raise DamagedError(self.path / MANIFEST, f"is in {self.id!r}, which is not an id")
+            raise files.DamagedError(self.path / MANIFEST, f"is in {self.id!r}, which is not an id")
         record = Record(self.path, self.kind, self.id)
         return record if record.load() else None
 
@@ -69,13 +68,7 @@ class Results:
             )
         return Record(self.inside(f"{kind}s/{id}"), kind, id)
 
-    def create(
-        self,
-        kind: Kind,
-        id: str,
-        settings: Mapping[str, Any],
-        made_on: Mapping[str, Any] | None = None,
-    ) -> Record:
+    def create(self, kind: Kind, id: str, settings: Json, made_on: Json | None = None) -> Record:
         """Creates a record, with more provenance, or restarts an unfinished one; see `begin`."""
         record = self.record(kind, id)
         record.begin(Manifest.new(kind, id, settings, made_on or {}))
@@ -99,11 +92,9 @@ class Results:
             return text
         ids = [record.id for record in self.scan(kind, text)[0]]
         if len(ids) > 1:
-            shown = ", ".join(ids[:_MAX_SHOWN])
+            some = ", ".join(ids[:_MAX_SHOWN])
             more = f" and {len(ids) - _MAX_SHOWN} more" if len(ids) > _MAX_SHOWN else ""
-            raise RequestError(
-                f"Several {kind}s begin with {text}: {shown}{more}; type more of it."
-            )
+            raise RequestError(f"Several {kind}s begin with {text}: {some}{more}; type more of it.")
         return ids[0] if ids else text
 
     @contextlib.contextmanager
@@ -133,7 +124,7 @@ class Results:
         for folder in self.walk(kind, beginning.rpartition("/")[0]):
             try:
                 record = folder.read() if folder.id.startswith(beginning) else None
-            except RecordError as error:
+            except files.RecordError as error:
                 problems.append(str(error))
             else:
                 records += [] if record is None else [record]

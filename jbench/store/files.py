@@ -1,4 +1,4 @@
-"""Atomic writing and safe reading of files.
+"""Atomic writing and safe reading of files, and what can be wrong with those of a record.
 
 A file is written under a temporary name, synced and renamed, so that it is either complete or
 absent. The directory is synced too, so that the name survives a power cut.
@@ -7,6 +7,7 @@ absent. The directory is synced too, so that the name survives a power cut.
 import contextlib
 import errno
 import hashlib
+import io
 import os
 import re
 import stat
@@ -14,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 from jbench.errors import RequestError, WorkError
 
@@ -22,6 +23,33 @@ _TEMPORARY = ".writing-"
 
 PLAIN = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 """Flags to open an untrusted file, which may be a symlink or a pipe; some systems lack some."""
+
+
+Sort = Literal["damaged", "leftover", "foreign", "warning"]
+"""A record is damaged; no manifest lists a file; a record can't be checked, because a newer jbench
+wrote it or reading fails; or a record is intact, with a warning.
+"""
+
+
+class RecordError(WorkError):
+    """A record, or a file of it, can't be used; the problem is a clause to follow the path."""
+
+    sort: Sort = "damaged"
+
+    def __init__(self, path: Path, problem: str, advice: str = "") -> None:
+        """Says what is wrong, and may add what to do, as a clause."""
+        super().__init__(f"{path} {problem}{advice and '; '}{advice}.")
+        self.path, self.problem = path, problem
+
+
+class DamagedError(RecordError):
+    """It is missing or damaged."""
+
+
+class UnreadableError(RecordError):
+    """It can't be read at present, or only by a newer jbench; it may be intact."""
+
+    sort = "foreign"
 
 
 class NotPlainError(OSError):
@@ -118,7 +146,7 @@ def _closing(file: BinaryIO) -> Iterator[BinaryIO]:
 
 
 @contextlib.contextmanager
-def open_plain(path: Path) -> Iterator[BinaryIO]:
+def open_plain(path: Path) -> Iterator[io.BufferedReader]:
     """Opens a file for reading; raises an OSError if it is not a regular file, see `is_missing`."""
     _check_plain(os.lstat(path).st_mode)
     handle = os.open(path, os.O_RDONLY | PLAIN)
@@ -127,7 +155,7 @@ def open_plain(path: Path) -> Iterator[BinaryIO]:
     except NotPlainError:
         close(handle)
         raise
-    with _closing(os.fdopen(handle, "rb")) as file:
+    with _closing(file := os.fdopen(handle, "rb")):
         yield file
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,24 +62,11 @@ class Follower:
         now = stamp(folder.path / MANIFEST)
         if now is not None and now == self._stamps.get(folder.id):
             return None
-        record = folder.read()
-        change = None if record is None else self._compare(record)
+        record, seen, change = folder.read(), self._seen.get(folder.id), None
+        if record is not None and (seen or matches(make_line(record), self._filters)):
+            change = record.reading(partial(_change, record, seen))
+            self._seen[record.id] = record
         self._stamps[folder.id] = now
-        return change
-
-    def _compare(self, record: Record) -> Change | None:
-        """Returns what a run has changed since it was seen; None if it is not followed."""
-        seen = self._seen.get(record.id)
-        if seen is None and not matches(make_line(record), self._filters):
-            return None
-
-        def changes() -> Change:
-            before = None if seen is None or _starts_over(record, seen) else seen
-            status_changed = before is None or record.status != before.status
-            return Change(record, before is None, status_changed, _rows_after(record, before))
-
-        change = record.reading(changes)
-        self._seen[record.id] = record
         return change
 
 
@@ -101,13 +89,15 @@ def stamp(manifest: Path) -> tuple[int, ...] | None:
     return None
 
 
-def _starts_over(record: Record, seen: Record) -> bool:
-    has_fewer = any(record.rows(table) < seen.rows(table) for table in schema.LOG_TABLES)
-    return has_fewer or record.manifest.created != seen.manifest.created
-
-
-def _rows_after(record: Record, before: Record | None) -> list[tuple[str, Row]]:
-    """Returns the rows that a run did not have before; reads only the files that have them."""
+def _change(record: Record, before: Record | None) -> Change:
+    """Returns what a run has changed since it was seen."""
+    if before is not None and (
+        record.manifest.created != before.manifest.created
+        or any(record.rows(table) < before.rows(table) for table in schema.LOG_TABLES)
+    ):
+        before = None  # it has started over
+    status_changed = before is None or record.status != before.status
+    # The rows that the run did not have before; only the files that have them are read.
     rows: list[tuple[str, Row]] = []
     for table, columns in schema.LOG_TABLES.items():
         known, first = 0 if before is None else before.rows(table), 0
@@ -118,4 +108,5 @@ def _rows_after(record: Record, before: Record | None) -> list[tuple[str, Row]]:
                 parts.append(part.slice(max(0, known - first)))
             first += entry.rows
         rows += [(table, finite(row)) for row in pa.concat_tables(parts).to_pylist()]
-    return sorted(rows, key=lambda row: row[1]["control_steps"] or 0)
+    rows.sort(key=lambda row: row[1]["control_steps"] or 0)
+    return Change(record, before is None, status_changed, rows)

@@ -2,16 +2,16 @@
 
 import contextlib
 import hashlib
+import io
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jbench.store import files
-from jbench.store.flaws import DamagedError, UnreadableError
 from jbench.store.manifest import FileEntry
 
 _RENAMED = {"encoder_epochs": {"train_mse": "train_loss"}}
@@ -99,7 +99,7 @@ def _check_footer(footer: pq.FileMetaData, entry: FileEntry, columns: Sequence[s
 
 
 @contextlib.contextmanager
-def _opened(directory: Path, entry: FileEntry, advice: str = "") -> Iterator[BinaryIO]:
+def _opened(directory: Path, entry: FileEntry, advice: str = "") -> Iterator[io.BufferedReader]:
     """Opens a file of the listed size; errors in the block are those of `read`."""
     path = directory / entry.name
     try:
@@ -111,5 +111,5 @@ def _opened(directory: Path, entry: FileEntry, advice: str = "") -> Iterator[Bin
         reason = str(getattr(error, "strerror", None) or error).splitlines()[0]
         # pyarrow's errors have no number.
         if isinstance(error, OSError) and error.errno and not files.is_missing(error):
-            raise UnreadableError(path, f"can't be read ({reason})") from None
-        raise DamagedError(path, f"is damaged ({reason})", advice) from None
+            raise files.UnreadableError(path, f"can't be read ({reason})") from None
+        raise files.DamagedError(path, f"is damaged ({reason})", advice) from None

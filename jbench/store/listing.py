@@ -17,7 +17,7 @@ from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.variants import variant_words
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.flaws import DamagedError
+from jbench.store.files import DamagedError
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.record import Record
 
@@ -81,8 +81,9 @@ def _counted(record: Record) -> Row:
         return {"steps_done": steps, "bytes": record.size}
     if record.kind == "import":
         hashes, names = record.settings.get("files"), manifest.provenance.get("files")
-        known = isinstance(hashes, list) and isinstance(names, list)
-        return {"files": json.dumps(dict(zip(hashes, names, strict=False)) if known else {})}
+        if isinstance(hashes, list) and isinstance(names, list):
+            return {"files": json.dumps(dict(zip(hashes, names, strict=False)))}
+        return {"files": "{}"}
     return {}
 
 

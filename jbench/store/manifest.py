@@ -10,7 +10,6 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from jbench.errors import RequestError
 from jbench.settings.base import canonical_json
 from jbench.store import files
-from jbench.store.flaws import DamagedError, UnreadableError
 from jbench.store.provenance import provenance, utc_now
 
 SCHEMA_VERSION = 5
@@ -24,6 +23,7 @@ OLDEST_SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"
 
 Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
+Json = Mapping[str, Any]
 Status = Literal["unfinished", "finished", "failed"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -127,15 +127,12 @@ class Manifest(BaseModel):
         return self.schema_version < SCHEMA_VERSION
 
     @classmethod
-    def new(
-        cls, kind: Kind, id: str, settings: Mapping[str, Any], made_on: Mapping[str, Any]
-    ) -> "Manifest":
+    def new(cls, kind: Kind, id: str, settings: Json, made_on: Json) -> "Manifest":
         """Returns the manifest of a new record; raises a RequestError if it can't be recorded."""
-        made, now = {**provenance(), **made_on}, utc_now()
+        dates: Json = dict.fromkeys(("created", "updated"), utc_now())
+        made = {**provenance(), **made_on}
         try:
-            return cls(
-                kind=kind, id=id, settings=dict(settings), provenance=made, created=now, updated=now
-            )
+            return cls(kind=kind, id=id, settings=dict(settings), provenance=made, **dates)
         except ValidationError as error:
             raise RequestError(f"The {kind} {id} can't be saved ({_reason(error)}).") from None
 
@@ -156,10 +153,10 @@ class Manifest(BaseModel):
         except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:
-            kind = DamagedError if files.is_missing(error) else UnreadableError
+            kind = files.DamagedError if files.is_missing(error) else files.UnreadableError
             raise kind(path, f"can't be read ({error.strerror})") from None
         if len(content) > _MAX_BYTES:
-            raise DamagedError(path, "is larger than any manifest; it is not read")
+            raise files.DamagedError(path, "is larger than any manifest; it is not read")
         try:
             # The version is read first, since newer manifests may have other fields.
             version = _Versioned.model_validate_json(content).schema_version
@@ -167,11 +164,11 @@ class Manifest(BaseModel):
                 readable = f"{OLDEST_SCHEMA_VERSION} to {SCHEMA_VERSION}"
                 advice = "install the jbench that wrote it"
                 problem = f"is of schema version {version}, and this jbench reads {readable}"
-                raise UnreadableError(path, f"{problem}; {advice}")
+                raise files.UnreadableError(path, f"{problem}; {advice}")
             return cls.model_validate_json(content)
         except ValidationError as error:
             problem = f"is not a manifest that can be read ({_reason(error)})"
-            raise DamagedError(path, problem) from None
+            raise files.DamagedError(path, problem) from None
 
 
 def _reason(error: ValidationError) -> str:

@@ -43,13 +43,12 @@ def merge(
     Raises a RequestError if a source contains no results, or is the destination.
     """
     for source in sources:
-        if not any((source.path / f"{kind}s").is_dir() for kind in KINDS):
-            kinds = in_prose(f"{kind}s" for kind in KINDS)
-            raise RequestError(
-                f"{source.path} holds no results; name a directory with {kinds} in it."
-            )
-        if source.path.resolve() == results.path.resolve():
-            raise RequestError(f"{source.path} is the results directory itself; name another.")
+        root, kinds = source.path, [f"{kind}s" for kind in KINDS]
+        if not any((root / kind).is_dir() for kind in kinds):
+            named = in_prose(kinds)
+            raise RequestError(f"{root} holds no results; name a directory with {named} in it.")
+        if root.resolve() == results.path.resolve():
+            raise RequestError(f"{root} is the results directory itself; name another.")
     folders = [
         (source, folder)
         for kind in KINDS  # dependencies first
@@ -63,16 +62,14 @@ def merge(
         for source, folder in folders:
             name = f"{folder.kind} {folder.id}"
             try:
-                merged.append(Merged(name, _merge_record(results, source, folder, quarantine)))
+                merged.append(Merged(name, _merged(results, source, folder, quarantine)))
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
             show(len(merged))
     return merged
 
 
-def _merge_record(
-    results: Results, source: Results, folder: Folder, quarantine: Quarantine
-) -> Outcome:
+def _merged(results: Results, source: Results, folder: Folder, quarantine: Quarantine) -> Outcome:
     kind, id = folder.kind, folder.id
     other, flaws = examine(source, kind, id)
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]

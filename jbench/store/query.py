@@ -146,13 +146,9 @@ def _answer(
     if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
         raise RequestError("A query is one SELECT statement; the results are read-only.")
     connection.execute(statements[0])
-    types = [str(column[1]) for column in connection.description or ()]
-    return _with_types(connection.df(), types)
-
-
-def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
-    """Returns the rows with integers and dates that DuckDB turned into floats and times."""
-    for i, type in enumerate(types):
+    frame = connection.df()
+    # Integers and dates that DuckDB turns into floats and times are such again.
+    for i, type in enumerate(str(column[1]) for column in connection.description or ()):
         column = frame.iloc[:, i]
         # A sum of integers; from 2^53 on, floats are not exact and stay floats.
         if type == "HUGEINT" and (column.isna() | (column.abs() < 2**53)).all():
@@ -195,13 +191,11 @@ def records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
     return frame.astype(object).where(frame.notna(), None).to_dict("records")
 
 
-def _read(
-    schemas: Mapping[str, pa.Schema], record: Record
-) -> tuple[Row, dict[str, pa.Table]] | str:
+def _read(fields: Mapping[str, pa.Schema], record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
     """Returns the row and the tables of a record, or the error of a damaged one."""
     try:
         return record.reading(
-            lambda: (make_row(record), {name: record.read(name, schemas[name]) for name in schemas})
+            lambda: (make_row(record), {name: record.read(name, fields[name]) for name in fields})
         )
     except WorkError as error:
         return str(error)

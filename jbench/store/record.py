@@ -13,8 +13,7 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.store import files, listed, locks, parquet, schema
-from jbench.store.flaws import DamagedError, RecordError
-from jbench.store.manifest import MANIFEST, FileEntry, Kind, Manifest, Status
+from jbench.store.manifest import MANIFEST, FileEntry, Json, Kind, Manifest, Status
 from jbench.store.provenance import differences, provenance, utc_now
 from jbench.wording import with_results
 
@@ -37,7 +36,7 @@ class Record:
             return False
         named = f"{manifest.kind} {manifest.id}"
         if named != f"{self.kind} {self.id}":
-            raise DamagedError(path, f"calls itself {named}; it is not read")
+            raise files.DamagedError(path, f"calls itself {named}; it is not read")
         self.manifest = manifest
         return True
 
@@ -107,13 +106,13 @@ class Record:
                 return listed.read(self.path, entry, self.advice)
         raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
 
-    def damages(self) -> Iterator[RecordError]:
+    def damages(self) -> Iterator[files.RecordError]:
         """Checks all files in chunks, and yields the errors of `listed.read`."""
         for entry in self.manifest.files:
             columns = None if self.manifest.is_old else schema.FILES.get(entry.table or "")
             try:
                 listed.check(self.path, entry, () if columns is None else columns.names)
-            except RecordError as error:
+            except files.RecordError as error:
                 yield error
 
     @property
@@ -166,9 +165,7 @@ class Record:
         self._update(files=tuple(after.values()))
         files.remove(self.path / entry.name for entry in before if entry.name not in after)
 
-    def resume(
-        self, where: Mapping[str, Any], made_on: Mapping[str, str | None] | None = None
-    ) -> dict[str, list[Any]]:
+    def resume(self, where: Json, made_on: Json | None = None) -> dict[str, list[Any]]:
         """Records that work is resumed, and where; returns the `differences` of provenance."""
         before = self.manifest.provenance
         changed = differences(before, {**provenance(), **(made_on or {})})
@@ -181,7 +178,7 @@ class Record:
 
     def finish(
         self,
-        summary: Mapping[str, Any],
+        summary: Json,
         new_files: Mapping[str, bytes] | None = None,
         compact: bool = True,
         keep: Collection[str] = (),
@@ -200,7 +197,7 @@ class Record:
         self._update(status="finished", summary=dict(summary), files=entries)
         self.clean()
 
-    def fail(self, error: str, details: Mapping[str, Any] | None = None) -> None:
+    def fail(self, error: str, details: Json | None = None) -> None:
         """Marks the work as failed, by a sentence and details for the summary; keeps its data."""
         self._update(status="failed", summary={"error": error, **(details or {})})
 

@@ -76,9 +76,13 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
 
 def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
     """Repairs a folder unless it is locked; returns the command that makes its record again."""
-    folder = results.look(kind, id)
+    folder, dry_run, whose = results.look(kind, id), quarantine.dry_run, f"the {kind} {id}"
     folder.check()
-    with _locked(folder, quarantine.dry_run):
+    if dry_run and locks.is_held(folder.path):
+        raise locks.HeldError(whose)
+    # Folders without a lock have no writer.
+    unlocked = dry_run or not os.path.lexists(folder.path / locks.LOCK)
+    with contextlib.nullcontext() if unlocked else locks.hold(folder.path, whose):
         record, flaws = examine(results, kind, id)
         for flaw in flaws:
             if flaw.sort == "foreign":
@@ -92,13 +96,3 @@ def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine
                 quarantine.take(flaw.path)
     made = {} if record is None or not is_damaged else record.manifest.provenance
     return [shell_command(made)] if isinstance(made.get("command"), list) else []
-
-
-def _locked(folder: Folder, dry_run: bool) -> contextlib.AbstractContextManager[None]:
-    """Holds the lock of a folder if it has one; folders without one have no writer."""
-    whose = f"the {folder.kind} {folder.id}"
-    if dry_run and locks.is_held(folder.path):
-        raise locks.HeldError(whose)
-    if dry_run or not os.path.lexists(folder.path / locks.LOCK):
-        return contextlib.nullcontext()
-    return locks.hold(folder.path, whose)

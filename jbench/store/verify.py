@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from jbench.settings.base import settings_hash
 from jbench.store import locks
 from jbench.store.database import Folder, Results
-from jbench.store.flaws import DamagedError, RecordError, Sort
+from jbench.store.files import DamagedError, RecordError, Sort
 from jbench.store.listing import make_row
 from jbench.store.manifest import KINDS, MANIFEST, Kind
 from jbench.store.record import Record

@@ -12,7 +12,7 @@ from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
 from jbench.simulation import find
 from jbench.store import Record, Results
-from jbench.store.flaws import UnreadableError
+from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, device_provenance, provenance
 from jbench.training.checkpoints import copied, load
 from jbench.training.continuation import kept_runs, without_state

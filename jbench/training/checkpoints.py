@@ -24,7 +24,7 @@ from jbench.agents.engine import Engine, SeedState
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
-from jbench.store.flaws import UnreadableError
+from jbench.store.files import UnreadableError
 from jbench.training.log import Position, RunLog, rows_before
 
 FORMAT = 1

@@ -1,11 +1,13 @@
 """Collecting a random-policy dataset: one simulation for all five tasks, or of another robot."""
 
+import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from threading import Event
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +18,7 @@ from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.simulation import Robots, find_task
 from jbench.simulation.find import check_specs
 from jbench.store import Record, Results
+from jbench.store.schema import DATASET_EPISODES
 from jbench.tasks import resets
 from jbench.tasks.geometry import State
 from jbench.tasks.robots import load_model
@@ -23,14 +26,12 @@ from jbench.tasks.robots import load_model
 # Episodes per file and commit.
 _PART_EPISODES = 25
 
+_Done = Callable[[int], None]
 _Simulate = Callable[[range], dict[str, pa.Table]]
 
 
 def collect(
-    settings: DatasetSettings,
-    results: Results,
-    threads: int,
-    progress: Callable[[int], None] = lambda steps: None,
+    settings: DatasetSettings, results: Results, threads: int, progress: _Done = lambda steps: None
 ) -> Record:
     """Collects a dataset, resumes its collection, or returns the finished one.
 
@@ -48,9 +49,7 @@ def collect(
     return record
 
 
-def _collect_rest(
-    settings: DatasetSettings, record: Record, threads: int, progress: Callable[[int], None]
-) -> None:
+def _collect_rest(settings: DatasetSettings, record: Record, threads: int, progress: _Done) -> None:
     """Commits the missing episodes, file by file; the next are simulated while one is written."""
     total = settings.steps // EPISODE_STEPS
     _, episodes = layout.tables(settings.robot)
@@ -63,32 +62,19 @@ def _collect_rest(
     else:
         max_files, simulation = 1, _other_robot
 
-    def commit(tables: Mapping[str, pa.Table]) -> None:
-        record.append(tables)
-        progress(record.rows(episodes) * EPISODE_STEPS)
-
     # Closed in reverse order: simulations stop before the pool waits for them.
-    with _pool(max_files) as makers, simulation(settings, threads) as simulated:
+    with ThreadPoolExecutor(max_files) as makers, simulation(settings, threads) as simulated:
 
         def make(start: int) -> dict[str, pa.Table]:
             return simulated(range(start, min(start + _PART_EPISODES, total)))
 
         ahead = deque(makers.submit(make, start) for start in starts[:max_files])
-        for start in starts[max_files:]:
+        later = iter(starts[max_files:])
+        while ahead:
             tables = ahead.popleft().result()
-            ahead.append(makers.submit(make, start))
-            commit(tables)
-        for part in ahead:
-            commit(part.result())
-
-
-@contextmanager
-def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
-    pool = ThreadPoolExecutor(threads)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+            ahead += [makers.submit(make, start) for start in itertools.islice(later, 1)]
+            record.append(tables)
+            progress(record.rows(episodes) * EPISODE_STEPS)
 
 
 @contextmanager
@@ -96,11 +82,15 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
     model, ended = load_model(settings.augment), Event()
 
     def simulate_part(episodes: range) -> dict[str, pa.Table]:
-        quaternions, targets, actions = [], [], []
+        quaternions, rows, actions = [], list[dict[str, Any]](), []
         for episode in episodes:
             random = resets.episode_generator(settings.seed, episode)
             quaternions.append(resets.draw_quaternion(random))
-            targets.append({task: resets.draw_target(task, random) for task in TASKS})
+            rows.append({"episode": episode})
+            for task in TASKS:
+                (x, y, _), yaw = resets.draw_target(task, random)
+                named = {"x": x, "y": y, "yaw": yaw}
+                rows[-1] |= {f"{task}_target_{part}": value for part, value in named.items()}
             actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
         stacked = np.stack(actions)
         robots = Robots(model, len(episodes), threads)
@@ -112,7 +102,7 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
         state = State(*(np.stack(part, axis=1) for part in zip(*states, strict=True)))
         return {
             "steps": layout.steps_table(episodes.start, state, stacked),
-            "dataset_episodes": layout.episodes_table(episodes.start, targets),
+            "dataset_episodes": pa.Table.from_pylist(rows, DATASET_EPISODES),
         }
 
     try:

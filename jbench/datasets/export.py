@@ -45,10 +45,7 @@ def minari_id(dataset: Dataset, task: str) -> str:
 
 
 def export_minari(
-    dataset: Dataset,
-    task: str,
-    root: Path,
-    progress: Callable[[int], None] = lambda episodes: None,
+    dataset: Dataset, task: str, root: Path, progress: Callable[[int], None] = lambda episodes: None
 ) -> ExportedDataset:
     """Writes a dataset for Minari with the observations and rewards of a task.
 
@@ -85,10 +82,12 @@ def export_minari(
         try:
             if content.exists():
                 shutil.rmtree(content)
-            _check_space(temporary, size)
+            if hasattr(os, "posix_fallocate"):  # since HDF5 crashes on a full disk
+                with tempfile.TemporaryFile(dir=temporary) as file:
+                    os.posix_fallocate(file.fileno(), 0, size)
             content.mkdir()
             _write(dataset, task, id, content / "data", progress)
-            written = sum(file.stat().st_size for file in content.rglob("*") if file.is_file())
+            written = sum(part.stat().st_size for part in content.rglob("*") if part.is_file())
             content.rename(path)
         except OSError as error:
             raise WorkError(
@@ -106,16 +105,7 @@ def _remove(directory: Path) -> None:
         shutil.rmtree(directory)
 
 
-def _check_space(directory: Path, size: int) -> None:
-    """Allocates and frees this many bytes, since HDF5 crashes on a full disk."""
-    if hasattr(os, "posix_fallocate"):
-        with tempfile.TemporaryFile(dir=directory) as file:
-            os.posix_fallocate(file.fileno(), 0, size)
-
-
-def _write(
-    dataset: Dataset, task: str, id: str, directory: Path, progress: Callable[[int], None]
-) -> None:
+def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[int], None]) -> None:
     # An optional dependency, slow to import.
     import minari
     from minari.data_collector.episode_buffer import EpisodeBuffer
@@ -127,7 +117,7 @@ def _write(
     if augment is not None:
         spec.kwargs["augment"] = augment
     # Minari 0.5.4 fails on relative paths.
-    storage = MinariStorage.new(directory.resolve(), env_spec=spec, data_format="hdf5")
+    storage = MinariStorage.new(to.resolve(), env_spec=spec, data_format="hdf5")
     storage.update_metadata(
         {
             "dataset_id": id,

@@ -4,17 +4,16 @@ Those of the Jitterbug have states and actions, and per episode the targets of e
 another robot have its observations, actions and rewards, and per episode its seed.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.settings.records import JITTERBUG
 from jbench.simulation import Task
-from jbench.store.schema import DATASET_EPISODES, STATE_COLUMNS, STEPS
+from jbench.store.schema import STATE_COLUMNS, STEPS
 from jbench.tasks.geometry import TARGET_HEIGHT, State, Target
+
+Float = NDArray[np.float32]
 
 SEEDS = pa.schema([("episode", pa.int32()), ("seed", pa.int64())])
 """Episodes of a dataset of another robot: the seed from which each begins."""
@@ -32,7 +31,7 @@ def observations_schema(task: Task) -> pa.Schema:
     return pa.schema([*counts, *((name, pa.float32()) for name in names)])
 
 
-def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) -> pa.Table:
+def steps_table(first_episode: int, state: State, actions: Float) -> pa.Table:
     """Returns the rows of episodes: states (episodes, steps + 1), actions (episodes, steps)."""
     parts = (
         np.reshape(getattr(state, part), (*state.motor_position.shape, len(names)))
@@ -42,12 +41,7 @@ def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) 
     return table(first_episode, states, actions[..., None], STEPS)
 
 
-def table(
-    first_episode: int,
-    states: NDArray[np.float32],
-    made: NDArray[np.float32],
-    columns: pa.Schema,
-) -> pa.Table:
+def table(first_episode: int, states: Float, made: Float, columns: pa.Schema) -> pa.Table:
     """Returns rows of states (episodes, steps + 1, size) and what follows (episodes, steps, size).
 
     The latter is null in the last state of an episode.
@@ -62,18 +56,6 @@ def table(
         *(pa.array(column, mask=step == steps) for column in padded.reshape(len(step), -1).T),
     ]
     return pa.table(dict(zip(columns.names, values, strict=True)), schema=columns)
-
-
-def episodes_table(first_episode: int, targets: Sequence[Mapping[str, Target]]) -> pa.Table:
-    """Returns a row per episode from its targets by task."""
-    rows = []
-    for episode, by_task in enumerate(targets, first_episode):
-        row: dict[str, Any] = {"episode": episode}
-        for task, target in by_task.items():
-            x, y, _ = target.position
-            row |= {f"{task}_target_x": x, f"{task}_target_y": y, f"{task}_target_yaw": target.yaw}
-        rows.append(row)
-    return pa.Table.from_pylist(rows, DATASET_EPISODES)
 
 
 def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int) -> str | None:
@@ -109,10 +91,10 @@ def read_state(rows: pa.Table, episode_steps: int) -> State:
     return State(**parts)
 
 
-def read_target(task: str, rows: pa.Table) -> Target:
-    """Returns the targets (episodes, 1) of a task, in float32."""
+def read_target(task: str, rows: pa.Table, states: int) -> Target:
+    """Returns the targets (episodes, states) of a task, in float32."""
     x, y, yaw = (
-        rows[f"{task}_target_{part}"].to_numpy().astype(np.float32)[:, None]
-        for part in ("x", "y", "yaw")
+        np.broadcast_to(column.to_numpy().astype(np.float32)[:, None], (len(rows), states))
+        for column in (rows[f"{task}_target_{part}"] for part in ("x", "y", "yaw"))
     )
     return Target(np.stack([x, y, np.full_like(x, TARGET_HEIGHT)], -1), yaw)

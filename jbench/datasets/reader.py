@@ -18,7 +18,7 @@ from jbench.simulation.find import check_specs
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
 from jbench.store.shipped import results_to_read
-from jbench.tasks import features, geometry, rewards
+from jbench.tasks import features, rewards
 from jbench.wording import with_results
 
 
@@ -50,9 +50,9 @@ class Dataset:
         )
         self.robot = self.settings.robot
         self._tables = layout.tables(self.robot)
-        self.episodes = record.rows(self._tables[1])
         counts = (entry.rows for entry in record.parts(self._tables[1]))
-        bounds = itertools.accumulate(counts, initial=0)
+        bounds = [*itertools.accumulate(counts, initial=0)]
+        self.episodes = bounds[-1]
         self.parts = tuple(range(*pair) for pair in itertools.pairwise(bounds))
 
     def blocks(self, task: str, parts: Iterable[int] | None = None) -> Iterator[Block]:
@@ -106,11 +106,7 @@ class Dataset:
             actions = np.ascontiguousarray(made[:, :-1, :-1])
             return Block(np.ascontiguousarray(observations), actions, made[:, :-1, -1].copy())
         state = layout.read_state(rows, EPISODE_STEPS)
-        drawn = layout.read_target(task, targets)
-        target = geometry.Target(
-            np.broadcast_to(drawn.position, (*state.position.shape[:-1], 3)),
-            np.broadcast_to(drawn.yaw, state.position.shape[:-1]),
-        )
+        target = layout.read_target(task, targets, EPISODE_STEPS + 1)
         return Block(
             features.observation(task, state, target),
             rows["action"].to_numpy().reshape(-1, EPISODE_STEPS + 1)[:, :-1],
@@ -131,10 +127,8 @@ def find_dataset(
     Raises a RequestError if there is none, or it is not finished.
     """
     results, robot = results_to_read(results), recorded_robot(task)
-    option, robot_named = "", ""
-    if robot != JITTERBUG:
-        option, robot_named = f" --task {robot}", f" of {robot}"
-    collect = with_results(f"jbench collect{option}", results.name)
+    named = "" if robot == JITTERBUG else robot
+    collect = with_results(f"jbench collect{named and f' --task {named}'}", results.name)
     records, problems = results.scan("dataset")
     if id is not None:
         id = results.complete_id("dataset", id)
@@ -157,8 +151,8 @@ def find_dataset(
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
-            f"No finished dataset{robot_named} in {results.name}{reason}; run {collect} first "
-            "(--steps 100000 makes a small one)."
+            f"No finished dataset{named and f' of {named}'} in {results.name}{reason}; run "
+            f"{collect} first (--steps 100000 makes a small one)."
         )
     plain = [record for record in finished if record.settings.get("augment") is None]
     if not plain:

@@ -20,16 +20,16 @@ from numpy.typing import NDArray
 from torch import nn
 
 from jbench import plugins
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import POLICIES, REFERENCE
 from jbench.simulation import Act, find_task
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
 
-GROUP = "jbench.policies"
-_NAME = re.compile(r"[a-z][a-z0-9-]*")
 _OURS = (*POLICIES, REFERENCE)
+
+_Function = Callable[[NDArray[np.float32]], Any]
 
 Actor = Any
 """A torch module, a model or policy of stable-baselines3, or a function: actions (n, action_size)
@@ -66,7 +66,7 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
                 module.training = mode
 
 
-def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
+def _function(actor: Actor) -> _Function:
     # Also a policy of stable-baselines3, a module whose actions are random when it is called.
     predict = getattr(actor, "predict", None)
     if callable(predict) and "deterministic" in inspect.signature(predict).parameters:
@@ -79,7 +79,7 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
             torch.as_tensor(observations, dtype=parameter.dtype, device=parameter.device)
         )
     if callable(actor):
-        function: Callable[[NDArray[np.float32]], Any] = actor
+        function: _Function = actor
         return function
     raise RequestError(
         f"A {type(actor).__name__} can't act: pass a torch module, a stable-baselines3 model, or a "
@@ -96,9 +96,7 @@ def normalization(model: Any) -> "VecNormalize | None":
 
 
 def _checked_actions(
-    function: Callable[[NDArray[np.float32]], Any],
-    action_size: int,
-    observations: NDArray[np.float32],
+    function: _Function, action_size: int, observations: NDArray[np.float32]
 ) -> NDArray[np.floating]:
     answer = function(observations)
     if isinstance(answer, torch.Tensor):
@@ -118,7 +116,8 @@ def _checked_actions(
 
 def installed_policies() -> dict[str, EntryPoint]:
     """Returns the entry points of the installed policies by name."""
-    return dict(sorted(plugins.offered(GROUP, _NAME, _OURS).items()))
+    name = re.compile(r"[a-z][a-z0-9-]*")
+    return dict(sorted(plugins.offered("jbench.policies", name, _OURS).items()))
 
 
 def is_imported_policy(name: str) -> bool:
@@ -141,9 +140,7 @@ def imported_policy(name: str, task: str) -> ActingPolicy:
         except (RequestError, WorkError):
             raise
         except Exception as error:
-            raise WorkError(
-                f"The policy {name} failed ({type(error).__name__}: {error})."
-            ) from error
+            raise WorkError(f"The policy {name} failed ({sentence_of_failure(error)}).") from error
 
     if plugins.is_imported(name):
         made = plugins.imported("policy", name)

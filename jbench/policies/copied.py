@@ -64,11 +64,9 @@ class _Value(Tensor):
     layers: list[SavedLayer]
 
     @classmethod
-    def __torch_function__(
-        cls, function: Any, types: Any, args: Any = (), kwargs: Any = None
-    ) -> Any:
+    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         """Is called in place of functions, methods and operators, such as relu, relu_ or mul."""
-        name, named = function.__name__.strip("_"), dict(kwargs or {})
+        name, named = func.__name__.strip("_"), dict(kwargs or {})
         values = [argument for argument in args if isinstance(argument, cls)]
         if name not in _LAYERS or not values:
             raise UnsupportedPolicyError(f"{name} is not supported")

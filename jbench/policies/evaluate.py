@@ -9,7 +9,7 @@ from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.find import find_policy
 from jbench.settings.records import EvaluationSettings
-from jbench.simulation import Act, ControlStep, Worlds, find_task, rollout
+from jbench.simulation import Act, Worlds, find_task, rollout
 from jbench.simulation.jitterbug import JitterbugWorlds
 from jbench.store import Record, Results, schema
 from jbench.tasks import resets
@@ -17,12 +17,14 @@ from jbench.tasks import resets
 # Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50
 
+_Done = Callable[[int], None]
+
 
 def evaluate(
     settings: EvaluationSettings,
     results: Results,
     threads: int,
-    progress: Callable[[int], None] = lambda steps: None,
+    progress: _Done = lambda steps: None,
     name: str | None = None,
 ) -> Record:
     """Runs and saves the episodes of a policy, unless they have been saved before.
@@ -56,11 +58,7 @@ def evaluate(
 
 
 def _episodes(
-    settings: EvaluationSettings,
-    episodes: range,
-    worlds: Worlds,
-    act: Act,
-    progress: Callable[[int], None],
+    settings: EvaluationSettings, episodes: range, worlds: Worlds, act: Act, progress: _Done
 ) -> dict[str, pa.Table]:
     generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
     if isinstance(worlds, JitterbugWorlds):
@@ -75,7 +73,14 @@ def _episodes(
     for step, transition in enumerate(rollout(worlds, observations, act), 1):
         total += transition.rewards
         if settings.states and isinstance(worlds, JitterbugWorlds):
-            states.append(_states(episodes, step, worlds, transition))
+            columns = {
+                "episode": np.arange(episodes.start, episodes.stop),
+                "step": np.full(len(episodes), step),
+                **worlds.robot_columns(),
+                "action": transition.actions[:, 0].astype(np.float32),
+                "reward": transition.rewards.astype(np.float32),
+            }
+            states.append(pa.table(columns, schema=schema.POLICY_STATES))
         if step % 100 == 0:
             progress(episodes.start * EPISODE_STEPS + step * len(episodes))
     rows = {
@@ -89,18 +94,3 @@ def _episodes(
     if states:
         tables["policy_states"] = pa.concat_tables(states).combine_chunks()
     return tables
-
-
-def _states(
-    episodes: range, step: int, worlds: JitterbugWorlds, transition: ControlStep
-) -> pa.Table:
-    return pa.table(
-        {
-            "episode": np.arange(episodes.start, episodes.stop),
-            "step": np.full(len(episodes), step),
-            **worlds.robot_columns(),
-            "action": transition.actions[:, 0].astype(np.float32),
-            "reward": transition.rewards.astype(np.float32),
-        },
-        schema=schema.POLICY_STATES,
-    )

@@ -53,7 +53,12 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
         model = _model(agent, run, in_si_units)
     helper.set_model_props(model, metadata(agent, run, in_si_units))
     checker.check_model(model, full_check=True)
-    difference = _difference(model, agent, in_si_units)
+    # Compared over observations from the ranges of the features.
+    shape = _CHECKED, find_task(agent.task).observation_size
+    observations = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    inputs = denormalize(agent.task, observations) if in_si_units else observations
+    (actions,) = ReferenceEvaluator(model).run(None, {INPUT: inputs})
+    difference = float(np.abs(np.asarray(actions) - agent.act(observations)).max())
     if not difference < _TOLERANCE:
         raise WorkError(f"The ONNX model of {run} differs from its policy by {difference:.1e}.")
     make_directory(path.parent)
@@ -70,21 +75,17 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
     """
     task = find_task(agent.task)
     inputs: dict[str, Sequence[Any]] = {"name": task.labels}
-    outputs: dict[str, Any]
-    bounds = {"minimum": -1.0, "maximum": 1.0}
+    outputs: dict[str, Any] = {"name": task.action_labels, "minimum": -1.0, "maximum": 1.0}
     if task.specs is None:
         units, low, high = (by_dimension(agent.task, name) for name in ("units", "low", "high"))
         inputs["unit"] = units
         if not in_si_units:
             inputs |= {"minimum": low, "maximum": high}
-        outputs = {"name": ["motor_command"], "unit": "1", **bounds}
+        outputs = {"name": ["motor_command"], "unit": "1", "minimum": -1.0, "maximum": 1.0}
         scaling = "SI units" if in_si_units else "minimum to -1, maximum to 1"
     else:
-        outputs = {
-            **{"name": task.action_labels, **bounds},
-            "actuator_minimum": task.specs.action_minimum,
-            "actuator_maximum": task.specs.action_maximum,
-        }
+        outputs["actuator_minimum"] = task.specs.action_minimum
+        outputs["actuator_maximum"] = task.specs.action_maximum
         scaling = "none"
     return {
         "inputs": json.dumps(pd.DataFrame(inputs).to_dict("records")),
@@ -119,13 +120,8 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     try:
         actor(example)  # so that constants which are made once are not made while it is traced
         traced = torch.export.export(actor, (example,), dynamic_shapes=shapes)
-        program = torch.onnx.export(
-            traced,
-            input_names=[INPUT],
-            output_names=[OUTPUT],
-            opset_version=_OPSET,
-            verbose=False,
-        )
+        names: Any = {"input_names": [INPUT], "output_names": [OUTPUT]}
+        program = torch.onnx.export(traced, **names, opset_version=_OPSET, verbose=False)
     except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
         raise RequestError(
@@ -142,13 +138,3 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     for value in (*graph.input, *graph.output):
         value.type.tensor_type.shape.dim[0].dim_param = "robots"
     return model
-
-
-def _difference(model: onnx.ModelProto, agent: TrainedAgent, in_si_units: bool) -> float:
-    """Returns the largest difference of actions over observations from the features' ranges."""
-    size = find_task(agent.task).observation_size
-    random = np.random.default_rng(0)
-    observations = random.uniform(-1, 1, (_CHECKED, size)).astype(np.float32)
-    inputs = denormalize(agent.task, observations) if in_si_units else observations
-    (actions,) = ReferenceEvaluator(model).run(None, {INPUT: inputs})
-    return float(np.abs(np.asarray(actions) - agent.act(observations)).max())

@@ -64,9 +64,7 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
         keep = " Its loop must call recording.keep_policy(actor)." if recorded else ""
         raise RequestError(f"The run {run} in {results.name} was saved without its policy.{keep}")
     try:
-        policy = SavedNetwork.from_files(
-            *(record.read_file(name) for name in (WEIGHTS, DESCRIPTION))
-        )
+        policy = SavedNetwork.from_files(*map(record.read_file, (WEIGHTS, DESCRIPTION)))
     except ValueError as error:
         raise WorkError(f"The policy of {run} can't be read ({error}).") from None
     task, encoder = (record.settings.get(name, 0) for name in ("task", "encoder"))
@@ -74,6 +72,5 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
         raise WorkError(f"The settings of the run {run} lack a task or an encoder.")
     specs = record.settings.get("specs")
     check_specs(task, None if specs is None else Specs.model_validate(specs))
-    return TrainedAgent(
-        task, policy, None if encoder is None else load_encoder(results, encoder)[0]
-    )
+    loaded = None if encoder is None else load_encoder(results, encoder)[0]
+    return TrainedAgent(task, policy, loaded)

@@ -22,18 +22,13 @@ from jbench.policies.acting import normalization
 from jbench.policies.copied import UnsupportedPolicyError, copy_module
 from jbench.policies.network import SavedLayer, SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
+from jbench.store.schema import LOSSES
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
 """The class of each of jbench's algorithms."""
 
-_LOSSES = {
-    "actor_loss": "train/actor_loss",
-    "critic_loss": "train/critic_loss",
-    "entropy_coefficient": "train/ent_coef",
-    "policy_loss": "train/policy_gradient_loss",
-    "value_loss": "train/value_loss",
-    "entropy_loss": "train/entropy_loss",
-}
+_THEIR_NAMES = {"entropy_coefficient": "ent_coef", "policy_loss": "policy_gradient_loss"}
+"""Names of losses in stable-baselines3's log that are not those of the database."""
 
 
 class _DDPGWithPolicyWarmup(DDPG):
@@ -135,7 +130,8 @@ def _class_arguments(settings: Mapping[str, Any], shape: Any) -> dict[str, Any]:
 def losses(agent: BaseAlgorithm) -> dict[str, float]:
     """Returns the last losses by database name; empty before the first update."""
     values = agent.logger.name_to_value
-    return {name: float(values[key]) for name, key in _LOSSES.items() if key in values}
+    keys = {name: f"train/{_THEIR_NAMES.get(name, name)}" for name in LOSSES}
+    return {name: float(values[key]) for name, key in keys.items() if key in values}
 
 
 def copy_model(model: Any, *sizes: int) -> SavedNetwork:
@@ -151,7 +147,16 @@ def copy_model(model: Any, *sizes: int) -> SavedNetwork:
     if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
         raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
     network = copy_module(actor_module(policy), *sizes)
-    return SavedNetwork([*_normalization_layers(model), *network.layers])
+    normalized: Any = normalization(model)
+    if normalized is None:
+        return network
+    deviation = np.sqrt(normalized.obs_rms.var + normalized.epsilon)
+    first = [
+        SavedLayer("shift", {"offset": -normalized.obs_rms.mean.astype(np.float32)}),
+        SavedLayer("scale", {"factor": (1 / deviation).astype(np.float32)}),
+        SavedLayer("clip", numbers={"low": -normalized.clip_obs, "high": normalized.clip_obs}),
+    ]
+    return SavedNetwork([*first, *network.layers])
 
 
 def actor_module(policy: Any) -> nn.Module:
@@ -165,19 +170,6 @@ def actor_module(policy: Any) -> nn.Module:
         squash = nn.Tanh() if policy.squash_output else nn.Hardtanh()
         return nn.Sequential(policy.mlp_extractor.policy_net, policy.action_net, squash)
     raise UnsupportedPolicyError(f"the actor of a {type(policy).__name__} is not known")
-
-
-def _normalization_layers(model: Any) -> list[SavedLayer]:
-    normalized = normalization(model)
-    if normalized is None:
-        return []
-    statistics: Any = normalized.obs_rms
-    deviation = np.sqrt(statistics.var + normalized.epsilon)
-    return [
-        SavedLayer("shift", {"offset": -statistics.mean.astype(np.float32)}),
-        SavedLayer("scale", {"factor": (1 / deviation).astype(np.float32)}),
-        SavedLayer("clip", numbers={"low": -normalized.clip_obs, "high": normalized.clip_obs}),
-    ]
 
 
 def _noise(settings: OffPolicySettings, shape: Any) -> noise.ActionNoise | None:

@@ -100,12 +100,9 @@ def heuristic_episodes(
     generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
     policy = heuristic(task)
     policy.reset(_EPISODES)
-
-    def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        return policy.act(observations).astype(np.float32)
-
     with find_task(task).worlds(_EPISODES, _THREADS, augment) as worlds:
-        steps = list(rollout(worlds, worlds.reset(generators), act))
+        first = worlds.reset(generators)
+        steps = list(rollout(worlds, first, lambda seen: policy.act(seen).astype(np.float32)))
     observations = [steps[0].observations, *(step.next_observations for step in steps)]
     actions = [step.actions[:, 0].astype(np.float32) for step in steps]
     rewards = [step.rewards.astype(np.float32) for step in steps]

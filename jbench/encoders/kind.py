@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from jbench.encoders.scaling import Moments, not_rescaled, rescaled
+from jbench.encoders.scaling import Moments
 from jbench.encoders.states import Scale, StatePairs, States
 from jbench.settings.base import Settings, omissible
 from jbench.simulation import find_task
@@ -71,12 +71,14 @@ class Kind(Settings):
     def to_latents(self, weights: Weights, scaled: Array) -> Array:
         """Returns the latents (..., latents) of an encoder; see `encode`."""
         latents = self.encode(weights, scaled)
-        return latents if self.rescale is None else rescaled(weights, latents)
+        if self.rescale is None:
+            return latents
+        return (latents - weights["rescale.center"]) @ weights["rescale.matrix"].T
 
     def from_latents(self, weights: Weights, latents: Array) -> Array:
         """Returns the decoded states (..., size) of an encoder's latents; see `decode`."""
         if self.rescale is not None:
-            latents = not_rescaled(weights, latents)
+            latents = latents @ weights["rescale.inverse"].T + weights["rescale.center"]
         return self.decode(weights, latents)
 
     def action_signs(self, weights: Weights, scaled: Array) -> Array | None:

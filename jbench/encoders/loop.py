@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -36,8 +36,6 @@ _PREPARED = 16  # batches gathered and corrupted at once
 _ADAM = ("exp_avg", "exp_avg_sq", "step")
 _RANDOM = "random.cpu"  # state of the generator in checkpoints
 
-_Item = TypeVar("_Item")
-
 
 class EncoderLearner:
     """The complete state of a training: weights, optimizer and random generator.
@@ -55,9 +53,8 @@ class EncoderLearner:
         flat = torch.cat([value.reshape(-1) for value in initial.values()])
         self._flat = flat.to(self.device, torch.float32)
         self._flat.grad = torch.zeros_like(self._flat)
-        self.weights = _parts(self._flat, initial)
-        for value in self.weights.values():
-            value.requires_grad_()
+        trained = _parts(self._flat, initial)
+        self.weights = {name: value.requires_grad_() for name, value in trained.items()}
         self.weights |= kind.constants(states)  # not trained
         self.gradients = _parts(self._flat.grad, initial)
         self._adam = torch.optim.Adam([self._flat], lr=kind.learning_rate, fused=True)
@@ -176,15 +173,11 @@ def append_rows(
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    sizes = [value.numel() for value in like.values()]
-    parts = flat.detach().split(sizes)
-    return {
-        name: part.view(value.shape)
-        for (name, value), part in zip(like.items(), parts, strict=True)
-    }
+    parts = flat.detach().split([value.numel() for value in like.values()])
+    return {name: part.view(like[name].shape) for name, part in zip(like, parts, strict=True)}
 
 
-def _prefetch(items: Iterator[_Item]) -> Iterator[_Item]:
+def _prefetch(items: Iterator[StatePairs]) -> Iterator[StatePairs]:
     """Yields the items; a thread computes each one while the previous one is in use."""
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(next, items, None)

@@ -79,11 +79,9 @@ def effective_rank(rows: NDArray[np.floating]) -> float:
 def _columns(task: str) -> dict[str, list[int]]:
     if task in TASKS:
         return dict(zip(TARGETS, ([0], [1, 2], [3], [4]), strict=True))
-    columns, first = {}, 0
-    for name, size in {**find_task(task).parts, "reward": 1}.items():
-        columns[name] = list(range(first, first + size))
-        first += size
-    return columns
+    sizes = {**find_task(task).parts, "reward": 1}
+    ends = itertools.accumulate(sizes.values())
+    return {n: list(range(end - sizes[n], end)) for n, end in zip(sizes, ends, strict=True)}
 
 
 def _rows(
@@ -91,9 +89,8 @@ def _rows(
 ) -> tuple[Tensor, Tensor]:
     """Returns inputs (rows, latents + action_size) and targets (rows, columns) of random pairs."""
     shard = shard.to(torch.device("cpu"))
-    pairs = shard.pairs(1)
-    random = torch.Generator().manual_seed(_SEED)
-    batch = shard.take(torch.randperm(pairs, generator=random)[:max_rows], 1, with_actions=True)
+    order = torch.randperm(shard.pairs(1), generator=torch.Generator().manual_seed(_SEED))
+    batch = shard.take(order[:max_rows], 1, with_actions=True)
     latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
     if states.task not in TASKS:
         changes = torch.cat([batch.later - batch.now, batch.rewards], 1)

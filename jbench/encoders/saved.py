@@ -51,7 +51,7 @@ class SavedEncoder:
         self._kind, self._latents = kind, latents
         gain, offset = scaling.gain_and_offset()
         self._weights = {**weights, _GAIN: gain, _OFFSET: offset}
-        self._tensors: dict[tuple[torch.dtype, torch.device], dict[str, Tensor]] = {}
+        self._tensors: dict[tuple[torch.device, torch.dtype], dict[str, Tensor]] = {}
         size = len(scaling.minimum)
         if not all(np.isfinite(value).all() for value in weights.values()):
             raise ValueError("weights that are not finite")
@@ -66,10 +66,7 @@ class SavedEncoder:
     def from_files(cls, description: dict[str, Any], weights: bytes) -> "SavedEncoder":
         """Reads JSON and safetensors; invalid ones are a ValueError, KeyError or TypeError."""
         try:
-            tensors = {
-                name: np.asarray(value, np.float32)
-                for name, value in safetensors.numpy.load(weights).items()
-            }
+            arrays = safetensors.numpy.load(weights).items()
         except safetensors.SafetensorError as error:
             raise ValueError(f"not a safetensors file: {error}") from None
         size, latents = len(description["features"]), description["latents"]
@@ -78,6 +75,7 @@ class SavedEncoder:
             raise ValueError("a scaling of another size")
         # Version 1 did not save options, which affected only the training.
         kind = make_kind(description["kind"], description.get("options", {}))
+        tensors = {name: np.asarray(value, np.float32) for name, value in arrays}
         return cls(kind, tensors, Scaling(*extremes), latents)
 
     @property
@@ -99,18 +97,13 @@ class SavedEncoder:
     def _scaled(self, batch: Array) -> tuple[Weights, Array]:
         weights: Weights = self._weights
         if isinstance(batch, Tensor):
-            weights = self._in_torch(batch.dtype, batch.device)
+            kept, about = self._tensors, (batch.device, batch.dtype)
+            if about not in kept:
+                kept[about] = {n: torch.from_numpy(v).to(*about) for n, v in weights.items()}
+            weights = kept[about]
         else:
             batch = batch.astype(np.float32, copy=False)
         return weights, batch * weights[_GAIN] + weights[_OFFSET]
-
-    def _in_torch(self, dtype: torch.dtype, device: torch.device) -> dict[str, Tensor]:
-        if (dtype, device) not in self._tensors:
-            self._tensors[dtype, device] = {
-                name: torch.from_numpy(value).to(device, dtype)
-                for name, value in self._weights.items()
-            }
-        return self._tensors[dtype, device]
 
 
 def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
@@ -138,9 +131,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
         and _has_plain_robot(results, record)
     ]
     if matches:
-        newest = max(
-            matches, key=lambda match: (match.status == "finished", match.manifest.updated)
-        )
+        newest = max(matches, key=lambda each: (each.status == "finished", each.manifest.updated))
         if newest.status == "finished":
             return newest.id
         name = newest.id

@@ -4,19 +4,16 @@ Moments are in float64, and blocks are merged by their means (Chan, Golub and Le
 which is accurate for millions of rows.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jbench.tasks.features import denormalize
-from jbench.tasks.geometry import Array
 
 FloatArray = NDArray[np.float64]
-
-_CENTER, _MATRIX, _INVERSE = "rescale.center", "rescale.matrix", "rescale.inverse"
 
 _SD = 1 / 3  # of whitened latents: most values are in [-1, 1], as those of scaled features
 _MIN_VARIANCE = 1e-10  # relative to the largest; directions of smaller variance become 0
@@ -142,18 +139,8 @@ def inverse(values: FloatArray) -> FloatArray:
     return np.divide(1, values, out=np.zeros_like(values), where=values > 0)
 
 
-def rescaled(weights: Mapping[str, Any], latents: Array) -> Array:
-    """Returns rescaled latents (..., latents)."""
-    return (latents - weights[_CENTER]) @ weights[_MATRIX].T
-
-
-def not_rescaled(weights: Mapping[str, Any], latents: Array) -> Array:
-    """Returns the latents (..., latents) before rescaling."""
-    return latents @ weights[_INVERSE].T + weights[_CENTER]
-
-
 def rescaling(option: str, blocks: Iterable[NDArray[np.float32]]) -> dict[str, FloatArray]:
-    """Returns the weights of `rescaled` for latents, given in blocks (rows, latents).
+    """Returns the weights of the option `rescale` for latents, given in blocks (rows, latents).
 
     "whitened" scales every principal direction to a standard deviation of 1/3, and "extremes" maps
     the extremes of every latent to -1 and 1.
@@ -169,4 +156,4 @@ def rescaling(option: str, blocks: Iterable[NDArray[np.float32]]) -> dict[str, F
         sd = np.sqrt(np.where(varies, variance, 1))
         center, matrix = moments.mean, (vectors * (varies * _SD / sd)).T
         back = vectors * (varies * sd / _SD)
-    return {_CENTER: center, _MATRIX: matrix, _INVERSE: back}
+    return {"rescale.center": center, "rescale.matrix": matrix, "rescale.inverse": back}

@@ -1,7 +1,7 @@
 """Training, evaluating and saving an encoder."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -50,9 +50,8 @@ def train_encoder(
             or the training diverges.
     """
     kind = make_kind(settings.kind, settings.options)
-    if (states.dataset.id, states.task, states.seed, states.scale) != (
-        *(settings.dataset, settings.task, settings.seed, kind.scale),
-    ):
+    wanted = settings.dataset, settings.task, settings.seed, kind.scale
+    if (states.dataset.id, states.task, states.seed, states.scale) != wanted:
         raise ValueError(f"these are not the states of {settings.id}")
     with results.locked("encoder", settings.id) as record:
         if record is not None and record.status == "finished":
@@ -71,7 +70,9 @@ def train_encoder(
                 weights = fitted(kind, states, settings.latents)
                 progress(1)
             if kind.rescale is not None:
-                weights |= _float32(rescaling(kind.rescale, _latents(kind, weights, states)))
+                blocks = (block.now for shard in states.learn() for block in shard.blocks(0))
+                latents = (kind.encode(weights, block.cpu().numpy()) for block in blocks)
+                weights |= _float32(rescaling(kind.rescale, latents))
             try:
                 SavedEncoder(kind, weights, states.scaling, settings.latents)
             except ValueError as error:
@@ -110,12 +111,6 @@ def fitted(kind: Kind, states: States, latents: int) -> WeightArrays:
 
 def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:
     return {name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}
-
-
-def _latents(kind: Kind, weights: WeightArrays, states: States) -> Iterator[NDArray[np.float32]]:
-    for shard in states.learn():
-        for batch in shard.blocks(0):
-            yield kind.encode(weights, batch.now.cpu().numpy())
 
 
 def _finish(

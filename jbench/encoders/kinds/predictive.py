@@ -77,29 +77,19 @@ class ForwardModel(Predictive):
     """
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
-        hidden = self.hidden
-        return {
-            "hidden": (hidden, latents + actions),
-            "change": (size, hidden),
-            "reward": (1, hidden),
-        }
+        units = self.hidden
+        return {"hidden": (units, latents + actions), "change": (size, units), "reward": (1, units)}
 
     def constants(self, states: States) -> dict[str, Tensor]:
-        periods = angle_periods(states)
-        change_moments, reward_moments = Moments.none(states.size), Moments.none(1)
+        periods = angle_periods(states).to(states.device)
+        changes, rewards = Moments.none(states.size), Moments.none(1)
         for shard in states.learn():
             for batch in shard.blocks(self.horizon, with_actions=True):
-                changes = state_changes(batch, periods.to(states.device))
-                change_moments = change_moments.merged(Moments.of(changes.cpu().numpy()))
-                reward_moments = reward_moments.merged(
-                    Moments.of(batch.rewards.mean(1, True).cpu().numpy())
-                )
-        constants = {
-            "change.turn": periods,
-            "change.scale": _inverse_sd(change_moments),
-            "reward.scale": _inverse_sd(reward_moments),
-        }
-        return {name: value.to(states.device) for name, value in constants.items()}
+                changes = changes.merged(Moments.of(state_changes(batch, periods).cpu().numpy()))
+                rewards = rewards.merged(Moments.of(batch.rewards.mean(1, True).cpu().numpy()))
+        moments = {"change.scale": changes, "reward.scale": rewards}
+        scales = {name: _inverse_sd(each).to(states.device) for name, each in moments.items()}
+        return {"change.turn": periods, **scales}
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         hidden = self.hidden_units(weights, latents, batch)

@@ -67,7 +67,7 @@ def _networks(algo, agent, learner):
     twins = algo != "ddpg"
     for suffix, critic in (("", agent.critic), ("_target", agent.critic_target)):
         critics = getattr(learner, f"critic{suffix}{'s' * twins}")
-        networks = critics.networks if twins else [critics]
+        networks = critics if twins else [critics]
         for i, pair in enumerate(zip(networks, critic.q_networks, strict=True)):
             yield f"critic{i}{suffix}", *pair
 

@@ -15,7 +15,7 @@ SEEDS, DIVERGED = [0, 5, 3], 1
 POISONED = {
     "ddpg": ("critic", "critic_loss"),
     "td3": ("actor", "actions"),
-    "sac": ("critic_targets networks 0", "critic_loss"),
+    "sac": ("critic_targets 0", "critic_loss"),
     "ppo": ("critic", "policy_loss"),
 }
 

@@ -90,8 +90,8 @@ def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe, a
     pairs = torch.randn(9, size + actions, dtype=torch.float64)
     taken = pairs[:, size:].clone().requires_grad_()
     seen = plain.state_action_features(pairs[:, :size], taken)
-    first, _ = learner.critics.networks
-    for critic in learner.critics.networks:
+    first, _ = learner.critics
+    for critic in learner.critics:
         value = critic.forward(pairs)
         expected = seen
         for i, layer in enumerate(critic.layers):

@@ -14,13 +14,12 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from jbench.agents.batched import engine, off_policy
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.engine import Group
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.make import LEARNERS, on_features
 from jbench.agents.batched.on_policy import Epochs
-from jbench.agents.batched.ppo import COLUMNS, PPO
+from jbench.agents.batched.ppo import COLUMNS
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
@@ -95,21 +94,21 @@ def test_recorded_functions_stay_on_gpu(algo, options):
     learner = rule(settings, SIZE, 1, tensors)
     group = Group(learner, range(SEEDS), [Generators(seed, 1) for seed in range(SEEDS)])
     seen, noise = (torch.empty(SEEDS, 1, size, device=GPU) for size in (SIZE, 1))
-    check(tensors, engine.act, learner, seen)
+    check(tensors, learner.act, seen)
     if algo == "ppo":
         epochs = Epochs(settings, group, torch.zeros(SEEDS, 8, 16, SIZE + 1 + COLUMNS))
         check(tensors, epochs._update_once, settings.batch_size)
-        check(tensors, PPO.explore, learner, seen, noise)
-        check(tensors, PPO.value, learner, seen)
+        check(tensors, learner.explore, seen, noise)
+        check(tensors, learner.value, seen)
         return
     replay = ReplayBuffer(SEEDS, 1, 100, SIZE, 1, flush_every=1, device=GPU)
     updates = Updates(settings, group, replay, options.get("limit", "bootstrap"))
     for delayed in (True, False):
         check(tensors, updates._update_once, delayed)
     if ofe is not None:
-        check(tensors, updates._pretrain_once, None)
+        check(tensors, updates._update_once, None)
     if learner.is_stochastic:
-        check(tensors, off_policy._explore, learner, seen, noise)
+        check(tensors, learner.explore, seen, noise)
 
 
 class Recording(TorchDispatchMode):

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from jbench.agents.batched.layers import Affine
-from jbench.agents.batched.network import Twins
 from jbench.agents.batched.ppo import Minibatch
 from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import algorithm_settings
@@ -41,7 +40,7 @@ def paired_layers(algo, learner, plain):
     """Pairs of layers of the learner's networks and of the plain version."""
     for name in PLAIN[algo][1]:
         network = getattr(learner, name)
-        networks = network.networks if isinstance(network, Twins) else [network]
+        networks = network if isinstance(network, list) else [network]
         layers = [layer for network in networks for layer in network.layers]
         yield from zip(layers, linear_layers(getattr(plain, name)), strict=True)
 
@@ -147,7 +146,7 @@ def assert_uniform(weight, bound):
 @pytest.mark.parametrize("algo", ["ddpg", "td3"])
 def test_script_settings_have_glorot_initialization(algo):
     learner = first_layers(algo, **SCRIPT[algo])
-    critics = [learner.critic] if algo == "ddpg" else learner.critics.networks
+    critics = [learner.critic] if algo == "ddpg" else learner.critics
     for network in (learner.actor, *critics):
         *hidden, last = network.layers
         for weight, _ in hidden:

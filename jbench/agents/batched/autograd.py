@@ -42,15 +42,21 @@ class AutogradLearner(OffPolicyLearner):
         self.noise_per_transition = rule.noise_per_transition
         self.is_stochastic = type(rule).explore is not Rule.explore
         super().__init__(settings, observation_size, action_size, view)
-        self._groups = {
-            name: _FlatParameters(view, name, {n: rule.get_parameter(n).shape for n in parameters})
-            for name, parameters in parameter_names(rule).items()
-        }
-        for name in set(rule.losses.values()):
-            self._groups[name].learn(settings.learning_rate)
-        self._parameters = {
-            name: values for group in self._groups.values() for name, values in group.values.items()
-        }
+        # Of each attribute: the flat parameters (..., count), and views of them by name.
+        self._flat: dict[str, Tensor] = {}
+        self._views: dict[str, dict[str, Tensor]] = {}
+        # Of those that are trained: views of the gradient, and the optimizer.
+        self._gradients: dict[str, list[Tensor]] = {}
+        self._adams: dict[str, Adam] = {}
+        for attribute, names in parameter_names(rule).items():
+            shapes, saved = [rule.get_parameter(n).shape for n in names], f"rule.{attribute}"
+            flat = self._flat[attribute] = view.state(saved, flat_size(shapes))
+            self._views[attribute] = dict(zip(names, flat_parts(flat, shapes), strict=True))
+            if attribute in rule.losses.values():
+                gradient = view.scratch(f"{saved}.gradient", flat.shape[-1])
+                self._gradients[attribute] = flat_parts(gradient, shapes)
+                self._adams[attribute] = Adam(view, saved, flat, gradient, settings.learning_rate)
+        self._parameters = {n: v for views in self._views.values() for n, v in views.items()}
         self.rule = copy.deepcopy(rule).to(view.device, self._loss_sums.dtype)
         self.rule.requires_grad_(False)
         if not view.is_stack:
@@ -107,16 +113,15 @@ class AutogradLearner(OffPolicyLearner):
         for loss, name in rule.losses.items():
             if name in rule.delayed and not delayed:
                 continue
-            group = self._groups[name]
-            value, gradients = self._differentiate(loss, group.values, batch)
-            torch._foreach_copy_(group.gradients, gradients)
-            group.adam.step()
+            value, gradients = self._differentiate(loss, self._views[name], batch)
+            torch._foreach_copy_(self._gradients[name], gradients)
+            self._adams[name].step()
             if loss in self.losses:
                 self._record_loss(loss, value[..., None, None])
         for name in rule.targets:
             target = f"{name}_target"
             if delayed or target not in rule.delayed:
-                self._groups[target].flat.lerp_(self._groups[name].flat, self.settings.tau)
+                self._flat[target].lerp_(self._flat[name], self.settings.tau)
 
     def _differentiate(
         self, loss: str, trained: Mapping[str, Tensor], batch: Batch
@@ -142,30 +147,8 @@ class AutogradLearner(OffPolicyLearner):
 
     @torch.no_grad()
     def _call(self, method: str, *inputs: Tensor) -> Tensor:
-        rule = self.rule
-
-        def call_seed(parameters: dict[str, Tensor], *seed_inputs: Tensor) -> Any:
-            return functional_call(rule, parameters, (method, *seed_inputs))
-
         if not self.view.is_stack:
             return self.rule.forward(method, *inputs)
-        actions: Tensor = vmap(call_seed)(self._parameters, *inputs)
+        call_seed = vmap(lambda weights, *x: functional_call(self.rule, weights, (method, *x)))
+        actions: Tensor = call_seed(self._parameters, *inputs)
         return actions
-
-
-class _FlatParameters:
-    """A rule's attribute: `values` by name of the parameter, views of one `flat` (..., count)."""
-
-    gradients: list[Tensor]
-    adam: Adam
-
-    def __init__(self, view: Tensors, name: str, shapes: Mapping[str, torch.Size]) -> None:
-        self._view, self._name, self._shapes = view, f"rule.{name}", list(shapes.values())
-        self.flat = view.state(self._name, flat_size(self._shapes))
-        self.values = dict(zip(shapes, flat_parts(self.flat, self._shapes), strict=True))
-
-    def learn(self, learning_rate: float) -> None:
-        """Makes the gradient and the optimizer."""
-        gradient = self._view.scratch(f"{self._name}.gradient", self.flat.shape[-1])
-        self.gradients = flat_parts(gradient, self._shapes)
-        self.adam = Adam(self._view, self._name, self.flat, gradient, learning_rate)

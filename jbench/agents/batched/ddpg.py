@@ -5,7 +5,6 @@ import torch
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.network import Layout
 from jbench.agents.batched.replay import Batch
-from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import DDPGSettings
 
 
@@ -16,10 +15,7 @@ class DDPG(OffPolicyLearner):
     losses = ("actor_loss", "critic_loss")
     noise_per_transition = 0
 
-    def __init__(
-        self, settings: DDPGSettings, observation_size: int, action_size: int, view: Tensors
-    ) -> None:
-        super().__init__(settings, observation_size, action_size, view)
+    def _make_networks(self) -> None:
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")
         (self.critic,) = self._critics(["critic"], ["critic"])

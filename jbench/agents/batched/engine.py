@@ -138,14 +138,11 @@ class BatchedEngine(Engine):
         generators = self.environments.generators
         return torch.from_numpy(np.stack([g.actions.standard_normal(shape) for g in generators]))
 
-    def _run(self, method: Callable[..., Tensor], *inputs: Tensor) -> Tensor:
-        """Returns what a method makes of every agent and inputs (seeds, N, any), on the CPU.
-
-        It must be the same object at every call, because it is recorded on a GPU.
-        """
+    def _run(self, method: str, *inputs: Tensor) -> Tensor:
+        """Returns what a method makes of every agent and inputs (seeds, N, any), on the CPU."""
         if self._stack is None:
             per_seed = zip(self.learners, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
-            return torch.stack([method(agent, *arguments) for agent, *arguments in per_seed])
+            return torch.stack([getattr(agent, method)(*x) for agent, *x in per_seed])
         key = (method, *(x.shape for x in inputs))
         if key not in self._inputs:
             dtype, device = self.tensors.dtype, self.tensors.device
@@ -156,10 +153,10 @@ class BatchedEngine(Engine):
         return self._outputs[key].cpu()
 
     def _run_stack(self, key: tuple[Any, ...]) -> None:
-        self._outputs[key] = key[0](self._stack, *self._inputs[key])
+        self._outputs[key] = getattr(self._stack, key[0])(*self._inputs[key])
 
     def _act(self, inputs: Tensor) -> NDArray[np.floating]:
-        actions: NDArray[np.float32] = self._run(act, inputs).float().numpy()
+        actions: NDArray[np.float32] = self._run("act", inputs).float().numpy()
         return actions
 
     def _learn(self) -> None:
@@ -191,8 +188,3 @@ class BatchedEngine(Engine):
     @abstractmethod
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
         """Restores what `_loop_state` returned."""
-
-
-def act(agent: Learner, observations: Tensor) -> Tensor:
-    """Returns an agent's deterministic actions; see `BatchedEngine._run`."""
-    return agent.act(observations)

@@ -34,7 +34,8 @@ class DenseLayers:
         for layer in layers:
             self._spans.append((self.size, self.size + layer.units))
             self.size += layer.units
-        self._raw: list[Tensor] = []
+        # Of the last forward pass: each layer, its buffer before the SiLU, and its columns.
+        self._used: list[tuple[Layer, Tensor, tuple[int, int]]] = []
         self._rows = torch.empty(0)
 
     def rows(self, batch: int) -> Tensor:
@@ -44,11 +45,11 @@ class DenseLayers:
     def forward(self, rows: Tensor) -> None:
         """Computes the units and writes them to the columns after the inputs of `rows`."""
         self._rows, batch = rows, rows.shape[-2]
-        self._raw = [
-            self._view.scratch(f"{self._name} raw {i}", batch, layer.units)
-            for i, layer in enumerate(self._layers)
+        self._used = [
+            (layer, self._view.scratch(f"{self._name} raw {i}", batch, layer.units), span)
+            for i, (layer, span) in enumerate(zip(self._layers, self._spans, strict=True))
         ]
-        for layer, raw, (start, end) in zip(self._layers, self._raw, self._spans, strict=True):
+        for layer, raw, (start, end) in self._used:
             layer.forward(rows[..., :start], raw)
             torch.ops.aten.silu.out(raw, out=rows[..., start:end])
 
@@ -63,8 +64,7 @@ class DenseLayers:
             learn: whether to write the gradient by the layers' parameters.
             selected: indices of the batch that `by_rows` belongs to (a single seed, not `learn`).
         """
-        layers = list(zip(self._layers, self._raw, self._spans, strict=True))
-        for layer, raw, (start, end) in reversed(layers):
+        for layer, raw, (start, end) in reversed(self._used):
             layer_raw = raw if selected is None else raw.index_select(0, selected)
             by_units = by_rows[..., start - first : end - first]
             delta = torch.ops.aten.silu_backward(by_units, layer_raw)

@@ -31,20 +31,17 @@ class Captured:
         if self._device.type != "cuda":
             function(argument)
         elif argument not in self._called:
+            # Loads kernels and allocates on the recording's stream, where a recording must not.
             self._called.add(argument)
-            self._warm_up(function, argument)
+            caller = torch.cuda.current_stream(self._device)
+            self._stream.wait_stream(caller)
+            with torch.cuda.stream(self._stream):
+                function(argument)
+            caller.wait_stream(self._stream)
         else:
             if argument not in self._graphs:
                 self._graphs[argument] = self._record(function, argument)
             self._graphs[argument].replay()
-
-    def _warm_up(self, function: Function, argument: Hashable) -> None:
-        """Loads kernels and allocates on the recording's stream, where a recording must not."""
-        stream, caller = self._stream, torch.cuda.current_stream(self._device)
-        stream.wait_stream(caller)
-        with torch.cuda.stream(stream):
-            function(argument)
-        caller.wait_stream(stream)
 
     def _record(self, function: Function, argument: Hashable) -> torch.cuda.CUDAGraph:
         graph = torch.cuda.CUDAGraph()

@@ -74,18 +74,17 @@ class BFloat16Layer(Layer):
     def forward(self, inputs: Tensor, out: Tensor | None = None) -> Tensor:
         """Returns inputs @ weight + bias in `out`."""
         assert out is not None
-        low_inputs = self._low("inputs", inputs).copy_(inputs)
-        low_weight = self._low("weight", self._weight).copy_(self._weight)
-        product = self._product(low_inputs, low_weight, out=self._low("outputs", out))
-        return out.copy_(product).add_(self._bias)
+        low_inputs = self._low("inputs", *inputs.shape[-2:]).copy_(inputs)
+        low_weight = self._low("weight", *self._weight.shape[-2:]).copy_(self._weight)
+        product = self._low("outputs", *out.shape[-2:])
+        return out.copy_(self._product(low_inputs, low_weight, out=product)).add_(self._bias)
 
     def differentiate(self, delta: Tensor, transposed: Tensor) -> None:
         """Writes the gradient by the parameters, given the inputs (..., inputs, batch)."""
-        gradient = self._gradient.weight
-        low_inputs = self._low("inputs", transposed.mT)
-        low_delta = self._low("delta", delta).copy_(delta)
-        product = self._product(low_inputs.mT, low_delta, out=self._low("gradient", gradient))
-        gradient.copy_(product)
+        low_inputs = self._low("inputs", *transposed.mT.shape[-2:])
+        low_delta = self._low("delta", *delta.shape[-2:]).copy_(delta)
+        product = self._low("gradient", *self._gradient.weight.shape[-2:])
+        self._gradient.weight.copy_(self._product(low_inputs.mT, low_delta, out=product))
         torch.sum(delta, dim=-2, out=self._gradient.bias)
 
     def propagate(self, delta: Tensor, out: Tensor) -> None:
@@ -93,18 +92,13 @@ class BFloat16Layer(Layer):
         rows = delta.shape[-2]
         # SAC passes any number of rows; without padding each number would need its own buffers.
         padded = -(-rows // _ROWS) * _ROWS
-        low_delta, by_inputs = (
-            self._scratch(name, padded, like.shape[-1])
-            for name, like in (("delta", delta), ("by_inputs", out))
-        )
+        low_delta = self._low("delta", padded, delta.shape[-1])
+        by_inputs = self._low("by_inputs", padded, out.shape[-1])
         low_delta[..., :rows, :].copy_(delta)
-        low_weight = self._low("weight", self._weight)
+        low_weight = self._low("weight", *self._weight.shape[-2:])
         out.copy_(self._product(low_delta, low_weight.mT, out=by_inputs)[..., :rows, :])
 
-    def _low(self, name: str, like: Tensor) -> Tensor:
-        return self._scratch(name, *like.shape[-2:])
-
-    def _scratch(self, name: str, *shape: int) -> Tensor:
+    def _low(self, name: str, *shape: int) -> Tensor:
         return self._view.scratch(f"{self._workspace} {name}", *shape, dtype=torch.bfloat16)
 
 

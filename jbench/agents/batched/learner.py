@@ -8,7 +8,7 @@ import torch
 from torch import Generator, Tensor
 
 from jbench.agents.batched.layers import Affine
-from jbench.agents.batched.network import Layout, Network, Twins
+from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Adam, Tensors
 from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer, relu_layers
@@ -16,7 +16,6 @@ from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
 LOSS_SUMS = "losses"
 """Name of the tensor (..., losses, 2) with the sum and the number of values of each loss."""
-
 
 _TARGET = "_target"  # ends the name of a target network
 
@@ -35,7 +34,7 @@ class Learner:
     def __init__(
         self, settings: AlgorithmSettings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
-        """Makes the networks; `observation_size` is the number of inputs of the policy."""
+        """Makes the agent; `observation_size` is the number of inputs of the policy."""
         self.view, self.action_size = view, action_size
         self.settings: Any = settings
         self.policy_layout = Layout((observation_size, *settings.hidden_layers, action_size))
@@ -45,6 +44,10 @@ class Learner:
         self._mean_and_one = view.scratch("mean_and_one", 2).fill_(1)
         self._mean = self._mean_and_one[..., 0]
         self._by_name: dict[str, Network] = {}
+        self._make_networks()
+
+    def _make_networks(self) -> None:
+        """Makes the networks, and what else an update needs."""
 
     def act(self, observations: Tensor) -> Tensor:
         """Returns deterministic actions (..., N, action_size) for inputs (..., N, inputs)."""
@@ -109,6 +112,7 @@ class OffPolicyLearner(Learner):
     noise_per_transition: int  # standard normal numbers that an update needs per transition
     pretraining: float = 0.0  # updates of features per control step, before the agent's first
     is_stochastic: bool = False  # whether it explores by `explore` instead of `act`
+    critics: list[Network]  # of TD3 and SAC
 
     @property
     def critic_layout(self) -> Layout:
@@ -150,8 +154,19 @@ class OffPolicyLearner(Learner):
             for name, workspace in zip(names, workspaces, strict=True)
         ]
 
-    def _twins(self, workspaces: Sequence[str], suffix: str = "") -> Twins:
-        return Twins(self._critics([f"critic{i}{suffix}" for i in (1, 2)], workspaces))
+    def _fit_critics(self, inputs: Tensor, targets: Tensor, scale: float) -> Tensor:
+        """Makes a step of each towards targets y, (..., N, 1), by the gradient c (Q(s, a) - y) / N.
+
+        Returns the sum (..., N, 1) of the squared errors before the step.
+        """
+        all_errors = []
+        for critic in self.critics:
+            errors = critic.forward(inputs) - targets
+            critic.backward(errors * (scale / errors.shape[-2]))
+            critic.step()
+            all_errors.append(errors)
+        first, second = all_errors
+        return first.square().addcmul_(second, second)
 
 
 def initialize_uniform(

@@ -5,7 +5,7 @@ activations have fixed buffers, shared by networks that are not used at the same
 is that of the matrix products. The gradients are tested against autograd.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -123,13 +123,9 @@ class Network:
 
         Of a single seed, it may be that of a loss of some rows of the batch, given their indices.
         """
-        return self._input_gradient(delta, self._columns, rows)
-
-    def _input_gradient(self, delta: Tensor, columns: slice, rows: Tensor | None) -> Tensor:
-        """Returns the gradient (..., batch, columns) by some inputs of the layer `joins`."""
         for i in range(len(self._layers) - 1, self._joins, -1):
             delta = self._propagate(i, delta, rows)
-        return self._layers[self._joins].propagate_to(delta, columns)
+        return self._layers[self._joins].propagate_to(delta, self._columns)
 
     def _propagate(self, i: int, delta: Tensor, rows: Tensor | None = None) -> Tensor:
         units, before = self._used[0][i - 1], self._used[2][i - 1]
@@ -145,37 +141,10 @@ class Network:
 
     def _buffers(self, batch: int) -> list[list[Tensor]]:
         if batch not in self._memory:
+            widths = [layer.units for layer in self._exact[:-1]]
             units, deltas = (
-                [
-                    self.view.scratch(f"{name} {i}", batch, width)
-                    for i, width in enumerate(layer.units for layer in self._exact[:-1])
-                ]
+                [self.view.scratch(f"{name} {i}", batch, width) for i, width in enumerate(widths)]
                 for name in (self._workspace, "delta")
             )
             self._memory[batch] = [units, [unit.mT for unit in units], deltas]
         return self._memory[batch]
-
-
-class Twins:
-    """Two critics of the same inputs, as TD3 and SAC have, evaluated and fitted together."""
-
-    def __init__(self, networks: Sequence[Network]) -> None:
-        self.networks = networks
-
-    def forward(self, inputs: Tensor) -> list[Tensor]:
-        """Returns the values (..., N, 1) of both for inputs (..., N, any)."""
-        return [network.forward(inputs) for network in self.networks]
-
-    def fit(self, inputs: Tensor, targets: Tensor, scale: float) -> Tensor:
-        """Makes a step of each towards targets y, (..., N, 1), by the gradient c (Q(s, a) - y) / N.
-
-        Returns the sum (..., N, 1) of the squared errors before the step.
-        """
-        all_errors = []
-        for network in self.networks:
-            errors = network.forward(inputs) - targets
-            network.backward(errors * (scale / errors.shape[-2]))
-            network.step()
-            all_errors.append(errors)
-        first, second = all_errors
-        return first.square().addcmul_(second, second)

@@ -8,8 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.engine import BatchedEngine, act
-from jbench.agents.batched.learner import OffPolicyLearner
+from jbench.agents.batched.engine import BatchedEngine
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Environments, Generators, StepResult
@@ -29,11 +28,7 @@ class OffPolicyEngine(BatchedEngine):
         shape = seeds, count, environments.action_size
         self._noise = ActionNoise(settings, shape)
         self.replay = ReplayBuffer(
-            seeds,
-            count,
-            settings.buffer_size,
-            environments.size,
-            environments.action_size,
+            *(seeds, count, settings.buffer_size, environments.size, environments.action_size),
             flush_every=rollout_steps,
             dtype=tensors.dtype,
             device=tensors.device,
@@ -53,16 +48,12 @@ class OffPolicyEngine(BatchedEngine):
         generators = self.environments.generators
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:
             actions = np.stack([seed.actions.uniform(-1, 1, shape) for seed in generators])
+        elif self.learners[0].is_stochastic:
+            actions = self._run("explore", observations, self._draw_normal(shape)).numpy()
         else:
-            actions = self._policy_actions(observations).numpy()
+            actions = self._run("act", observations).numpy()
         noisy_actions = actions + self._noise.draw(generators)
         return np.clip(noisy_actions, -1, 1).astype(np.float32)
-
-    def _policy_actions(self, observations: Tensor) -> Tensor:
-        if not self.learners[0].is_stochastic:
-            return self._run(act, observations)
-        shape = self._noise.previous.shape[1:]
-        return self._run(_explore, observations, self._draw_normal(shape))
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
         self.replay.add(actions, step.rewards, step.observations)
@@ -91,10 +82,6 @@ class OffPolicyEngine(BatchedEngine):
         # Older versions saved the noise of an only action as (environments,).
         previous[:] = tensors["noise"].numpy().reshape(previous.shape)
         self.replay.begin(self.environments.observations)
-
-
-def _explore(agent: OffPolicyLearner, observations: Tensor, noise: Tensor) -> Tensor:
-    return agent.explore(observations, noise)
 
 
 class ActionNoise:

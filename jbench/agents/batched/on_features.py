@@ -19,8 +19,6 @@ from jbench.agents.batched.tensors import Tensors
 from jbench.policies.network import SavedLayer, SavedNetwork
 from jbench.settings.records import OFESettings
 
-_LOSS = "prediction_loss"
-
 
 class OnFeatures(OffPolicyLearner):
     """Mixin that trains features and passes them to an update rule.
@@ -39,7 +37,7 @@ class OnFeatures(OffPolicyLearner):
         ofe: OFESettings,
     ) -> None:
         self.features = Features(ofe, observation_size, action_size, view)
-        self.pretraining, self.losses = ofe.pretraining, (*self.losses, _LOSS)
+        self.pretraining, self.losses = ofe.pretraining, (*self.losses, "prediction_loss")
         super().__init__(settings, self.features.size, action_size, view)
 
     def initialize(self, generator: Generator) -> None:
@@ -69,7 +67,7 @@ class OnFeatures(OffPolicyLearner):
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Updates the features, then the agent on the new features of the same minibatch."""
-        self._record_loss(_LOSS, self.features.learn(batch))
+        self._record_loss("prediction_loss", self.features.learn(batch))
         super().update(self._on_features(batch), delayed)
 
     def _encode(self, observations: Tensor) -> Tensor:
@@ -109,6 +107,7 @@ class FeatureCritic(Network):
         """Makes a critic that computes z_oa, or takes that of a twin evaluated before it."""
         super().__init__(*args, **options)
         self._features, self._twin = features, twin
+        self._columns = slice(features.size, features.state_action_size)  # those after z_o
 
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
         """Returns values (..., batch, 1) for z_o and actions (..., batch, size + dim(A))."""
@@ -118,6 +117,4 @@ class FeatureCritic(Network):
 
     def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
         """Returns the gradient (..., batch, dim(A)) by the actions; see `Network`."""
-        columns = slice(self._features.size, self._features.state_action_size)
-        by_features = self._input_gradient(delta, columns, rows)
-        return self._features.action_gradient(by_features, rows)
+        return self._features.action_gradient(super().action_gradient(delta, rows), rows)

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import BatchedEngine, Group
 from jbench.agents.batched.graphs import Captured
-from jbench.agents.batched.ppo import COLUMNS, PPO, split_minibatch
+from jbench.agents.batched.ppo import COLUMNS, split_minibatch
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.environments import StepResult
 from jbench.settings.algorithms import PPOSettings
@@ -30,7 +30,7 @@ class OnPolicyEngine(BatchedEngine):
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape[1], self.environments.action_size
-        self._explored = self._run(PPO.explore, observations, self._draw_normal(shape))
+        self._explored = self._run("explore", observations, self._draw_normal(shape))
         actions: NDArray[np.floating] = self._explored[..., : shape[1]].numpy()
         return actions
 
@@ -39,7 +39,7 @@ class OnPolicyEngine(BatchedEngine):
         ended = step.episode_returns is not None
         if ended and self._time_limit == "bootstrap":
             # The episode was truncated: its last state's value stands for the missing rewards.
-            values = self._run(PPO.value, step.observations)[..., 0]
+            values = self._run("value", step.observations)[..., 0]
             rewards += self._settings.gamma * values
         row, size = self._rows[:, :, self._collected - 1], observations.shape[-1]
         row[..., :size].copy_(observations)
@@ -49,7 +49,7 @@ class OnPolicyEngine(BatchedEngine):
 
     def _update(self) -> None:
         settings = self._settings
-        last_values = self._run(PPO.value, self.environments.observations)[..., 0]
+        last_values = self._run("value", self.environments.observations)[..., 0]
         estimate(self._rows, self._ends, last_values, settings)
         for epochs in self._group_updates:
             if self._still_learning(epochs.group):

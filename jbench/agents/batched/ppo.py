@@ -8,7 +8,7 @@ from torch import Generator, Tensor
 
 from jbench.agents.batched.learner import Learner, sum_over_actions
 from jbench.agents.batched.network import Layout, Network
-from jbench.agents.batched.tensors import Adam, Tensors, aligned
+from jbench.agents.batched.tensors import Adam, aligned
 from jbench.settings.algorithms import PPOSettings
 
 _LOG_2_PI = math.log(2 * math.pi)
@@ -43,10 +43,8 @@ class PPO(Learner):
     losses = ("policy_loss", "value_loss", "entropy_loss")
     squash = "clip"
 
-    def __init__(
-        self, settings: PPOSettings, observation_size: int, action_size: int, view: Tensors
-    ) -> None:
-        super().__init__(settings, observation_size, action_size, view)
+    def _make_networks(self) -> None:
+        settings, view, action_size = self.settings, self.view, self.action_size
         # One network with the outputs mu(s) and V(s), or two networks.
         outputs = (action_size + 1,) if settings.shared_layers else (action_size, 1)
         layouts = [Layout((*self.policy_layout.sizes[:-1], count)) for count in outputs]
@@ -126,7 +124,12 @@ class PPO(Learner):
         self._log_sigma_gradient.copy_(by_log_sigma)
 
         errors, by_value = self._value_errors(values, batch)
-        self._backward(by_mean, by_value * (2 * settings.vf_coef / size))
+        by_value = by_value * (2 * settings.vf_coef / size)
+        if self.actor is self.critic:
+            self.actor.backward(torch.cat([by_mean, by_value], dim=-1))
+        else:
+            self.actor.backward(by_mean)
+            self.critic.backward(by_value)
 
         self._record_loss("policy_loss", -torch.minimum(surrogates, bounded))
         self._record_loss("value_loss", errors.square())
@@ -165,13 +168,6 @@ class PPO(Learner):
         """Returns mu(s), (..., N, action_size), and V(s), (..., N, 1)."""
         outputs = [network.forward(observations, exact=exact) for network in self._networks]
         return outputs[0][..., : self.action_size], outputs[-1][..., -1:]
-
-    def _backward(self, by_mean: Tensor, by_value: Tensor) -> None:
-        if self.actor is self.critic:
-            self.actor.backward(torch.cat([by_mean, by_value], dim=-1))
-        else:
-            self.actor.backward(by_mean)
-            self.critic.backward(by_value)
 
 
 def _initialize_orthogonal(weight: Tensor, gain: float, generator: Generator) -> None:

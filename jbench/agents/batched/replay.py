@@ -74,10 +74,9 @@ class ReplayBuffer:
         self._ring, pending = self._span(self._capacity), self._span(flush_every)
         self._environments, self._size = environments, observation_size
         width = observation_size + action_size + 1
-        self._rows = torch.zeros(
-            (seeds, environments, self._ring, width), dtype=dtype, device=device
-        )
-        self._new = torch.zeros((seeds, environments, pending, width), dtype=dtype)
+        shape = seeds, environments
+        self._rows = torch.zeros(*shape, self._ring, width, dtype=dtype, device=device)
+        self._new = torch.zeros(*shape, pending, width, dtype=dtype)
         self.row = self._flushed = 0
 
     def begin(self, observations: Tensor) -> None:

@@ -8,7 +8,7 @@ from torch import Generator, Tensor
 from jbench.agents.batched.learner import OffPolicyLearner, sum_over_actions
 from jbench.agents.batched.network import Layout
 from jbench.agents.batched.replay import Batch
-from jbench.agents.batched.tensors import Adam, Tensors
+from jbench.agents.batched.tensors import Adam
 from jbench.settings.algorithms import SACSettings
 
 # Bounds of log sigma(s), as in the authors' code.
@@ -25,10 +25,8 @@ class SAC(OffPolicyLearner):
     losses = ("actor_loss", "critic_loss", "entropy_coefficient")
     is_stochastic = True
 
-    def __init__(
-        self, settings: SACSettings, observation_size: int, action_size: int, view: Tensors
-    ) -> None:
-        super().__init__(settings, observation_size, action_size, view)
+    def _make_networks(self) -> None:
+        settings, view, action_size = self.settings, self.view, self.action_size
         self.noise_per_transition = 2 * action_size
         self._target_entropy = -float(action_size)
         if settings.target_entropy != "auto":
@@ -37,11 +35,12 @@ class SAC(OffPolicyLearner):
         layout = Layout((*self.policy_layout.sizes[:-1], 2 * action_size))
         self.actor = self._network("actor", layout, workspace="actor")
         # Both critics' activations are needed at the same time, those of their targets are not.
-        self.critics = self._twins(["critic1", "critic2"])
-        self.critic_targets = self._twins(["critic1", "critic1"], "_target")
+        self.critics = self._critics(["critic1", "critic2"], ["critic1", "critic2"])
+        names = "critic1_target", "critic2_target"
+        self.critic_targets = self._critics(names, ["critic1", "critic1"])
         self.log_temperature = view.state("log_temperature", 1)
         self._temperature_gradient = view.scratch("log_temperature.gradient", 1)
-        if self.settings.ent_coef == "auto":
+        if settings.ent_coef == "auto":
             learned = self.log_temperature, self._temperature_gradient
             self._temperature_adam = Adam(view, "log_temperature", *learned, settings.learning_rate)
 
@@ -79,18 +78,19 @@ class SAC(OffPolicyLearner):
         next_actions, next_likelihoods, *_ = self._sample(batch.next_observations, next_noise)
         # The next actions are columns of `next_state_actions`, and the actions of `state_actions`.
         batch.next_actions.copy_(next_actions)
-        next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
+        both = (critic.forward(batch.next_state_actions) for critic in self.critic_targets)
+        next_values = torch.minimum(*both)
         next_values.addcmul_(temperature, next_likelihoods, value=-1)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
         # Minimize L_Q over the critics.
-        squared_errors = self.critics.fit(batch.state_actions, targets, scale=1)
+        squared_errors = self._fit_critics(batch.state_actions, targets, scale=1)
         self._record_loss("critic_loss", squared_errors.mul_(0.5))
 
         # Minimize L_pi over the actor.
         actions, likelihoods, scaled_noise, in_bounds = self._sample(batch.observations, noise)
         batch.actions.copy_(actions)
-        first, second = self.critics.forward(batch.state_actions)
+        first, second = (critic.forward(batch.state_actions) for critic in self.critics)
         losses = temperature * likelihoods - torch.minimum(first, second)
         self._record_loss("actor_loss", losses)
         by_action = self._minimum_gradient(first, second, -batch.mean_weight)
@@ -132,13 +132,13 @@ class SAC(OffPolicyLearner):
         if self.view.is_stack:
             by_first = is_first.to(by_minimum.dtype).mul_(by_minimum)
             deltas = by_first, by_minimum - by_first
-            pairs = zip(self.critics.networks, deltas, strict=True)
+            pairs = zip(self.critics, deltas, strict=True)
             gradient, other = (critic.action_gradient(delta) for critic, delta in pairs)
             return gradient.add_(other)
         # Each critic goes backward on its own rows only. This halves the work, but the sizes vary,
         # which a CUDA graph does not allow.
         by_action = by_minimum.new_empty(len(by_minimum), self.action_size)
-        for critic, mask in zip(self.critics.networks, (is_first, ~is_first), strict=True):
+        for critic, mask in zip(self.critics, (is_first, ~is_first), strict=True):
             rows = mask.view(-1).nonzero().view(-1)
             gradient = critic.action_gradient(by_minimum.index_select(0, rows), rows)
             by_action.index_copy_(0, rows, gradient)

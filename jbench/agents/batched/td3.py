@@ -6,7 +6,6 @@ import torch
 
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import Batch
-from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings
 
 
@@ -16,16 +15,14 @@ class TD3(OffPolicyLearner):
     settings: TD3Settings
     losses = ("actor_loss", "critic_loss")
 
-    def __init__(
-        self, settings: TD3Settings, observation_size: int, action_size: int, view: Tensors
-    ) -> None:
-        super().__init__(settings, observation_size, action_size, view)
-        self.noise_per_transition = action_size
+    def _make_networks(self) -> None:
+        self.noise_per_transition = self.action_size
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_layout, workspace="actor")
-        self.critics = self._twins(["critic"] * 2)
+        self.critics = self._critics(["critic1", "critic2"], ["critic"] * 2)
         self.actor_target = self._network("actor_target", self.policy_layout, "critic")
-        self.critic_targets = self._twins(["critic"] * 2, "_target")
+        names = "critic1_target", "critic2_target"
+        self.critic_targets = self._critics(names, ["critic"] * 2)
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether actor and target networks are updated."""
@@ -52,17 +49,18 @@ class TD3(OffPolicyLearner):
         next_actions = self.actor_target.forward(batch.next_observations).tanh_()
         # The next actions are columns of `next_state_actions`, and the actions of `state_actions`.
         torch.clamp(next_actions.add_(smoothing), -1, 1, out=batch.next_actions)
-        next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
+        both = (critic.forward(batch.next_state_actions) for critic in self.critic_targets)
+        next_values = torch.minimum(*both)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
         # Minimize L_Q over the critics.
-        squared_errors = self.critics.fit(batch.state_actions, targets, scale=2)
+        squared_errors = self._fit_critics(batch.state_actions, targets, scale=2)
         self._record_loss("critic_loss", squared_errors)
 
         if delayed:
             # Minimize L_pi over the actor.
             torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
-            critic = self.critics.networks[0]
+            critic = self.critics[0]
             values = critic.forward(batch.state_actions)
             by_action = critic.action_gradient(-batch.mean_weight)
             self.actor.backward(torch.ops.aten.tanh_backward(by_action, batch.actions))

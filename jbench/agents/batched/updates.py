@@ -51,19 +51,14 @@ class Updates:
             view.scratch("noise", size, group.learner.noise_per_transition),
             group.learner.action_size,
         )
-        self._gathered = [
-            (rows.view(-1, width), indices.view(-1))
-            for rows, indices in (
-                (batch.rows, self._indices),
-                (batch.next_rows, self._next_indices),
-            )
-        ]
+        gathered = (batch.rows, self._indices), (batch.next_rows, self._next_indices)
+        self._gathered = [(rows.view(-1, width), indices.view(-1)) for rows, indices in gathered]
         self._mirrored = [rows[..., : size // 2, :] for rows in (batch.rows, batch.next_rows)]
         self._mirror = mirror
         if mirror is not None:
             mirror = mirror[:, group.seeds.start : group.seeds.stop]
             self._mirror = mirror.reshape(2, *view.batch_shape, 1, width)
-        self._update, self._pretrain = (Captured(self._source.device) for _ in range(2))
+        self._update = Captured(self._source.device)
         self._delayed: list[bool] = []
         self._samples: list[tuple[Tensor, Tensor]] = []
 
@@ -75,7 +70,7 @@ class Updates:
             samples = self._sample(count)
             for i in range(count):
                 _put(samples, i)
-                self._pretrain(self._pretrain_once, None)
+                self._update(self._update_once, None)
             remaining -= count
 
     def prepare(self, first: int, count: int) -> None:
@@ -90,21 +85,18 @@ class Updates:
             _put(self._samples, i)
             self._update(self._update_once, delayed)
 
-    def _update_once(self, delayed: bool) -> None:
-        self._gather()
-        self._learner.update(self._batch, delayed)
-
-    def _pretrain_once(self, _: None) -> None:
-        self._gather()
-        self._learner.features.learn(self._batch)
-
-    def _gather(self) -> None:
+    def _update_once(self, delayed: bool | None) -> None:
+        """Updates the agents on the sampled minibatch, or for None only their features."""
         for rows, indices in self._gathered:
             torch.index_select(self._source, 0, indices, out=rows)
         if self._mirror is not None:
             gain, offset = self._mirror
             for half in self._mirrored:
                 torch.addcmul(offset, half, gain, out=half)
+        if delayed is None:
+            self._learner.features.learn(self._batch)
+        else:
+            self._learner.update(self._batch, delayed)
 
     def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
         """Returns buffers (..., size, any), each with samples (count, ..., size, any)."""

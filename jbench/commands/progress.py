@@ -129,7 +129,7 @@ def published_median(run: RunSettings, control_steps: float) -> float | None:
     from jbench.report.data.published import best_median
 
     cell = run.task, run.algo, run.representation
-    best = best_median(_published_curves(), *cell, control_steps)
+    best = best_median(_published_curves(), cell, control_steps)
     return None if best is None else best[0]
 
 

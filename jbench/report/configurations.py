@@ -9,44 +9,33 @@ import pandas as pd
 from jbench.names import kind_in
 from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.configuration import (
-    ID,
-    IMPORTED,
-    Configuration,
-    display_name,
-    long_frame,
-    shown_representation,
-)
+from jbench.report.data.configuration import ID, IMPORTED, Configuration, long_frame
 from jbench.report.data.curves import Curve, centers, moving_average, steps_to_threshold
 from jbench.report.data.published import NAMES, PUBLISHED, SEQUENCE_ROBOTS, best_median
-from jbench.report.data.returns import SOLVED, TRAINING
+from jbench.report.data.returns import SOLVED, TRAINING, display_name, shown_representation
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import components, smallest_difference
 
 Curves = Sequence[tuple[Configuration, Curve]]
 
-_STATISTICS = [
-    f"{name}{end}"
-    for name in ("median", "iqm", "over_run", "deviation", "solved_steps")
-    for end in ("", "_low", "_high")
-]
-_LOCATION: dict[str, st.Statistic] = {"median": st.median, "iqm": st.interquartile_mean}
+_ENDS = ("", "_low", "_high")
+_STATISTICS = ("median", "iqm", "over_run", "deviation", "solved_steps")
+_FINAL = {"median": st.median, "iqm": st.interquartile_mean, "deviation": st.standard_deviation}
 _IS_SOLVED = {"supported": "yes", "contradicted": "no", "undecided": "undecided"}
 CONFIGURATIONS = [
     *(*ID, "variant", "seeds", "draws", "steps_min", "steps", "diverged"),
-    *(*_STATISTICS, "deviation_by_episodes", "s", "s_low", "s_high", "detectable"),
+    *(f"{name}{end}" for name in _STATISTICS for end in _ENDS),
+    *("deviation_by_episodes", "s", "s_low", "s_high", "detectable"),
     *("reached", "solved", "published", "published_figure", "note"),
 ]
 SEEDS = [*(*ID, "seed", "run", "final", "over_run", "episodes", "episode_sd", "diverged")]
 CURVES = [*(*ID, "steps", "seeds", "window", *NAMES.values(), "robots", "robot_steps")]
 RUN_CURVES = ["configuration", "source", "run", "seed", "returns", "steps", "value"]
-PROCESSOR = [*ID, "seconds", "median"]
 PUBLISHED_CURVES = [
     *("task", "algo", "representation", "kind", "figure", "source", "seeds", "steps"),
     *NAMES.values(),
 ]
-_SHOWN_POINTS = 200  # of the curve of a single run
 
 
 def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame:
@@ -70,7 +59,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
         row |= {"seeds": len(scores.final), "note": "; ".join(config.notes)}
         row |= {"steps_min": int(config.steps.min()), "steps": int(config.steps.max())}
         row |= {"diverged": int(config.diverged.sum()), "solved": None, "published_figure": None}
-        row |= _intervals(_LOCATION | {"deviation": st.standard_deviation}, scores.final)
+        row |= _intervals(_FINAL, scores.final)
         row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
         row["deviation_by_episodes"] = scores.deviation_by_episodes
         if scores.agents.known and len(scores.final) >= st.MIN_SEEDS:
@@ -78,33 +67,30 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
             sizes = len(scores.final), row["s"], w, scores.episodes.mean()
             row["detectable"] = smallest_difference(*sizes)
         if config.robots <= 1 and config.has_solved_return:
-            steps = _steps_to_solved(config, curve)
+            known = np.isfinite(config.returns).any(axis=1)
+            at = moving_average(config.control_steps[known], curve.window)
+            smooth = curve.by_seed[known][:, curve.widths == curve.window]
+            steps = steps_to_threshold(smooth, at, SOLVED)
             row |= _intervals({"solved_steps": st.median}, steps)
             row["reached"] = int(np.isfinite(steps).sum())
         if row["seeds"] and config.has_solved_return:
-            median = st.Estimate(*(row[f"median{end}"] for end in ("", "_low", "_high")))
+            median = st.Estimate(*(row[f"median{end}"] for end in _ENDS))
             row["solved"] = _IS_SOLVED[decide_solved(median, row["seeds"])["verdict"]]
         if config.kind == TRAINING:  # the paper has no other returns
-            at = config.task, config.algo, config.representation, scores.middle
-            if best := best_median(published, *at, sequence=config.robots > 1):
+            names = config.task, config.algo, config.representation
+            if best := best_median(published, names, scores.middle, sequence=config.robots > 1):
                 row["published"], row["published_figure"] = best
         rows.append(row)
     return pd.DataFrame(rows, columns=CONFIGURATIONS).astype({"reached": "Int64"})
 
 
 def _intervals(statistics: Mapping[str, st.Statistic], scores: FloatArray) -> dict[str, float]:
-    row: dict[str, float] = {}
     samples = st.samples(list(statistics.values()), [scores])
-    for name, sample in zip(statistics, samples, strict=True):
-        row |= zip((name, f"{name}_low", f"{name}_high"), sample.estimate(), strict=False)
-    return row
-
-
-def _steps_to_solved(config: Configuration, curve: Curve) -> FloatArray:
-    """Returns the control steps (seeds with a return,) until whole windows reach `SOLVED`."""
-    known = np.isfinite(config.returns).any(axis=1)
-    at = moving_average(config.control_steps[known], curve.window)
-    return steps_to_threshold(curve.by_seed[known][:, curve.widths == curve.window], at, SOLVED)
+    return {
+        f"{name}{end}": number
+        for name, sample in zip(statistics, samples, strict=True)
+        for end, number in zip(_ENDS, sample.estimate(), strict=False)
+    }
 
 
 def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
@@ -116,11 +102,10 @@ def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     parts = []
     for config in configurations:
         scores = seed_scores(config)
-        arrays = {"seed": config.seeds, "run": np.array(config.runs, object)}
-        arrays |= {"diverged": config.diverged}
-        arrays = {name: values[scores.known] for name, values in arrays.items()}
-        arrays |= {"final": scores.final, "over_run": scores.area}
-        arrays |= {"episodes": scores.episodes, "episode_sd": scores.deviations}
+        known = scores.known
+        arrays = {"seed": config.seeds[known], "run": np.array(config.runs, object)[known]}
+        arrays |= {"diverged": config.diverged[known], "episode_sd": scores.deviations}
+        arrays |= {"final": scores.final, "over_run": scores.area, "episodes": scores.episodes}
         parts.append((config.identity, arrays))
     return long_frame(parts, SEEDS)
 
@@ -151,8 +136,8 @@ def run_curve_frame(curves: Curves) -> pd.DataFrame:
     for config, curve in curves:
         for run, seed, values in zip(config.runs, config.seeds, curve.by_seed, strict=True):
             shown = np.flatnonzero(np.isfinite(values))
-            count = min(len(shown), _SHOWN_POINTS)
-            shown = shown[np.linspace(0, len(shown) - 1, count).round().astype(int)]
+            at = np.linspace(0, len(shown) - 1, min(len(shown), 200)).round().astype(int)
+            shown = shown[at]
             arrays = {"steps": curve.control_steps[shown], "value": values[shown]}
             parts.append(({**config.identity, "run": run, "seed": seed}, arrays))
     return long_frame(parts, RUN_CURVES)
@@ -176,7 +161,7 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
         usable = known & np.isfinite(curve.quantile(50))
         seconds = centers(middle, curve.window)[usable]
         parts.append((config.identity, {"median": curve.quantile(50)[usable], "seconds": seconds}))
-    return long_frame(parts, PROCESSOR)
+    return long_frame(parts, [*ID, "seconds", "median"])
 
 
 def published_frame(
@@ -189,12 +174,9 @@ def published_frame(
     """
     shown = published[published["task"].isin([*tasks])]
     shown = shown if algo is None else shown[shown["algo"] == algo]
-    names = {
-        "algo": shown["algo"].map(display_name),
-        "kind": shown["representation"].map(kind_in),
-        "representation": shown["representation"].map(shown_representation),
-    }
-    parts = [shown.assign(**names)]
+    shown = shown.assign(algo=shown["algo"].map(display_name))
+    names = {"kind": kind_in, "representation": shown_representation}
+    parts = [shown.assign(**{name: shown["representation"].map(f) for name, f in names.items()})]
     parts += [curve_frame(imported).assign(figure=IMPORTED)] if imported else []
     return pd.concat(parts, ignore_index=True)[PUBLISHED_CURVES]
 

@@ -2,41 +2,30 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from statistics import multimode
 from typing import Any
 
 import pandas as pd
-import pyarrow as pa
 
 from jbench.names import ENCODER_KINDS, TASKS
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.configuration import (
-    ID,
-    Configuration,
-    differing_in,
-    in_order,
-    shown_representation,
-)
+from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
+from jbench.report.data.returns import shown_representation
 from jbench.settings.alike import ENCODER_VARIANT
 from jbench.settings.base import settings_hash
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 
-PREDICTED = {
-    "yaw_rate": "yaw rate",
-    "forward_speed": "forward speed",
-    "tilt_rate": "tilt rate",
-    "reward": "reward",
-}  # names of the predicted quantities of the next control step, by column
+PREDICTED = {n: n.replace("_", " ") for n in ("yaw_rate", "forward_speed", "tilt_rate", "reward")}
+"""Names of the predicted quantities of the next control step, by column."""
 
 _FRACTIONS = ("test", "pca", "random", "heuristic", "pca_heuristic")
 _MEDIANS = ("test_mse", *_FRACTIONS, *PREDICTED, "effective_rank")
 _COLUMNS = ["task", "kind", "representation", "settings", "latents", "seeds", *_MEDIANS]
-_MIN_POINTS = 3
 
 
-def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd.DataFrame:
+def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> pd.DataFrame:
     """Returns a row per task, kind, variant and number of latents of finished encoders.
 
     settings are the options that distinguish a variant. There are medians across seeds of test_mse;
@@ -44,42 +33,34 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
     and pca_heuristic (the hand-written policy's); and of the R² of `PREDICTED` and effective_rank,
     which are NaN for encoders that were trained before they were measured.
     """
-    if "encoders" not in tables:  # only the results themselves have them
-        return pd.DataFrame(columns=_COLUMNS)
-    encoders, errors = (
-        tables[name].to_pandas(use_threads=False) for name in ("encoders", "encoder_errors")
-    )
+    encoders = tables["encoders"]
     finished = encoders[(encoders["status"] == "finished") & encoders["kind"].notna()]
     if task is not None:
         finished = finished[finished["task"] == task]
-    rows = finished.drop(columns=["test_mse", "test_explained"]).merge(errors, on="encoder")
+    rows = finished.drop(columns=["test_mse", "test_explained"])
+    rows = rows.merge(tables["encoder_errors"], on="encoder")
     if rows.empty:
         return pd.DataFrame(columns=_COLUMNS)
     names = rows["encoder"].str.split("/").str[1]  # such as dae12-observation-whitened
     rows = rows.assign(settings=_labels(rows), representation=names.map(shown_representation))
     for name in _FRACTIONS:
         rows[name] = 1 - rows[f"{name}_explained"]
-    predictions = tables["encoder_predictions"].to_pandas(use_threads=False)
+    predictions = tables["encoder_predictions"]
     r2 = predictions.pivot_table(values="r2", index="encoder", columns="target", observed=True)
     rows = rows.merge(r2.reindex(columns=list(PREDICTED)), on="encoder", how="left")
     rows["effective_rank"] = rows["effective_rank"].astype(float)
-    frame: pd.DataFrame = (
-        rows.groupby(["task", "kind", "representation", "settings", "latents"])
-        .agg(seeds=("seed", "nunique"), **{name: (name, "median") for name in _MEDIANS})
-        .reset_index()
-    )
-    kinds = in_order(frame["kind"], tuple(ENCODER_KINDS))
-    orders = {"task": in_order(frame["task"], TASKS), "kind": kinds}
+    medians = {name: (name, "median") for name in _MEDIANS}
+    groups = rows.groupby(_COLUMNS[:5], as_index=False)
+    frame = groups.agg(seeds=("seed", "nunique"), **medians)
+    orders = {"task": TASKS, "kind": tuple(ENCODER_KINDS)}
     return frame[_COLUMNS].sort_values(
         ["task", "kind", "settings", "latents", "representation"],
-        key=lambda keys: keys.map(orders[keys.name].index) if keys.name in orders else keys,
+        key=lambda k: k.map(in_order(k, orders[k.name]).index) if k.name in orders else k,
         ignore_index=True,
     )
 
 
-def prediction_frame(
-    configurations: Sequence[Configuration], encoders: pd.DataFrame
-) -> pd.DataFrame:
+def prediction_frame(configurations: Configurations, encoders: pd.DataFrame) -> pd.DataFrame:
     """Returns the final returns, of one kind, beside what latents predict.
 
     Only for tasks and algorithms with three or more measured representations. Representations with
@@ -90,12 +71,12 @@ def prediction_frame(
     measured = encoders[~encoders.duplicated(keys, keep=False) & encoders["yaw_rate"].notna()]
     rows = returns.merge(measured[[*keys, *PREDICTED]], on=keys)
     group = ["source", "task", "algo", "words"]
-    rows = rows[rows.groupby(group)["label"].transform("size") >= _MIN_POINTS]
+    rows = rows[rows.groupby(group)["label"].transform("size") >= 3]
     long = rows.melt([*returns], [*PREDICTED], "quantity", "r2")
     return long.assign(quantity=long["quantity"].map(PREDICTED))
 
 
-def return_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
+def return_frame(configurations: Configurations) -> pd.DataFrame:
     """Returns the final returns of configurations that differ only in their representation.
 
     They are measured at the most frequent last step of these configurations, or at the latest of

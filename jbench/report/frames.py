@@ -8,21 +8,12 @@ from collections.abc import Sequence
 import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError, WorkError
-from jbench.report import policies
+from jbench.report import configurations, policies
 from jbench.report.analysis import compare, tasks
 from jbench.report.analysis.claims import claim_frame, published_findings
 from jbench.report.analysis.examine import examine
 from jbench.report.analysis.scores import Pair
 from jbench.report.analysis.verdicts import decision_frame, verdict_frame
-from jbench.report.configurations import (
-    configuration_frame,
-    curve_frame,
-    processor_frame,
-    published_frame,
-    run_curve_frame,
-    seed_frame,
-    sequence_frame,
-)
 from jbench.report.data import sources
 from jbench.report.data.configuration import IMPORTED, Configuration, with_returns
 from jbench.report.data.published import SEQUENCE, read_published
@@ -50,48 +41,50 @@ class Frames:
     def __init__(self, results: Results | None, request: Request = _DEFAULT) -> None:
         """Reads the results; a NothingYetError without runs, a WorkError if none can be read."""
         source, compared = _read(results, request)
-        configurations = source.configurations
-        kinds = {config.kind for config in configurations}
+        every = source.configurations
+        kinds = {config.kind for config in every}
         returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
-        curves = [(c, c.curve(request.order, request.window)) for c in configurations]
-        apart = {c for c in configurations if (c.source, c.algo) == (IMPORTED, request.baseline)}
+        curves = [(c, c.curve(request.order, request.window)) for c in every]
+        apart = {c for c in every if (c.source, c.algo) == (IMPORTED, request.baseline)}
         drawn = [pair for pair in curves if pair[0] not in apart]
         plain = [pair for pair in drawn if pair[0].robots <= 1]
-        trained = [config for config in configurations if config.source != IMPORTED]
-        lead, trained_lead = with_returns(configurations, returns), with_returns(trained, returns)
+        trained = [config for config in every if config.source != IMPORTED]
+        lead, trained_lead = with_returns(every, returns), with_returns(trained, returns)
         published = read_published(query.published())
         figures = published[published["figure"] != SEQUENCE]
-        known = {config.task for config in configurations if config.source != FILE}
+        known = {config.task for config in every if config.source != FILE}
         self.request, self.returns = request, returns
-        self.configurations = configuration_frame(curves, published)
+        self.configurations = configurations.configuration_frame(curves, published)
         leading = self.configurations[self.configurations["returns"] == returns]
         self.decisions = decision_frame(trained)
         self.verdicts = verdict_frame(trained, self.decisions)
         self.comparisons = compare.comparison_frame(compared)
         self.headline = headline(self.lead(self.verdicts), leading, self.lead(self.comparisons))
         self.configurations = tasks.with_file_means(self.configurations, lead)
-        self.curves = curve_frame(plain)
+        self.curves = configurations.curve_frame(plain)
         beside = [pair for pair in curves if pair[0] in apart]
-        self.published = published_frame(figures, known, request.algo, beside)
-        self.seeds = seed_frame(configurations)
-        self.run_curves = run_curve_frame(plain)
+        self.published = configurations.published_frame(figures, known, request.algo, beside)
+        self.seeds = configurations.seed_frame(every)
+        self.run_curves = configurations.run_curve_frame(plain)
         self.metrics, self.paths = metric_frame(source), source.paths
         self.baselines = policies.baseline_frame(known)
         self.pairs = compare.pair_frame(trained_lead, self.lead(self.verdicts))
         self.profiles = tasks.profile_frame(lead)
         self.encoders = encoder_frame(source.tables, request.task)
         self.predictions = prediction_frame(trained_lead, self.encoders)
-        self.processor = processor_frame([pair for pair in plain if pair[0].kind == returns])
+        leads = [pair for pair in plain if pair[0].kind == returns]
+        self.processor = configurations.processor_frame(leads)
         self.motor, self.positions, unread = policies.behavior(results, request.task)
         sequences = [pair for pair in drawn if pair[0].robots > 1]
-        self.sequences = sequence_frame(sequences, published[published["figure"] == SEQUENCE])
+        theirs = published[published["figure"] == SEQUENCE]
+        self.sequences = configurations.sequence_frame(sequences, theirs)
         self.claims, untested = _claims(trained, source, request)
         self.runs = run_frame(source, returns)
         self.provenance = provenance_frame(self.runs)
         by_hand = policies.hand_written_returns(source.tables)
         ranked = leading[leading["source"] != FILE]
         self.leaderboard = leaderboard(ranked, by_hand, figures, request.algo)
-        self.notes = [*source.notes, *_notes(configurations), *untested]
+        self.notes = [*source.notes, *_notes(every), *untested]
         self.problems = [*source.problems, *unread]
         self.clean()
 
@@ -132,16 +125,11 @@ def _read(results: Results | None, request: Request) -> tuple[Source, list[list[
         return source, []
     if len(read.runs):
         raise NothingYetError(f"No run has an episode yet; wait for them. {' '.join(read.notes)}")
-    raise _nothing_to_report(results, source.problems)
-
-
-def _nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
-    records, unreadable = results.scan("run")
-    if records or unreadable or problems:
-        reason = " ".join([*problems, repair_hint(results.name)])
-        return WorkError(f"Nothing in {results.name} can be reported. {reason}")
+    if source.problems or any(results.scan("run")):
+        reason = " ".join([*source.problems, repair_hint(results.name)])
+        raise WorkError(f"Nothing in {results.name} can be reported. {reason}")
     train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
-    return NothingYetError(
+    raise NothingYetError(
         f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
     )
 
@@ -173,7 +161,8 @@ def _claims(
     ours = [row for kind in KINDS for row in examine(with_returns(trained, kind))]
     by_hand, notes = policies.findings(source.tables, request.task)
     papers = published_findings(request.task, request.algo)
-    return claim_frame([*ours, *by_hand, *papers]), notes
+    # Two sides are compared without their policies.
+    return claim_frame([*ours, *by_hand, *papers]), [] if request.compare else notes
 
 
 def _notes(configurations: Sequence[Configuration]) -> list[str]:

@@ -18,9 +18,7 @@ _OUTCOMES = {
 _MAX_WORDS = 30
 
 
-def headline(
-    verdicts: pd.DataFrame, configurations: pd.DataFrame, comparisons: pd.DataFrame
-) -> str:
+def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.DataFrame) -> str:
     """Returns the headline, of at most 30 words; it names tasks where the answer depends on them.
 
     All rows are of one kind of return; there are comparisons only if two sides are compared.
@@ -36,8 +34,8 @@ def headline(
         if from_file:
             return f"{count.capitalize()} of a method can't decide a comparison."
         return f"Too early to say: {count} of {longest} control steps can't decide anything."
-    if len(comparisons) and len(comparisons[["a", "b"]].drop_duplicates()) == 1:
-        return _on_sides(comparisons[comparisons["task"].isin(known["task"])])
+    if len(compared) and len(compared[["a", "b"]].drop_duplicates()) == 1:
+        return _on_sides(compared[compared["task"].isin(known["task"])])
     against_full = verdicts[verdicts["against"] == FULL]
     if against_full.empty:
         return _best(known)
@@ -87,10 +85,9 @@ def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
             where.setdefault(outcome, {}).setdefault(on, []).append(str(representation))
     for outcome, verb in _OUTCOMES.items():
         if outcome in where:
-            parts = (
-                f"with {in_prose(names, 'and')}{on}" for on, names in sorted(where[outcome].items())
-            )
-            yield outcome, f"{verb} {', and '.join(parts)}"
+            parts = sorted(where[outcome].items())
+            texts = [f"with {in_prose(names, 'and')}{on}" for on, names in parts]
+            yield outcome, f"{verb} {', and '.join(texts)}"
 
 
 def _outcome(rows: pd.DataFrame) -> str:

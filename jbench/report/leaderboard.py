@@ -9,15 +9,15 @@ from jbench.errors import RequestError
 from jbench.names import FULL, HEURISTIC
 from jbench.report.configurations import configuration_frame
 from jbench.report.data import sources
-from jbench.report.data.configuration import IMPORTED, OWN, display_name, in_order, with_returns
+from jbench.report.data.configuration import IMPORTED, OWN, in_order, with_returns
 from jbench.report.data.published import CURVE, PUBLISHED, SEQUENCE, read_published
+from jbench.report.data.returns import display_name
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.store import Results, query
 
-HAND_WRITTEN = "hand-written"
 COLUMNS = [
     *("task", "rank", "entry", "algo", "observation", "median", "low", "high", "n"),
     *("steps_min", "steps"),
@@ -46,10 +46,8 @@ def ranked_configurations(
     published = read_published(query.published())
     published = published[published["figure"] != SEQUENCE]
     configurations = [config for part in parts for config in part.configurations]
-    curves = [
-        (config, config.curve(request.order, request.window))
-        for config in with_returns(configurations, request.returns)
-    ]
+    chosen = with_returns(configurations, request.returns)
+    curves = [(config, config.curve(request.order, request.window)) for config in chosen]
     frame = leaderboard(configuration_frame(curves, published), by_hand, published, request.algo)
     problems = [problem for part in parts for problem in part.problems]
     if frame.empty:
@@ -62,31 +60,28 @@ def ranked_configurations(
 
 
 def leaderboard(
-    configurations: pd.DataFrame,
-    by_hand: Mapping[str, FloatArray],
-    published: pd.DataFrame,
-    algo: str | None = None,
+    ours: pd.DataFrame, by_hand: Mapping[str, FloatArray], published: pd.DataFrame, algo: str | None
 ) -> pd.DataFrame:
     """Returns the entries by task and median of the final returns, best first.
 
     Entries whose 95% intervals cross share a rank; those without an interval or with fewer than
     `DECIDING_SEEDS` seeds have none. entry is the source of the runs, hand-written or published,
-    and n the number of seeds; of a hand-written policy, of episodes. Configurations are of one kind
-    of return, and algo (or None for all) selects policies and published curves.
+    and n the number of seeds; of a hand-written policy, of episodes. Ours are configurations of
+    one kind of return, and algo (or None for all) selects policies and published curves.
     """
-    agents = configurations[configurations["seeds"] > 0].rename(columns=_NAMES)
+    agents = ours[ours["seeds"] > 0].rename(columns=_NAMES)
     words = agents["words"].where(agents["words"] == "", ", " + agents["words"])
     agents["observation"] = agents["representation"] + words
-    policy = {"entry": HAND_WRITTEN, "algo": HEURISTIC, "observation": FULL}
-    others: list[dict[str, object]] = []
-    for task, returns in (by_hand if algo in (None, HEURISTIC) else {}).items():
-        median, low, high, _ = st.estimate(st.median, [returns])
-        numbers = {"median": median, "low": low, "high": high, "n": len(returns)}
-        others.append({"task": task, **policy, **numbers})
+    policy = {"entry": "hand-written", "algo": HEURISTIC, "observation": FULL}
+    others = [
+        {"task": task, **policy, "n": len(returns), **st.estimate(st.median, [returns])._asdict()}
+        for task, returns in (by_hand if algo in (None, HEURISTIC) else {}).items()
+    ]
     tasks = {*agents["task"], *(row["task"] for row in others)}
     theirs = _published(published[published["task"].isin(tasks)])
     theirs = theirs[theirs["algo"] == display_name(algo)] if algo is not None else theirs
-    every: pd.DataFrame = pd.concat([agents, pd.DataFrame(others), theirs], ignore_index=True)
+    policies = pd.DataFrame(others).rename(columns={"value": "median"})
+    every: pd.DataFrame = pd.concat([agents, policies, theirs], ignore_index=True)
     every = every.reindex(columns=COLUMNS).sort_values("median", ascending=False, kind="stable")
     ranked = [_ranked(every[every["task"] == task]) for task in in_order(tasks)]
     frame = pd.concat(ranked, ignore_index=True) if ranked else every

@@ -5,7 +5,6 @@ from importlib import resources
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
@@ -30,12 +29,8 @@ def baseline_frame(tasks: set[str]) -> pd.DataFrame:
     return rows[rows["task"].isin(tasks)].reset_index(drop=True)
 
 
-def findings(
-    tables: Mapping[str, pa.Table], task: str | None = None
-) -> tuple[list[Row], list[str]]:
+def findings(tables: Mapping[str, pd.DataFrame], task: str | None) -> tuple[list[Row], list[str]]:
     """Returns findings on claim (h), and a note on tasks whose policy was not evaluated."""
-    if "policy_evaluations" not in tables:
-        return [], []
     returns = hand_written_returns(tables)
     tasks = in_order(returns if task is None else {task} & returns.keys())
     rows = [examine_solving("h", name, returns[name]) for name in tasks]
@@ -46,25 +41,21 @@ def findings(
     return rows, [f"Claim (h) is not tested on {', '.join(missing)}: type `{command}`."]
 
 
-def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
+def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatArray]:
     """Returns the finite returns (episodes,) of the hand-written policy of each task.
 
     The evaluation of a task with the most episodes counts, or the newest of several such. Only
     evaluations on the plain robot with random targets count.
     """
-    if "policy_evaluations" not in tables:
-        return {}
-    rows = plain_evaluations(tables)
+    rows = plain_evaluations(tables["policy_evaluations"])
     rows = rows[rows["policy"] == HEURISTIC].dropna(subset=["task", "episodes"])
     chosen = rows.sort_values(["episodes", "created"]).drop_duplicates("task", keep="last")
-    episodes = tables["policy_episodes"].to_pandas(use_threads=False)
+    episodes = tables["policy_episodes"]
     episodes = episodes[np.isfinite(episodes["episode_return"])]
     returns = episodes.groupby("evaluation", observed=True)["episode_return"]
     known = {str(name): values.to_numpy(float) for name, values in returns}
-    return {
-        task: known.get(evaluation, np.empty(0))
-        for task, evaluation in zip(chosen["task"], chosen["evaluation"], strict=True)
-    }
+    pairs = zip(chosen["task"], chosen["evaluation"], strict=True)
+    return {task: known.get(evaluation, np.empty(0)) for task, evaluation in pairs}
 
 
 def behavior(
@@ -86,8 +77,7 @@ def behavior(
                 newest[str(settings["task"]), str(settings["policy"])] = _read(record)
             except WorkError as error:
                 problems.append(str(error))
-    motor: list[Part] = []
-    positions: list[Part] = []
+    motor, positions = list[Part](), list[Part]()
     for name in dict.fromkeys(task for task, _ in newest):
         ranked = [states for key, states in newest.items() if key[0] == name]
         ranked.sort(key=lambda states: states["median"].iloc[0])
@@ -108,9 +98,8 @@ def _read(record: Record) -> pd.DataFrame:
         if not (states.num_rows and np.isfinite([*columns.values()]).all()):
             raise ValueError("no states, or states that are not finite")
         names = {"task": str(settings["task"]), "policy": policy, "label": label, "median": median}
-        return pd.DataFrame(
-            {**names, "target_yaw": np.nan if yaw is None else float(yaw), **columns}
-        )
+        target = {"target_yaw": np.nan if yaw is None else float(yaw)}
+        return pd.DataFrame({**names, **target, **columns})
     except (KeyError, TypeError, ValueError) as error:
         raise WorkError(
             f"The evaluation {record.id} has invalid settings or states ({error}); delete "

@@ -18,15 +18,14 @@ _EXCLUSIVE = (
     ("curves", "compare", "baseline", "since", "claims", "reference"),
 )
 
-_HEADINGS = {"algorithm": "algo", "observation": "representation"}  # settings, by headings
-
 
 def setting(typed: str) -> tuple[str, str]:
     """Returns the name and value of a setting, typed as it, tables or `--encoder` call it."""
     name, _, value = (piece.strip() for piece in typed.partition("="))
     if name == "encoder" and "/" not in value:  # no id
         return "representation", "full" if value == "none" else value
-    return _HEADINGS.get(name, name), value
+    by_heading = {"algorithm": "algo", "observation": "representation"}
+    return by_heading.get(name, name), value
 
 
 @dataclass(frozen=True)
@@ -94,8 +93,6 @@ class Request:
             raise RequestError(f"--columns {self.columns}: type 1 or 2.")
         for name in self.formats:
             known("format", name, FIGURE_FORMATS)
-        if not self.formats:
-            raise RequestError(f"Figures need a format; choose {', '.join(FIGURE_FORMATS)}.")
         for first, *others in _EXCLUSIVE:
             typed = [name for name in others if getattr(self, name) not in (None, False)]
             if typed and getattr(self, first) is not None:

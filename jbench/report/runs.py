@@ -11,20 +11,13 @@ import pandas as pd
 from jbench.names import ReturnsName, kind_in
 from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
-from jbench.report.data.configuration import (
-    ID,
-    OWN,
-    display_name,
-    shown_representation,
-    with_returns,
-)
-from jbench.report.data.returns import FILE, clean
+from jbench.report.data.configuration import ID, OWN, with_returns
+from jbench.report.data.returns import FILE, clean, display_name, shown_representation
 from jbench.report.data.sources import Source
 from jbench.settings.alike import flatten
 from jbench.settings.recorded import parse_run
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import value_text
-from jbench.statistics import FloatArray
 
 COLUMNS = [
     *("source", "run", "configuration", "label", "task", "algo", "representation", "kind", "words"),
@@ -32,8 +25,6 @@ COLUMNS = [
 ]
 _RUN_POINTS, _PATH_POINTS = 50, 20
 _PAGE_POINTS = 6_000  # of the curves of all runs together
-_COPIED = ("task", "seed", "steps", "status")
-METRICS = ["run", "name", "steps", "value"]
 _RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
 
 
@@ -52,13 +43,12 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
     for recorded in source.runs.to_dict("records"):
         key = str(recorded["source"]), str(recorded["run"])
         representation = str(recorded["representation"])
-        row = dict.fromkeys(ID, "") | {name: recorded[name] for name in _COPIED}
+        row = dict.fromkeys(ID, "") | {n: recorded[n] for n in ("task", "seed", "steps", "status")}
         row |= {"algo": display_name(str(recorded["algo"])), "kind": kind_in(representation)}
         row["representation"] = shown_representation(representation)
         row |= named[key].identity if key in named else {}
         row |= {"source": key[0], "run": key[1], "final": finals.get(key, np.nan)}
-        diverged, created = divergence(recorded["diverged"]), recorded["created"]
-        row["diverged"] = diverged[1] if diverged else ""
+        row["diverged"], created = divergence(recorded["diverged"])[1], recorded["created"]
         row["day"] = created[:10] if isinstance(created, str) else ""
         row["settings"] = dict(_texts(recorded["settings"]))
         rows.append(row | {"provenance": provenance(recorded["provenance"])})
@@ -68,11 +58,9 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
 
 def metric_frame(source: Source) -> pd.DataFrame:
     """Returns the finite metrics that runs of the results have recorded, by control step."""
-    if "metrics" not in source.tables:
-        return pd.DataFrame(columns=METRICS)
-    rows: pd.DataFrame = source.tables["metrics"].to_pandas(use_threads=False)
+    rows: pd.DataFrame = source.tables["metrics"]
     rows = rows[np.isfinite(rows["value"]) & rows["run"].isin(source.runs["run"])]
-    return rows.rename(columns={"control_steps": "steps"})[METRICS]
+    return rows.rename(columns={"control_steps": "steps"})[["run", "name", "steps", "value"]]
 
 
 def run_details(
@@ -90,13 +78,15 @@ def run_details(
     ordered = run_curves.assign(few=sizes < 5, other=run_curves["returns"] != leading)
     ordered = ordered.sort_values(["few", "other"], kind="stable")
     ordered = ordered.assign(name=ordered["returns"] + " return")
-    groups = pd.concat([ordered, metrics.assign(source=OWN)]).groupby(
-        ["source", "run", "name"], sort=False
-    )
+    every = pd.concat([ordered, metrics.assign(source=OWN)])
+    groups = every.groupby(["source", "run", "name"], sort=False)
     most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, groups.ngroups)))
     curves: dict[Any, list[list[Any]]] = {}
     for (source, run, name), points in groups[["steps", "value"]]:
-        curve = _thin_curve(str(name), points.to_numpy(float), most)
+        at = np.linspace(0, len(points) - 1, min(len(points), most)).round().astype(int)
+        shown = points.to_numpy(float)[at]
+        values = [json.loads(f"{value:.3g}") for value in shown[:, 1]]
+        curve = [str(name), shown[:, 0].round().astype(int).tolist(), values]
         curves.setdefault((source, run), []).append(curve)
     ways = {key: list(_paths(rows)) for key, rows in paths.groupby(["source", "run"], sort=False)}
     settings: dict[tuple[str, str], int] = {}
@@ -105,23 +95,11 @@ def run_details(
         key, source = (row["source"], row["run"]), row["source"]
         texts = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
         facts = [row["label"], f"seed {row['seed']}", row["status"], row["diverged"], row["day"]]
-        details.append(
-            {
-                "name": row["run"] if source in (OWN, FILE) else f"{source}: {row['run']}",
-                "facts": ", ".join(filter(None, facts)),
-                "settings": [settings.setdefault(pair, len(settings)) for pair in texts],
-                "curves": curves.get(key, []),
-                "paths": ways.get(key, []),
-            }
-        )
+        name = row["run"] if source in (OWN, FILE) else f"{source}: {row['run']}"
+        detail = {"name": name, "facts": ", ".join(filter(None, facts))}
+        detail["settings"] = [settings.setdefault(pair, len(settings)) for pair in texts]
+        details.append(detail | {"curves": curves.get(key, []), "paths": ways.get(key, [])})
     return {"settings": list(settings), "runs": details}
-
-
-def _thin_curve(name: str, points: FloatArray, most: int) -> list[Any]:
-    shown = np.linspace(0, len(points) - 1, min(len(points), most)).round().astype(int)
-    steps, values = points[shown].T
-    texts = [json.loads(f"{value:.3g}") for value in values]
-    return [name, steps.round().astype(int).tolist(), texts]
 
 
 def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:

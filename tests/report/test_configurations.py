@@ -3,7 +3,7 @@
 import numpy as np
 
 from jbench.report.data.build import usable_runs
-from jbench.report.data.configuration import shown_representation
+from jbench.report.data.returns import shown_representation
 from jbench.store import query
 
 

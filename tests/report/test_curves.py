@@ -80,7 +80,7 @@ def test_window_of_short_runs_is_quarter_of_longest():
 
 def test_control_steps_of_curve_do_not_decrease_after_end_of_seed():
     steps = np.array([[1000.0, 2000, 3000, 4000], [3000, 6000, np.nan, np.nan]])
-    curve = learning_curve(np.ones((2, 4)), steps, np.array([4, 2]), window=1)
+    curve = learning_curve(np.ones((2, 4)), steps, np.array([4, 2]), "quantile-first", 1)
     # Means of both seeds are 2000 and 4000. Then only the first one is left, at 3000 and 4000.
     assert curve.control_steps.tolist() == [2000, 4000, 4000, 4000]
 

@@ -28,7 +28,8 @@ def add(results, kind, latents, explained, *, task="face_direction", seed=0, **o
 
 
 def table_of(results, task=None):
-    return encoder_frame(query.load(results).tables, task)
+    tables = query.load(results).tables.items()
+    return encoder_frame({name: table.to_pandas() for name, table in tables}, task)
 
 
 @pytest.fixture

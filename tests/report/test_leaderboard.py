@@ -35,6 +35,7 @@ def test_entries_with_overlapping_intervals_share_rank():
         ),
         {},
         curves(),
+        None,
     )
     ranks = [None if rank is pd.NA else rank for rank in found["rank"]]
     assert ranks == [1, 2, 2, 2, None, None, 5, 5]
@@ -56,7 +57,7 @@ def test_published_curves_and_hand_written_policies_are_separate_entries():
     by_hand = {"face_direction": np.arange(100.0)}
     published = curves(("Figure 7", 700.0, 3e6), ("Figure 9", 650, 5e6), ("Figure 8", 640, 5e6))
     none = configurations()
-    best, other = leaderboard(none, by_hand, published).to_dict("records")
+    best, other = leaderboard(none, by_hand, published, None).to_dict("records")
     # The longest curve counts.
     assert (best["entry"], best["median"], best["steps"]) == ("published", 650.0, 5e6)
     assert pd.isna(best["rank"])

@@ -31,30 +31,30 @@ def test_final_quantiles_of_figure_9(published, task, algo):
 
 def test_best_median_of_several_figures_is_used(published):
     # DDPG with the full observation ended at 632 in Figure 9, and at 295 in Figure 8.
-    value, figure = best_median(published, "move_in_direction", "ddpg", "full", 4.95e6)
+    value, figure = best_median(published, ("move_in_direction", "ddpg", "full"), 4.95e6)
     assert (round(value), figure) == (632, "Figure 9")
-    value, figure = best_median(published, "move_in_direction", "ddpg", "dae12", 4.95e6)
+    value, figure = best_median(published, ("move_in_direction", "ddpg", "dae12"), 4.95e6)
     assert (round(value), figure) == (392, "Figure 8")
 
 
 def test_median_is_interpolated_between_points(published):
     first = curve(published, "Figure 9", TASKS[1], "td3").iloc[:2]
     x, y = first["steps"].tolist(), first["median"].tolist()
-    found, _ = best_median(published, TASKS[1], "td3", "full", x[0] + 0.25 * (x[1] - x[0]))
+    found, _ = best_median(published, (TASKS[1], "td3", "full"), x[0] + 0.25 * (x[1] - x[0]))
     assert found == pytest.approx(0.75 * y[0] + 0.25 * y[1])
     # There is none beyond the ends of the curve.
-    args = (published, "face_direction", "td3", "full")
+    args = published, ("face_direction", "td3", "full")
     assert best_median(*args, 40_000) is None
     assert best_median(*args, 6e6) is None
     # The last window of 5000 episodes is centered at step 4,950,500; the paper writes 4,950,000.
     assert round(best_median(*args, 4_950_500)[0]) == 963
-    assert best_median(published, "move_to_pose", "sac", "dae12", 1e6) is None
+    assert best_median(published, ("move_to_pose", "sac", "dae12"), 1e6) is None
 
 
 def test_curve_on_augmented_robots_is_apart_and_estimated_bands_are_excluded(published):
     sac = published[published["figure"] == SEQUENCE]
     task = sac["task"].iloc[0]
-    assert best_median(published, task, "sac", "full", sac["steps"].iloc[0], sequence=True)
+    assert best_median(published, (task, "sac", "full"), sac["steps"].iloc[0], sequence=True)
     quantiles = ["q10", "q25", "median", "q75", "q90"]
     known = published.groupby("figure")[quantiles].agg(lambda one: one.notna().any())
     shown = {figure: [q for q in quantiles if row[q]] for figure, row in known.iterrows()}

@@ -3,10 +3,12 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jbench.report.analysis.compare import pair_frame
 from jbench.report.analysis.scores import seed_scores
+from jbench.report.analysis.verdicts import VERDICTS
 from jbench.report.configurations import configuration_frame
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import EVALUATION, TRAINING
@@ -72,7 +74,7 @@ def test_configurations_trained_equally_long_are_paired(fabric):
         fabric.flat(range(100, 700, 100), representation=representation)
     fabric.flat(range(100, 700, 100), algo="sac", episodes=80)
     fabric.flat([1, 2, 3, 4, 5], algo="ddpg")
-    found = pair_frame(fabric.configurations()[0])
+    found = pair_frame(fabric.configurations()[0], pd.DataFrame(columns=VERDICTS))
     assert list(found["a_label"]) == ["TD3 full", "TD3 dae12"]
     assert list(found["p"]) == [0.5, 0.5]
     assert not found["decided"].any()

@@ -71,10 +71,8 @@ UNDECIDED: Row = {"verdict": "undecided", "seeds_needed": None, "seeds_needed_by
 
 def claim_frame(findings: Iterable[dict[Any, Any]]) -> pd.DataFrame:
     """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
-    rows = [
-        {"source": OWN, "by_episodes": np.nan, "remark": ""} | UNDECIDED | finding
-        for finding in findings
-    ]
+    usual: Row = {"source": OWN, "by_episodes": np.nan, "remark": ""} | UNDECIDED
+    rows = [usual | finding for finding in findings]
     for row in rows:
         row["statement"], row["test"] = CLAIMS[row["claim"]]
         form = ratio if row["claim"] in "bf" else whole if row["claim"] in "gh" else signed

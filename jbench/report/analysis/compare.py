@@ -2,23 +2,20 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
-from typing import Any
 
 import pandas as pd
 
-from jbench.report.analysis.claims import MARGIN
+from jbench.report.analysis.claims import MARGIN, Row
 from jbench.report.analysis.judge import corrected_level, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores
 from jbench.report.analysis.tasks import Range, ranges, strata, together
-from jbench.report.data.configuration import Configuration
+from jbench.report.data.configuration import Configuration, Configurations
 from jbench.report.data.returns import FILE, KINDS
 from jbench.settings.alike import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 
-PAIRS = [
-    *("task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps")
-]
+PAIRS = ["task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"]
 COMPARISONS = [
     *("task", "algo", "representation", "words", "returns", "a", "b", "seeds_a", "seeds_b"),
     *("steps", "p", "p_low", "p_high", "difference", "low", "high", "median_difference"),
@@ -41,7 +38,7 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     margin within which they are similar. A group is one pair, or one on each of several tasks.
     """
     from_file = any(pairs[0][0].source == FILE for pairs in groups)
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for kind in KINDS:
         chosen = [pairs for pairs in groups if pairs[0][0].kind == kind]
         known = ranges([config for pairs in chosen for pair in pairs for config in pair])
@@ -54,11 +51,10 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=COMPARISONS)
 
 
-def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> dict[str, Any]:
+def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Row:
     """Returns a row of `comparison_frame` without its verdict, as `judge` needs it."""
     ours, theirs = pairs[0]
-    row: dict[str, Any] = {**ours.identity}
-    row |= {"a": ours.source, "b": theirs.source}
+    row: Row = {**ours.identity, "a": ours.source, "b": theirs.source}
     if ours.source == FILE:
         row |= {"algo": "", "a": ours.label, "b": theirs.label}
     if len(pairs) > 1:
@@ -76,7 +72,7 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> dict[str, An
     return row | {"decidable": all(pair.decidable for pair in scores)}
 
 
-def method_pairs(configurations: Sequence[Configuration]) -> list[list[Pair]]:
+def method_pairs(configurations: Configurations) -> list[list[Pair]]:
     """Returns the pairs of methods of a file on each task, and on all together."""
     groups: dict[tuple[str, str], list[Pair]] = {}
     for first, other in combinations(configurations, 2):
@@ -87,9 +83,7 @@ def method_pairs(configurations: Sequence[Configuration]) -> list[list[Pair]]:
     return alone + [pairs for pairs in groups.values() if len(pairs) == len(tasks) > 1]
 
 
-def across(
-    ours: Sequence[Configuration], theirs: Sequence[Configuration], names: Collection[str]
-) -> list[Pair]:
+def across(ours: Configurations, theirs: Configurations, names: Collection[str]) -> list[Pair]:
     """Returns the pairs of two sides that differ only in the settings of these names."""
     by_settings: dict[str, list[Configuration]] = {}
     for other in theirs:
@@ -102,17 +96,15 @@ def across(
     ]
 
 
-def left_out(
-    ours: Sequence[Configuration], theirs: Sequence[Configuration], pairs: Sequence[Pair]
-) -> list[str]:
+def left_out(ours: Configurations, theirs: Configurations, pairs: Sequence[Pair]) -> list[str]:
     """Returns sentences on the configurations of two sides without a comparison, and why."""
     paired = {id(config) for pair in pairs for config in pair}
-    left = [[config for config in side if id(config) not in paired] for side in (ours, theirs)]
+    left = [[c for c in side if id(c) not in paired] for side in (ours, theirs)]
     notes = []
     for side in filter(None, left):
         names = [config.name for config in side]
-        more = [f"and {len(names) - _MAX_NAMED} more"] if len(names) > _MAX_NAMED else []
-        notes.append(f"Only in {side[0].source}: {'; '.join([*names[:_MAX_NAMED], *more])}.")
+        names[_MAX_NAMED:] = [f"and {len(names) - _MAX_NAMED} more"] * (len(names) > _MAX_NAMED)
+        notes.append(f"Only in {side[0].source}: {'; '.join(names)}.")
     for first in left[0]:
         named = [first.task, first.algo, first.representation]
         for other in (o for o in left[1] if [o.task, o.algo, o.representation] == named):
@@ -125,9 +117,7 @@ def left_out(
     return notes
 
 
-def pair_frame(
-    configurations: Sequence[Configuration], verdicts: pd.DataFrame | None = None
-) -> pd.DataFrame:
+def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.DataFrame:
     """Returns the probability that a run of a has a higher final return than one of b, both ways.
 
     Only runs on the plain robot are paired, of at least `DECIDING_SEEDS` seeds each that were
@@ -141,11 +131,9 @@ def pair_frame(
         if (pair := PairedScores(first, other)).decidable
     }
     level = corrected_level([sample.interval for sample in samples.values()], _excludes_half)
-    known: dict[frozenset[str], bool] = {}
-    if verdicts is not None:
-        final = verdicts[verdicts["claim"] == "a"]
-        names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
-        known = dict(zip(names, final["verdict"].isin(["higher", "lower"]), strict=True))
+    final = verdicts[verdicts["claim"] == "a"]
+    names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
+    known = dict(zip(names, final["verdict"].isin(["higher", "lower"]), strict=True))
     rows = []
     for (first, other), sample in samples.items():
         p, low, high, _ = sample.estimate()

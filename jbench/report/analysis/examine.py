@@ -27,8 +27,6 @@ _STATISTICS = {
     "f": (st.ratio(st.standard_deviation), "final"),
 }  # of each claim on two configurations, and the scores of which it is
 
-_OPPOSITE = {"supported": "contradicted", "contradicted": "supported"}
-
 
 def examine(configurations: Sequence[Configuration]) -> Iterator[Row]:
     """Yields findings on the claims (a) to (g), from configurations of one kind of return.
@@ -40,8 +38,7 @@ def examine(configurations: Sequence[Configuration]) -> Iterator[Row]:
     reduced = [
         (ours, full)
         for group in differing_in(plain, "representation")
-        for full in group
-        for ours in group
+        for full, ours in product(group, repeat=2)
         if (full.representation, ours.representation) == (FULL, _REDUCED)
     ]
     for pair in reduced:
@@ -81,16 +78,12 @@ def _off_policy(plain: Sequence[Configuration]) -> Iterator[Pair]:
 
 
 def _common(*compared: Configuration) -> Row:
-    names = {"returns": compared[0].kind, "source": compared[0].source, "remark": _cut(*compared)}
-    return {**names, "steps": int(min(config.last_step for config in compared))}
-
-
-def _cut(*compared: Configuration) -> str:
-    """Returns a remark if some seeds have fewer control steps than others; else an empty text."""
+    """Returns some columns, with a remark if some seeds have fewer control steps than others."""
     common = min(config.last_step for config in compared)
     longest = max(config.longest for config in compared)
     reached = f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
-    return "" if common == longest else reached
+    row = {"returns": compared[0].kind, "source": compared[0].source, "steps": int(common)}
+    return row | {"remark": "" if common == longest else reached}
 
 
 def _on_pair(claim: str, pair: Pair, baseline: str) -> Row:
@@ -120,7 +113,7 @@ def _without_episodes(row: Row, scores: PairedScores) -> Row:
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
         verdict, remark = "undecided", "; ".join(filter(None, (reason, remark)))
     if row["claim"] == "b":
-        verdict = _OPPOSITE.get(verdict, verdict)
+        verdict = {"supported": "contradicted", "contradicted": "supported"}.get(verdict, verdict)
     ours, theirs = (side.deviation_by_episodes for side in (scores.ours, scores.theirs))
     by_episodes = ours / theirs if theirs > 0 else np.nan
     return {"verdict": verdict, "remark": remark, "by_episodes": by_episodes}
@@ -138,7 +131,8 @@ def _on_gain(harder: Pair, easier: Pair) -> Row:
     name = ", ".join(filter(None, (harder[1].algo, harder[1].words)))
     row = _finding("d", f"{name}: {_HARDER} against {_EASIER}", effect, seeds) | _common(*harder)
     row["steps"] = min(pair.control_steps for pair in pairs)
-    row["remark"] = "; ".join(filter(None, (untested, _cut(*harder), _cut(*easier))))
+    remarks = untested, row["remark"], _common(*easier)["remark"]
+    row["remark"] = "; ".join(filter(None, remarks))
     return row | (UNDECIDED if untested else decide(effect, seeds, 0))
 
 

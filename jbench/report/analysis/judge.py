@@ -6,11 +6,10 @@ comparisons, then over the number of those that are left, and so on.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
-from jbench.report.analysis.claims import MARGIN
+from jbench.report.analysis.claims import MARGIN, Row
 from jbench.report.data.returns import signed, whole
 from jbench.statistics import bootstrap as st
 from jbench.statistics.sequential import ERROR_RATE
@@ -33,7 +32,7 @@ _MARKS = {
 _TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
 
 
-def judge(family: Sequence[dict[str, Any]], claim: str = "a", margin: float = MARGIN) -> None:
+def judge(family: Sequence[Row], claim: str = "a", margin: float = MARGIN) -> None:
     """Adds to rows with the same claim the verdict on each, corrected for the others.
 
     A row has the value of a difference, its interval (an `Interval`), and whether there are enough
@@ -53,13 +52,7 @@ def judge(family: Sequence[dict[str, Any]], claim: str = "a", margin: float = MA
 
 
 def conclude(
-    row: dict[str, Any],
-    verdict: str,
-    low: float,
-    high: float,
-    by: str,
-    claim: str = "a",
-    margin: float = MARGIN,
+    row: Row, verdict: str, low: float, high: float, by: str, claim: str, margin: float
 ) -> None:
     """Adds a verdict, its mark and text to a row, and the corrected interval on which it rests."""
     text = f"{_NUMBERS[claim]}{_difference_text(low, high)}"
@@ -77,14 +70,12 @@ def conclude(
     row |= {"corrected_low": low, "corrected_high": high, "corrected_by": by}
 
 
-def corrected_level(
-    intervals: Sequence[Interval], decides: Callable[[float, float], bool]
-) -> float:
+def corrected_level(family: Sequence[Interval], decides: Callable[[float, float], bool]) -> float:
     """Returns the error rate of an interval in the last step of Holm's procedure."""
-    level, left = 1.0, len(intervals)
+    level, left = 1.0, len(family)
     while left and (level == 1 or ERROR_RATE / left > level):
         level = ERROR_RATE / left
-        left = sum(not decides(*interval(1 - level)) for interval in intervals)
+        left = sum(not decides(*interval(1 - level)) for interval in family)
     return min(level, ERROR_RATE)
 
 

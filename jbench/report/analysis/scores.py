@@ -76,9 +76,7 @@ def _episodes(
     ends = [values[np.isfinite(values)] for values in ends]
     # Points of imported curves need not be episodes.
     are_episodes = configuration.source not in (IMPORTED, FILE)
-    deviations = [
-        np.std(values, ddof=1) if len(values) > 1 and are_episodes else np.nan for values in ends
-    ]
+    deviations = [np.std(v, ddof=1) if len(v) > 1 and are_episodes else np.nan for v in ends]
     return np.array(deviations, float), np.array([len(values) for values in ends], float)
 
 

@@ -20,7 +20,6 @@ from jbench.statistics import bootstrap as st
 # Names of several tasks together, which share a range or do not.
 ALL_TASKS, NORMALIZED = "all tasks", "all tasks, normalized"
 PROFILES = [*ID, "seeds", "final_return", "share", "low", "high"]
-_THRESHOLDS = 201
 
 Range = tuple[float, float]  # lowest and highest return
 
@@ -79,7 +78,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         if not several and first.source == FILE:
             every = np.concatenate([finals[c] for c in alone if c.task == first.task])
             ends = every.min() - 0.02 * ((every.max() - every.min()) or 1), every.max()
-        thresholds = np.linspace(*ends, _THRESHOLDS)
+        thresholds = np.linspace(*ends, 201)
         low = high = np.full(len(thresholds), np.nan)
         if min(map(len, scores)) >= st.MIN_SEEDS:
             low, high = st.profile_interval(scores, thresholds)

@@ -19,15 +19,8 @@ from jbench.names import FULL, kind_in
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.judge import SEQUENTIAL, WORDS, conclude, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores, seed_scores
-from jbench.report.data.configuration import (
-    ID,
-    Configuration,
-    differing_in,
-    display_name,
-    shown_representation,
-    with_returns,
-)
-from jbench.report.data.returns import EVALUATION, KINDS
+from jbench.report.data.configuration import ID, Configuration, differing_in, with_returns
+from jbench.report.data.returns import EVALUATION, KINDS, display_name, shown_representation
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.sequential import BLOCK
@@ -53,8 +46,9 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
     The claims are (a) final return, (b) variability of three or more seeds and (c) speed. baseline
     is a configuration, and value has a 95% interval; for the others see `judge.conclude`.
     """
-    keys, rows = DECISIONS[:5], []
-    listed = {tuple(row[key] for key in keys): row for row in decisions.to_dict("records")}
+    keys, rows = [*DECISIONS[:5], "claim", "returns", "words"], []
+    planned = decisions.assign(claim="a", returns=EVALUATION, words="").to_dict("records")
+    listed = {tuple(row[key] for key in keys): row for row in planned}
     for kind in KINDS:
         asked = [
             _row(claim, *pair)
@@ -62,15 +56,12 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
             for claim in WORDS
             if claim != "b" or min(len(config.seeds) for config in pair) >= st.MIN_SEEDS
         ]
+        for row in asked:
+            if decided := listed.get(tuple(row[key] for key in keys)):
+                verdict, low, high = (decided[name] for name in ("verdict", "low", "high"))
+                conclude(row, verdict, low, high, SEQUENTIAL, "a", MARGIN)
         for claim in WORDS:
-            family = []
-            for row in (row for row in asked if row["claim"] == claim):
-                decided = listed.get(tuple(row[key] for key in keys))
-                if decided and claim == "a" and kind == EVALUATION and not row["words"]:
-                    conclude(row, decided["verdict"], decided["low"], decided["high"], SEQUENTIAL)
-                else:
-                    family.append(row)
-            judge(family, claim)
+            judge([row for row in asked if row["claim"] == claim and "verdict" not in row], claim)
         rows += asked
     return pd.DataFrame(rows, columns=VERDICTS)
 
@@ -136,12 +127,9 @@ def _planned() -> list[dict[str, Any]]:
     matrix = tomllib.loads(text)
 
     def has(part: dict[str, Any], plan: dict[str, Any]) -> bool:
-        return (
-            plan["task"] in part.get("tasks", matrix["tasks"])
-            and plan["algo"] in part["algos"]
-            and not part.get("hyperparameters")
-            and shown_representation(plan["first"]) in part.get("representations", (FULL,))
-        )
+        fits = plan["task"] in part.get("tasks", matrix["tasks"]) and plan["algo"] in part["algos"]
+        named = shown_representation(plan["first"]) in part.get("representations", (FULL,))
+        return fits and named and not part.get("hyperparameters")
 
     return [
         {**plan, "steps": next(part["steps"] for part in matrix["part"] if has(part, plan))}

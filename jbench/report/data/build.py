@@ -26,7 +26,7 @@ from jbench.wording import are, counted
 _ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, True]
 _NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
-Points = Mapping[ReturnsName, Mapping[str, FloatArray]]
+ByKind = Mapping[ReturnsName, Mapping[str, FloatArray]]
 """Points by kind of return and run; see `run_points`."""
 
 
@@ -42,17 +42,16 @@ def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
     return frame[~incomplete].astype({"seed": np.int64}), problems
 
 
-def divergence(recorded: str | None) -> tuple[int, str] | None:
-    """Returns when a run diverged, in control steps and in words, from its untrusted record."""
+def divergence(recorded: str | None) -> tuple[float, str]:
+    """Returns when a run diverged, in control steps and in words; NaN: never. It is untrusted."""
     if not isinstance(recorded, str):
-        return None
+        return np.nan, ""
     values: Any = json.loads(recorded)
     steps, update = (
         value if isinstance(value, int) and 0 <= value < 1 << 62 else None
         for value in (values.get("control_steps"), values.get("update"))
     )
-    words = [f"after {steps or 0:,} control steps"]
-    words += [] if update is None else [f"update {update:,}"]
+    words = [f"after {steps or 0:,} control steps", "" if update is None else f"update {update:,}"]
     words += [values["what"]] if isinstance(values.get("what"), str) else []
     return steps or 0, ", ".join(filter(None, words))
 
@@ -67,10 +66,9 @@ def build(
     """
     tables: dict[ReturnsName, pa.Table] = {TRAINING: episodes, EVALUATION: evaluations}
     points = {kind: run_points(table, kind) for kind, table in tables.items()}
-    recorded = [
-        len(points[TRAINING].get(run, points[EVALUATION].get(run, NOTHING))) for run in runs["run"]
-    ]
-    ends = [divergence(text) or (np.nan, "") for text in runs["diverged"]]
+    known = points[EVALUATION] | points[TRAINING]
+    recorded = [len(known.get(run, NOTHING)) for run in runs["run"]]
+    ends = [divergence(text) for text in runs["diverged"]]
     # Other columns are left out, since their texts are long.
     runs = runs[[*KEY, "run", "seed", "steps", "status", "encoder"]].assign(
         recorded=recorded,
@@ -94,14 +92,14 @@ def build(
             built += _build(same, points, source, words[same["variant"].iloc[0]])
     built.sort(key=lambda config: (*paper_order(config), config.words))
     # Recorded settings may differ in nothing that has a name: then a hash tells them apart.
-    known: dict[str, str] = {}
+    named: dict[str, str] = {}
     for config in built:
-        if known.setdefault(config.configuration, config.variant) != config.variant:
+        if named.setdefault(config.configuration, config.variant) != config.variant:
             config.set_words(", ".join(filter(None, (config.words, config.variant))))
     return built, notes
 
 
-def _build(same: pd.DataFrame, points: Points, source: str, words: str) -> Iterator[Configuration]:
+def _build(same: pd.DataFrame, points: ByKind, source: str, words: str) -> Iterator[Configuration]:
     """Yields a configuration for each kind of return of runs, the longest of each seed first."""
     chosen = same.drop_duplicates("seed")
     diverged = chosen["diverged"].notna()
@@ -131,10 +129,8 @@ def _build(same: pd.DataFrame, points: Points, source: str, words: str) -> Itera
 
 def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) -> list[str]:
     """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
-    notes, point = [], _NAMES[kind][0]
-    if len(chosen) < MIN_SEEDS:
-        seeds = counted(len(chosen), "seed")
-        notes.append(f"only {seeds}: too few for a band and for quantiles")
+    point, few = _NAMES[kind][0], f"only {counted(len(chosen), 'seed')}"
+    notes = [f"{few}: too few for a band and for quantiles"] * (len(chosen) < MIN_SEEDS)
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
     for seed, recorded in same.drop(chosen.index).groupby("seed")["recorded"]:
         notes.append(
@@ -151,8 +147,7 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
     for ended in ("failed", "unfinished"):
         for seed in others["seed"][others["status"] == ended]:
             notes.append(f"seed {seed} {ended} after {counted(lengths[seed], point)}")
-    different = others["recorded"]
-    if different.nunique() > 1:
+    if (different := others["recorded"]).nunique() > 1:
         notes.append(f"seeds of unequal length, {different.min()} to {different.max()} {point}s")
     return notes
 
@@ -165,15 +160,14 @@ def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
         if count
     ]
     # A gap after a run's last point is its end; a gap before it is a missing evaluation.
-    present = np.isfinite(config.control_steps)
+    present = np.isfinite(steps := config.control_steps)
     ended = ~np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]
     if config.kind == EVALUATION and not (present | ended).all():
         notes.append("seeds were evaluated after different numbers of control steps")
-    if config.kind == TRAINING and config.source in (IMPORTED, FILE):
-        steps = config.control_steps
-        if apart := np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0)):
-            notes.append(
-                f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles "
-                "are of the first, second, … point of each seed"
-            )
+    imported = config.kind == TRAINING and config.source in (IMPORTED, FILE)
+    if imported and (apart := np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0))):
+        notes.append(
+            f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of "
+            "the first, second, … point of each seed"
+        )
     return notes

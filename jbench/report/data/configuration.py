@@ -7,14 +7,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import EPISODE_STEPS, FULL, REPRESENTATION, TASKS, Order, ReturnsName, kind_in
+from jbench.names import EPISODE_STEPS, FULL, TASKS, Order, ReturnsName, kind_in
 from jbench.report.data.curves import Curve, learning_curve
-from jbench.report.data.points import FIELDS
-from jbench.report.data.returns import FILE, TRAINING, has_solved_return
+from jbench.report.data.points import FIELDS, Points
+from jbench.report.data.returns import (
+    FILE,
+    TRAINING,
+    display_name,
+    has_solved_return,
+    shown_representation,
+)
 from jbench.report.request import WINDOW
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.alike import comparable
-from jbench.statistics import FloatArray, IntArray
+from jbench.statistics import IntArray
 
 OWN, IMPORTED = "own", "imported"
 """Sources of the runs in the reported results, and of imported learning curves."""
@@ -28,9 +34,6 @@ ID = (
     "returns",
 )
 """Columns of a frame that name a configuration and its kind of return."""
-
-# Kinds whose number of latents follows from the task, so that names leave it out.
-_SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading", "raw")
 
 Part = tuple[Mapping[str, Any], Mapping[str, Any]]
 """Of a frame: names of its rows, and arrays (rows,) by column."""
@@ -57,18 +60,14 @@ class Configuration:
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
         draws: number of different encoders of the runs.
+        has_solved_return: whether `SOLVED` counts; what solves tasks of other robots is unknown.
         label: name within a task: `TD3 dae12, bfloat16`.
         name: unique name in its source: `face_direction TD3 dae12`.
         configuration: unique name in a report: `reference: face_direction TD3 dae12`.
     """
 
     def __init__(
-        self,
-        kind: ReturnsName,
-        runs: pd.DataFrame,
-        points: Mapping[str, FloatArray],
-        source: str,
-        words: str,
+        self, kind: ReturnsName, runs: pd.DataFrame, points: Points, source: str, words: str
     ) -> None:
         """Collects what is known of runs.
 
@@ -80,13 +79,13 @@ class Configuration:
         first, self.kind, self.source = runs.iloc[0], kind, source
         self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
         self.notes: tuple[str, ...] = ()
-        self.returns, self.control_steps, self.processor_time, self.deviations, self.counts = (
-            points[name] for name in FIELDS
-        )
+        fields = [points[name] for name in FIELDS]
+        self.returns, self.control_steps, self.processor_time, self.deviations, self.counts = fields
         self.seeds, self.runs = runs["seed"].to_numpy(np.int64), tuple(runs["run"])
         self.diverged = runs["diverged"].notna().to_numpy()
         self.finished = (runs["status"] == "finished").to_numpy()
         self.draws, self.settings = runs["encoder"].nunique(), first["typed"]
+        self.has_solved_return = has_solved_return([self.task], [source])
         self.lengths = self.lengths_up_to(np.inf)
         planned = runs["steps"].fillna(0).to_numpy(np.int64)
         ends = self.control_steps[np.arange(len(runs)), self.lengths - 1]
@@ -118,11 +117,6 @@ class Configuration:
         """Key that both kinds of return of the same runs share."""
         return self.task, self.algo, self.representation, self.variant, self.source
 
-    @property
-    def has_solved_return(self) -> bool:
-        """Whether `SOLVED` counts; what solves tasks of other robots is unknown."""
-        return has_solved_return([self.task], [self.source])
-
     def lengths_up_to(self, control_steps: float) -> IntArray:
         """Returns the number of points (seeds,) up to a control step."""
         points = np.arange(1, self.returns.shape[1] + 1)
@@ -139,16 +133,14 @@ class Configuration:
         On a sequence of robots, the episodes of each robot are averaged separately: an average
         across the switch from one robot to the next would hide it.
         """
-        smoothed = self.kind == TRAINING
-        if not smoothed or self.robots <= 1:
-            window = window if smoothed else 1
-            return learning_curve(self.returns, self.control_steps, self.lengths, order, window)
+        width, window = self.returns.shape[1], window if self.kind == TRAINING else 1
+        if self.kind == TRAINING and self.robots > 1:
+            width, window = self.robot_episodes, SEQUENCE_WINDOW
         parts = []
-        for first in range(0, self.returns.shape[1], self.robot_episodes):
-            columns = slice(first, first + self.robot_episodes)
+        for first in range(0, self.returns.shape[1], width):
+            columns, lengths = slice(first, first + width), np.clip(self.lengths - first, 0, width)
             returns, control_steps = self.returns[:, columns], self.control_steps[:, columns]
-            lengths = np.clip(self.lengths - first, 0, returns.shape[1])
-            parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
+            parts.append(learning_curve(returns, control_steps, lengths, order, window))
         joined: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts], axis=-1)
             for name in ("control_steps", "seeds", "quantiles", "by_seed", "widths")
@@ -156,22 +148,7 @@ class Configuration:
         return replace(parts[0], **joined)
 
 
-def display_name(algo: str) -> str:
-    """Returns an algorithm's name as the paper writes it, or as its author does.
-
-    The label `TD3` of a recorded or imported algorithm differs from that of jbench's td3.
-    """
-    if algo in ALGORITHMS:
-        return algo.upper()
-    return f"{algo} (label)" if algo in map(str.upper, ALGORITHMS) else algo
-
-
-def shown_representation(representation: str) -> str:
-    """Returns a representation's name, without a size that the task determines."""
-    match = REPRESENTATION.fullmatch(representation)
-    if match is None or match["kind"] not in _SIZE_OF_TASK:
-        return representation
-    return "-".join(filter(None, match.group("kind", "scale", "rescale")))
+Configurations = Sequence[Configuration]
 
 
 def with_returns(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from jbench.names import Order
-from jbench.report.request import WINDOW
 from jbench.returns import FINAL_EPISODES, final_episodes
 from jbench.statistics import FloatArray, IntArray
 
@@ -44,11 +43,7 @@ class Curve:
 
 
 def learning_curve(
-    returns: FloatArray,
-    control_steps: FloatArray,
-    lengths: IntArray,
-    order: Order = "quantile-first",
-    window: int = WINDOW,
+    returns: FloatArray, control_steps: FloatArray, lengths: IntArray, order: Order, window: int
 ) -> Curve:
     """Aggregates returns at control steps (seeds, episodes); NaN after a run's end, or if missing.
 
@@ -137,17 +132,14 @@ def quantiles_across_seeds(values: FloatArray) -> FloatArray:
 
 
 def final_returns(
-    returns: FloatArray,
-    control_steps: FloatArray,
-    lengths: IntArray,
-    max_points: int = FINAL_EPISODES,
+    returns: FloatArray, control_steps: FloatArray, lengths: IntArray, most: int = FINAL_EPISODES
 ) -> tuple[FloatArray, FloatArray]:
     """Returns each seed's final return, and the mean control steps of its points, (seeds,) each.
 
-    It is the mean over the last quarter of the points, but over at most `max_points`; NaN for a
+    It is the mean over the last quarter of the points, but over at most `most`; NaN for a
     seed without a return there. Arrays are as for `learning_curve`.
     """
-    last = final_episodes(lengths, max_points)
+    last = final_episodes(lengths, most)
     ends = [slice(end - count, end) for end, count in zip(lengths, last, strict=True)]
     means = [
         [_mean(row[end]) for row, end in zip(values, ends, strict=True)]
@@ -165,13 +157,11 @@ def _mean(values: FloatArray) -> float:
     return float(sums[0] / known.sum()) if known.any() else np.nan
 
 
-def steps_to_threshold(
-    returns: FloatArray, control_steps: FloatArray, threshold: float
-) -> FloatArray:
+def steps_to_threshold(returns: FloatArray, control_steps: FloatArray, value: float) -> FloatArray:
     """Returns the control steps (seeds,) after which smooth returns (seeds, points) reach a value.
 
     Infinite for a seed that never reaches it, since the true number is after the run's end.
     """
-    reached = np.nan_to_num(returns, nan=-np.inf) >= threshold
+    reached = np.nan_to_num(returns, nan=-np.inf) >= value
     first = np.take_along_axis(control_steps, np.argmax(reached, axis=1)[:, None], axis=1)[:, 0]
     return np.where(reached.any(axis=1), first, np.inf)

@@ -18,27 +18,24 @@ PATHS = ("run", "evaluation", "control_steps", *_POSES)
 
 # Columns of points; see `configuration.Configuration`.
 FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
+Points = Mapping[str, FloatArray]  # (seeds, points) arrays by field
 NOTHING = np.empty((0, len(FIELDS)))  # points of a run without any
 
 
-def plain_evaluations(tables: Mapping[str, pa.Table]) -> pd.DataFrame:
+def plain_evaluations(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns the finished evaluations by `jbench evaluate` on the usual robot and targets."""
-    rows: pd.DataFrame = tables["policy_evaluations"].to_pandas(use_threads=False)
-    changed = [
-        bool(settings.get("augment") is not None or settings.get("target_yaw") is not None)
-        for settings in map(json.loads, rows["settings"])
-    ]
-    return rows[~np.array(changed, bool) & (rows["status"] == "finished")]
+    settings = map(json.loads, rows["settings"])
+    plain = [(s.get("augment"), s.get("target_yaw")) == (None, None) for s in settings]
+    return rows[np.array(plain, bool) & (rows["status"] == "finished")]
 
 
-def with_more_episodes(tables: Mapping[str, pa.Table]) -> pa.Table:
+def with_more_episodes(evaluations: pa.Table, tables: Mapping[str, pd.DataFrame]) -> pa.Table:
     """Returns the evaluations of runs; episodes by `jbench evaluate` join a run's last one."""
-    evaluations = tables["evaluations"]
-    if "policy_evaluations" not in tables or not evaluations.num_rows:
+    added = plain_evaluations(tables["policy_evaluations"])[["evaluation", "policy"]]
+    if added.empty or not evaluations.num_rows:
         return evaluations
-    added = plain_evaluations(tables)[["evaluation", "policy"]]
-    episodes = tables["policy_episodes"].to_pandas(use_threads=False)
-    episodes = episodes[["evaluation", "episode_return"]].merge(added, on="evaluation")
+    episodes = tables["policy_episodes"][["evaluation", "episode_return"]]
+    episodes = episodes.merge(added, on="evaluation")
     keys = ["run", "evaluation", "control_steps", "processor_time"]
     last = evaluations.select(keys).to_pandas(use_threads=False).astype({"run": str})
     last = last.sort_values("evaluation").groupby("run", as_index=False).last()
@@ -86,11 +83,9 @@ def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
         points = points.rename(columns={"episode_return": "returns"})
     else:
         grouped = rows.groupby(["run", number], observed=True)
-        returns = grouped["episode_return"]  # ignores NaN
+        each = grouped["episode_return"]  # ignores NaN
         points = grouped[["control_steps", "processor_time"]].max()
-        points = points.assign(
-            returns=returns.mean(), deviations=returns.std(), counts=returns.count()
-        )
+        points = points.assign(returns=each.mean(), deviations=each.std(), counts=each.count())
     places = points.groupby("run", observed=True).indices
     numbers = points[FIELDS].to_numpy(float)
     return {str(run): numbers[index] for run, index in places.items()}
@@ -114,7 +109,7 @@ def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArr
 
 
 def count_divergence(
-    points: Mapping[str, FloatArray], at: FloatArray, planned: int, kind: ReturnsName
+    points: Points, at: FloatArray, planned: int, kind: ReturnsName
 ) -> dict[str, FloatArray]:
     """Returns the points with diverged seeds extended to the end of the others, or as planned.
 

@@ -1,5 +1,7 @@
 """The paper's learning curves."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -31,32 +33,24 @@ def read_published(table: pa.Table) -> pd.DataFrame:
     wide = wide[wide["median"].notna()].reindex(columns=[*CURVE, "steps", *NAMES.values()])
     sequence = wide["figure"] == "augmented-sac"
     figure = wide["figure"].str.replace("fig", "Figure ").where(~sequence, SEQUENCE)
-    return wide.assign(
-        figure=figure,
-        representation=wide["representation"].where(~sequence, FULL),
-        steps=wide["steps"].astype(float),
-        source=PUBLISHED,
-        seeds=np.where(figure == "Figure 7", 1, 10),
-    )
+    representation = wide["representation"].where(~sequence, FULL)
+    seeds = np.where(figure == "Figure 7", 1, 10)
+    wide = wide.assign(figure=figure, representation=representation, source=PUBLISHED, seeds=seeds)
+    return wide.astype({"steps": float})
 
 
 def best_median(
-    published: pd.DataFrame,
-    task: str,
-    algo: str,
-    representation: str,
-    control_steps: float,
-    *,
-    sequence: bool = False,
+    published: pd.DataFrame, names: Sequence[str], control_steps: float, *, sequence: bool = False
 ) -> tuple[float, str] | None:
     """Returns the best published median at a control step, and the figure's name.
+
+    Names are those of a task, an algorithm and a representation.
 
     It is interpolated at the center of a window, on the curve of the plain robot or of a sequence
     of augmented ones. A curve's ends have a tolerance of an episode, because the paper's windows
     are counted from the start of an episode and ours from its end.
     """
-    named = (published["task"] == task) & (published["algo"] == algo)
-    named &= published["representation"] == representation
+    named = (published[CURVE[1:]] == [*names]).all(axis=1)
     medians = []
     for figure, curve in published[named].groupby("figure"):
         steps, median = curve[["steps", "median"]].to_numpy().T

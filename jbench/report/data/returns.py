@@ -1,12 +1,13 @@
-"""The two kinds of return, of evaluations and of training; how numbers and texts read."""
+"""The two kinds of return, of evaluations and of training; how numbers, names and texts read."""
 
 import math
 from collections.abc import Callable, Iterable
 
 import pandas as pd
 
-from jbench.names import TASKS, ReturnsName
+from jbench.names import REPRESENTATION, TASKS, ReturnsName
 from jbench.returns import FINAL_EPISODES
+from jbench.settings.algorithms import ALGORITHMS
 
 SOLVED = 900  # episode return from which a task of the Jitterbug is solved (paper, Figure 9)
 EVALUATION: ReturnsName = "evaluation"  # mean return of episodes with the deterministic policy
@@ -17,6 +18,9 @@ FINAL_POINTS = {EVALUATION: 1, TRAINING: FINAL_EPISODES}
 
 FILE = "file"  # source of the curves of a file, which may be of any environment
 _ZERO, _SMALL = 1e-6, 9.95  # numbers between them have two significant digits
+
+# Kinds whose number of latents follows from the task, so that names leave it out.
+_SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading", "raw")
 
 
 def has_solved_return(tasks: Iterable[str], sources: Iterable[str]) -> bool:
@@ -61,6 +65,24 @@ def steps(value: float) -> str:
         if rounded >= size:
             return f"{rounded / size:g}{unit}"
     return f"{rounded:g}"
+
+
+def display_name(algo: str) -> str:
+    """Returns an algorithm's name as the paper writes it, or as its author does.
+
+    The label `TD3` of a recorded or imported algorithm differs from that of jbench's td3.
+    """
+    if algo in ALGORITHMS:
+        return algo.upper()
+    return f"{algo} (label)" if algo in map(str.upper, ALGORITHMS) else algo
+
+
+def shown_representation(representation: str) -> str:
+    """Returns a representation's name, without a size that the task determines."""
+    match = REPRESENTATION.fullmatch(representation)
+    if match is None or match["kind"] not in _SIZE_OF_TASK:
+        return representation
+    return "-".join(filter(None, match.group("kind", "scale", "rescale")))
 
 
 def clean(text: str) -> str:

@@ -7,28 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from jbench.errors import NothingYetError, RequestError
 from jbench.importing.curve_file import as_imports, read_curves
 from jbench.importing.runs import as_runs
 from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
-from jbench.report.data.configuration import (
-    IMPORTED,
-    OWN,
-    Configuration,
-    paper_order,
-    shown_representation,
-)
+from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
-from jbench.report.data.returns import FILE
+from jbench.report.data.returns import FILE, shown_representation
 from jbench.report.request import Request, setting
 from jbench.settings.alike import flatten
 from jbench.settings.recorded import parse_run
 from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
-from jbench.store import Results, query
+from jbench.store import Results, query, schema
 from jbench.wording import are, counted
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
@@ -51,7 +44,7 @@ class Source:
     runs: pd.DataFrame  # rows of the table `runs`, with a column `source`
     notes: list[str]  # sentences on runs that are in no configuration
     problems: list[str]  # a sentence for each unreadable record
-    tables: dict[str, pa.Table]  # of encoders, policies and metrics; only results have them
+    tables: dict[str, pd.DataFrame]  # of encoders, policies, metrics; of others than results empty
     paths: pd.DataFrame  # see `run_paths`
 
 
@@ -75,12 +68,9 @@ def own(results: Results, request: Request, name: str = OWN, *, strict: bool = T
 def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
     """Returns the imported curves of the requested task and algorithm; they have no date."""
     tables, problems = query.load(results, ("imports", "import_points"))
-    imports, points = (
-        tables[name].to_pandas(use_threads=False) for name in ("imports", "import_points")
-    )
+    imports, points = (tables[n].to_pandas(use_threads=False) for n in ("imports", "import_points"))
     for label, value in (("task", request.task), ("algo", request.algo)):
-        if value is not None:
-            imports = imports[imports[label] == value]
+        imports = imports if value is None else imports[imports[label] == value]
     runs, notes, unusable = as_runs(imports, points)
     read = query.Tables(runs, problems + unusable)
     source = _source(read, replace(request, since=None), name, strict=False)
@@ -132,7 +122,7 @@ def side(text: str, results: Results, request: Request) -> Source:
     """
     directory = Path(text).is_dir()
     read = _load(Results(Path(text)) if directory else results)
-    source = _source(read, request, text, chosen=None if directory else text)
+    source = _source(read, request, text, chosen="" if directory else text)
     if not source.configurations:
         reasons = " ".join(source.problems)
         raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())
@@ -144,24 +134,24 @@ def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:
 
 
 def _source(
-    read: query.Tables,
-    request: Request,
-    name: str,
-    *,
-    chosen: str | None = None,
-    strict: bool = True,
+    read: query.Tables, request: Request, name: str, *, chosen: str = "", strict: bool = True
 ) -> Source:
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
-    tables = read.tables
-    runs, unusable = usable_runs(tables["runs"])
-    if chosen is not None:
+    tables = {
+        table: read.tables.get(table, schema.TABLES[table].empty_table()).to_pandas(
+            use_threads=False
+        )
+        for table in _MORE
+    }
+    runs, unusable = usable_runs(read.tables["runs"])
+    if chosen:
         runs = runs[_have_settings(chosen, runs["settings"])]
-    runs, notes = _filtered(runs, request, strict=strict)
-    points = tables.pop("episodes"), with_more_episodes(tables)
-    tables.pop("evaluations")
+    runs, notes = _filtered(runs, request, strict)
+    evaluations = with_more_episodes(read.tables["evaluations"], tables)
+    points = read.tables["episodes"], evaluations
     # Imported curves have no paths.
-    paths = run_paths(tables.pop("paths", None), points[1]).assign(source=name)
+    paths = run_paths(read.tables.get("paths"), evaluations).assign(source=name)
     built, more_notes = build(runs, *points, name) if len(runs) else ([], [])
     problems = [*read.problems, *unusable]
     return Source(built, runs.assign(source=name), notes + more_notes, problems, tables, paths)
@@ -200,9 +190,7 @@ def _equal(typed: str, value: str) -> bool:
         return typed.replace(" ", "") in (value.replace(" ", ""), shown_representation(value))
 
 
-def _filtered(
-    runs: pd.DataFrame, request: Request, *, strict: bool
-) -> tuple[pd.DataFrame, list[str]]:
+def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.DataFrame, list[str]]:
     """Returns the runs of the requested time, task and algorithm, and a note on earlier ones."""
     notes, since = [], request.begun_since()
     if since is not None:
@@ -216,10 +204,8 @@ def _filtered(
     wanted = {n: v for n in ("task", "algo") if (v := getattr(request, n)) is not None}
     matches = (runs[[*wanted]] == pd.Series(wanted, dtype=object)).all(axis=1)
     if strict and len(runs) and not matches.any():
-        existing = "; ".join(
-            f"{task} with {', '.join(sorted(set(algos)))}"
-            for task, algos in runs.groupby("task")["algo"]
-        )
+        algos = runs.groupby("task")["algo"].unique()
+        existing = "; ".join(f"{task} with {', '.join(sorted(of))}" for task, of in algos.items())
         asked = " and ".join(f"{name} {value!r}" for name, value in wanted.items())
         raise NothingYetError(f"There are no runs of {asked}; there are runs of {existing}.")
     return runs[matches], notes

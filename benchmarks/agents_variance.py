@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from jbench.statistics.agents import Agents, agents_from, components, difference
+from jbench.statistics.agents import Agents, components, difference
 
 AGENTS = 10
 SHAPES = ("normal", "skewed episodes", "skewed agents", "episodes of unequal variance")
@@ -33,7 +33,9 @@ def draw(random: np.random.Generator, shape: str, s: float, w: float, episodes: 
     )
     if "unequal" in shape:  # half of the agents vary four times as much as the others
         noise *= random.choice([0.343, 1.372], (AGENTS, 1))
-    return agents_from(s * agents[:, None] + w * noise)
+    returns = s * agents[:, None] + w * noise
+    variances = returns.var(axis=1, ddof=1) / episodes
+    return Agents(returns.mean(axis=1), variances, np.full(AGENTS, float(episodes)))
 
 
 def main() -> None:

@@ -23,7 +23,7 @@ def finished_dataset(path):
     return record
 
 
-@pytest.mark.parametrize("kills", [8, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.slow)])
 def test_collection_killed_at_random_moments_resumes_bit_for_bit(tmp_path, kills):
     done = Process("tests.datasets.killed_collections:main", str(tmp_path), kills).finished()
     assert done.returncode == 0, done.stderr

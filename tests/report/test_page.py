@@ -214,7 +214,9 @@ def test_page_is_readable_without_scripts(shipped_page, opened):
     assert shown.locator(".verdict[open] small").first.is_visible()
 
 
-@pytest.mark.parametrize("case", ["shipped", "young", "one run", "hostile"])
+@pytest.mark.parametrize(
+    "case", ["shipped", pytest.param("young", marks=pytest.mark.slow), "one run", "hostile"]
+)
 def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, case, shipped_page):
     path = shipped_page
     if case != "shipped":

@@ -54,7 +54,7 @@ def killed_at_random(results, script, seed):
     return [int(line) for line in lines if line.endswith("\n")]
 
 
-@pytest.mark.parametrize("kills", [4, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [2, pytest.param(10, marks=pytest.mark.slow)])
 def test_killed_writer_leaves_complete_appends_including_all_reported(results, record, kills):
     done = 0
     for kill in range(kills):

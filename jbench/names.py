@@ -64,7 +64,6 @@ Engine = Literal["batched", "sb3", "plugin"]
 agent of another package (one seed at a time)."""
 
 Precision = Literal["float32", "tf32", "bfloat16"]
-PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 """Precision of the batched engine's matrix products; parameters are float32 in any case."""
 
 Base = Literal["published", "script", "sb3", "suite"]

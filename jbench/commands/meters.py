@@ -17,7 +17,7 @@ class Meters(Progress):
     """Shows on standard error how much of each task is done, its speed and the time left."""
 
     def __init__(self, plain_every: float = 10, alone: bool = True) -> None:
-        """Shows nothing yet; without a terminal, it prints lines every so many seconds.
+        """Shows nothing yet; without a terminal, it prints lines every `plain_every` seconds.
 
         If `alone`, a single task is shown, with a bar, and a plain line when it is done.
         """

@@ -5,6 +5,8 @@ A `RequestError` says what is wrong with a file that is cut off or not of its fo
 
 import io
 import struct
+import zipfile
+import zlib
 
 import numpy as np
 import pandas as pd
@@ -13,6 +15,10 @@ from jbench.errors import RequestError
 from jbench.importing.request import ImportedFile, ImportRequest, Series
 
 _ARRAYS = ("timesteps", "results", "ep_lengths")
+_UNREADABLE = (
+    *(ValueError, TypeError, AttributeError, OSError, EOFError, RuntimeError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 
 # Tags of training returns: of CleanRL, an episode each, and of stable-baselines3, means of 100.
 _KNOWN_TAGS = ("charts/episodic_return", "rollout/ep_rew_mean")
@@ -28,7 +34,7 @@ def read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series]
             steps, returns, lengths = (arrays[name].astype(np.float64) for name in _ARRAYS)
     except KeyError as error:
         raise RequestError(f"{file.path} is not of an EvalCallback: {error.args[0]}.") from None
-    except Exception as error:
+    except _UNREADABLE as error:
         reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise RequestError(
             f"{file.path} is cut off, or not an evaluations.npz ({reason})."

@@ -40,7 +40,7 @@ for observations (n, size) as float32 arrays (as tensors for a module). It must 
 class ActingPolicy:
     """A policy: actions (robots, action_size) in [-1, 1] for observations (robots, dim(O)).
 
-    `reset` starts new episodes of so many robots.
+    `reset` takes a number of robots, and starts an episode of each.
     """
 
     act: Act

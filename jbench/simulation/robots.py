@@ -50,12 +50,6 @@ class Robots:
         self._batch.state[:] = states
         self._qpos, self._qvel, self._ctrl = map(self._batch.bind, ("qpos", "qvel", "ctrl"))
 
-    def restart(self) -> None:
-        """Starts the threads again, in a forked process, which does not have them."""
-        # MuJoCo would wait for the end of the old threads before it frees them.
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._batch._b))
-        self._start(self._batch.state)
-
     def reset(self, quaternions: NDArray[np.float64], robots: Selection = _EVERY) -> State:
         """Resets robots to the origin, at rest, in given orientations.
 
@@ -112,10 +106,13 @@ class Robots:
 _live: WeakSet[Robots] = WeakSet()
 
 
-def _restart_all() -> None:
+def _restart_threads() -> None:
+    """Starts the threads of all robots again in a forked process, which does not have them."""
     for robots in _live:
-        robots.restart()
+        # MuJoCo would wait for the end of the old threads before it frees them.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(robots._batch._b))
+        robots._start(robots._batch.state)
 
 
 if hasattr(os, "register_at_fork"):  # not on Windows
-    os.register_at_fork(after_in_child=_restart_all)
+    os.register_at_fork(after_in_child=_restart_threads)

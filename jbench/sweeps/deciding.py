@@ -174,10 +174,11 @@ def outcomes(
     first = partial(_first_returns, results=results, returns=returns)
     pairs = [(first(pair.ours, pair), first(pair.theirs, pair)) for pair in chosen]
     shares = [comparison.share for comparison in chosen]
-    looks = [comparison.max_seeds // BLOCK for comparison in chosen]
+    analyses = [comparison.max_seeds // BLOCK for comparison in chosen]
+    decisions = decide(pairs, shares, analyses, MARGIN)
     return [
         comparison._replace(decision=decision, needed=_needed(comparison, decision, results))
-        for comparison, decision in zip(chosen, decide(pairs, shares, looks, MARGIN), strict=True)
+        for comparison, decision in zip(chosen, decisions, strict=True)
     ]
 
 

@@ -92,7 +92,7 @@ def outcomes_of(results, cells, claims=(), most=30):
     return deciding.outcomes(comparisons(cells, (), claims, most), results, {})
 
 
-def seeds_of(cells):
+def seeds_by_name(cells):
     return {cell.representation: [run.seed for run in cell.runs] for cell in cells}
 
 
@@ -180,7 +180,7 @@ def test_invalid_comparison_is_refused(old, new, message, read):
 def test_only_undecided_comparisons_get_more_seeds(results, cells):
     full, pca, random, _ = cells
     first = deciding.next_cells(outcomes_of(results, cells), ())
-    assert seeds_of(first) == {name: [0, 1, 2, 3, 4] for name in ("full", "pca3", "random2")}
+    assert seeds_by_name(first) == {name: [0, 1, 2, 3, 4] for name in ("full", "pca3", "random2")}
     fill(results, full, [500, 510, 520, 530, 540])
     fill(results, pca, [100, 110, 120, 130])  # one seed is missing
     fill(results, random, [501, 511, 521, 531, 541])
@@ -188,10 +188,10 @@ def test_only_undecided_comparisons_get_more_seeds(results, cells):
     assert [outcome.decision.seeds for outcome in outcomes] == [0, 5]
     assert {outcome.decision.verdict for outcome in outcomes} == {"undecided"}
     more = {"full": [5, 6, 7, 8, 9], "random2": [5, 6, 7, 8, 9]}
-    assert seeds_of(deciding.next_cells(outcomes, ())) == {**more, "pca3": [4]}
+    assert seeds_by_name(deciding.next_cells(outcomes, ())) == {**more, "pca3": [4]}
     assert outcomes_of(results, cells, ["pca3"])[0].needed == [pca.runs[4]]
     # A run that was tried and failed stops only its comparisons.
-    assert seeds_of(deciding.next_cells(outcomes, {pca.runs[4].id})) == more
+    assert seeds_by_name(deciding.next_cells(outcomes, {pca.runs[4].id})) == more
 
     finish(results, pca.runs[4], [140.0])
     for cell, start in ((full, 550), (random, 551)):

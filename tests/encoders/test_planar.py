@@ -242,7 +242,7 @@ def test_planar_without_yaw_rate_leaves_out_only_that(pair, task):
     np.testing.assert_array_equal(numbers, np.delete(planar, 8))
 
 
-def side_of(task, state, target):
+def target_side(task, state, target):
     """The angle or the lateral way to the target, positive on the left, and whether it is clear."""
     if "angle_to_target" in TASK_SPECS[task].features:
         angle = geometry.angle_to_target(state, target)
@@ -257,7 +257,7 @@ def side_of(task, state, target):
 @given(tasks, robots)
 def test_state_and_mirror_image_have_equal_latents_and_opposite_actions(task, found):
     state, target = found[0], at_origin(task, found[1])
-    side, is_clear = side_of(task, state, target)
+    side, is_clear = target_side(task, state, target)
     assume(is_clear)
     encoder, plain = planar_encoder(task, PlanarMirror), planar_encoder(task, PlanarReduction)
     observed = features.observation(task, state, target)

@@ -47,7 +47,7 @@ def make_engine(
     Args:
         algo: one of `jbench.settings.algorithms.ALGORITHMS`, or an update rule of another package.
         ofe: settings of features learned with the agent (not with PPO); None for no features.
-        precision: one of `jbench.names.PRECISIONS`; parameters are float32 in any case.
+        precision: see `jbench.names.Precision`; parameters are float32 in any case.
         stacked: whether to compute all seeds at once; None for the faster way: on a GPU.
         dtype: of all tensors; tests use float64.
 

@@ -149,7 +149,7 @@ def narrow(axes: Axes, inches: float = 2.2) -> bool:
 
 
 def thinned(count: int, most: int = MOST_POINTS) -> Any:
-    """Returns indices of at most so many points: half of them equally, half logarithmically."""
+    """Returns indices of at most `most` points: half of them equally, half logarithmically."""
     if count <= most:
         return np.arange(count)
     half = most // 2

@@ -44,6 +44,7 @@ class Learner:
         self._mean_and_one = view.scratch("mean_and_one", 2).fill_(1)
         self._mean = self._mean_and_one[..., 0]
         self._by_name: dict[str, Network] = {}
+        self._targets: list[tuple[Network, Network]] = []  # each with the network that it follows
         self._make_networks()
 
     def _make_networks(self) -> None:
@@ -101,7 +102,9 @@ class Learner:
         values, is_target = view.state(name, size), name.endswith(_TARGET)
         gradient = None if is_target else view.scratch(f"{name}.gradient", size)
         network = self._by_name[name] = make(view, layout, values, gradient, workspace=workspace)
-        if gradient is not None:
+        if gradient is None:
+            self._targets.append((network, self._by_name[name.removesuffix(_TARGET)]))
+        else:
             network.step = Adam(view, name, values, gradient, self.settings.learning_rate).step
         return network
 
@@ -131,9 +134,8 @@ class OffPolicyLearner(Learner):
 
     def _update_targets(self, tau: float) -> None:
         """Updates the target networks: target <- (1 - tau) target + tau network."""
-        for name, network in self._by_name.items():
-            if name.endswith(_TARGET):
-                network.values.lerp_(self._by_name[name.removesuffix(_TARGET)].values, tau)
+        for target, network in self._targets:
+            target.values.lerp_(network.values, tau)
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns actions (..., N, action_size) of a stochastic policy for normal noise like it."""

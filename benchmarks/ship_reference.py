@@ -1,7 +1,8 @@
 """Adds finished runs to the package: `python benchmarks/ship_reference.py RESULTS`.
 
 Copies the rows and policies of the finished runs of a results directory into `jbench/reference/`,
-with all finished encoders and the evaluations of shipped policies (`jbench evaluate RUN`).
+with all finished encoders and the evaluations of shipped policies (`jbench evaluate RUN`); with
+`--policies 0-3` the policies of these seeds only, so that the package stays small.
 `jbench report --results reference` shows them, and `jbench render reference/ID` a policy.
 Checkpoints are left out, and so is the command of a run, which names directories. A run whose
 manifest still names one is refused.
@@ -10,12 +11,15 @@ Shipped runs stay as they are. Run the script again after more runs have finishe
 """
 
 import argparse
+import io
 import re
 import sys
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
+from jbench.names import parse_numbers
 from jbench.policies.saved import DESCRIPTION, WEIGHTS, has_policy
 from jbench.store import Record, Results, files
 from jbench.store.manifest import FileEntry, Manifest
@@ -23,7 +27,8 @@ from jbench.store.shipped import shipped
 from jbench.store.verify import examine
 
 POLICY = {DESCRIPTION, WEIGHTS}
-LARGEST_PACKAGE = 40_000_000  # bytes
+LARGEST_PACKAGE = 40_000_000  # bytes of its wheel
+EVERY_SEED = range(10_000)
 _LOCAL_PATH = re.compile(r"""(?:^|[\s"'=:(])(?:~?/\w|[A-Za-z]:\\)""")
 
 
@@ -96,8 +101,12 @@ def ship_encoder(id: str | None, source: Results, target: Results) -> bool:
     return weights[0] == weights[1]
 
 
-def ship(source: Results, target: Results) -> list[str]:
-    """Adds the finished runs of the source to the target; returns a sentence for each exception."""
+def ship(source: Results, target: Results, policies: Collection[int] = EVERY_SEED) -> list[str]:
+    """Adds the finished runs of the source to the target, with the policies of some seeds.
+
+    Returns:
+        A sentence for each run that is left out or goes without its policy.
+    """
     records, notes = source.scan("run")
     before = {run.id: run for run in target.scan("run")[0]}
     for encoder in source.scan("encoder")[0]:
@@ -111,8 +120,10 @@ def ship(source: Results, target: Results) -> list[str]:
             notes.append(f"{run.id} is left out: {reason}.")
             continue
         listed = public(run.manifest).files
-        if not ship_encoder(run.settings["encoder"], source, target):
+        equal = ship_encoder(run.settings["encoder"], source, target)
+        if not equal:
             notes.append(f"{run.id}: without its policy, as the shipped encoder is another one.")
+        if not equal or run.settings["seed"] not in policies:
             listed = tuple(entry for entry in listed if entry.name not in POLICY)
         copy(run, target, listed)
     evaluable = {run.id for run in target.scan("run")[0] if has_policy(run)}
@@ -137,21 +148,22 @@ def check(run: Record, source: Results) -> None:
 
 
 def size(directory: Path) -> int:
-    """Returns how many bytes the files of a directory have, compiled Python aside."""
-    return sum(
-        path.stat().st_size
-        for path in directory.rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
-    )
+    """Returns how many bytes the files of a directory have in a wheel, compiled Python aside."""
+    with zipfile.ZipFile(io.BytesIO(), "w", zipfile.ZIP_DEFLATED) as wheel:
+        for path in directory.rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts:
+                wheel.write(path)
+        return sum(entry.compress_size for entry in wheel.infolist())
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path)
+    parser.add_argument("--policies", type=parse_numbers, default=EVERY_SEED, metavar="SEEDS")
     parser.add_argument("--out", type=Path, default=shipped())
     arguments = parser.parse_args()
     target = Results(arguments.out)
-    for sentence in ship(Results(arguments.results), target):
+    for sentence in ship(Results(arguments.results), target, arguments.policies):
         print(sentence)
     runs = target.scan("run")[0]
     for run in filter(has_policy, runs):

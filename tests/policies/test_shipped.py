@@ -100,6 +100,14 @@ def test_run_that_is_damaged_or_names_a_directory_is_left_out(source, target, di
     assert target.find("run", run.id) is None
 
 
+def test_policies_of_chosen_seeds_are_shipped(demo_results, target):
+    assert ship_reference.ship(demo_results, target, policies=[1]) == []
+    runs = target.scan("run")[0]
+    assert {run.settings["seed"] for run in runs} == {0, 1}
+    assert {run.settings["seed"] for run in runs if has_policy(run)} == {1}
+    assert verify(target, 1).findings == []
+
+
 def test_policy_on_different_encoder_is_not_shipped(demo_results, target):
     """An encoder trained on another processor may differ in its last digits."""
     (encoder,) = demo_results.scan("encoder")[0]

@@ -11,7 +11,7 @@ from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.store import Results
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.matrix import Claim, read_comparisons
+from jbench.sweeps.matrix import read_comparisons
 from jbench.training.status import failures_among, run_statuses
 from jbench.wording import counted, with_results
 
@@ -20,7 +20,7 @@ def seeds_to_compare(matrix: str, max_seeds: int) -> list[int]:
     """Returns all seeds that a comparison of a matrix may need."""
     if max_seeds < BLOCK or max_seeds % BLOCK:
         raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
-    planned = (entry.max_seeds or 0 for entry in read_comparisons(matrix))
+    planned = (entry.max_seeds for entry in read_comparisons(matrix))
     return list(range(max([max_seeds, *planned])))
 
 
@@ -36,9 +36,9 @@ def decide(
     """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
     chosen = deciding.comparisons(cells, read_comparisons(matrix), claims, max_seeds)
     output.say(_introduction(chosen, max_seeds))
-    returns, tried = dict[tuple[str, Claim], float](), set[str]()
+    tried = set[str]()
     while True:  # an interim analysis of all comparisons
-        reached = deciding.outcomes(chosen, results, returns)
+        reached = deciding.outcomes(chosen, results)
         needed_next = deciding.next_cells(reached, tried)
         _show_outcomes(reached, tried, output)
         if not needed_next or train is None:

@@ -69,8 +69,7 @@ def sweep(
     from jbench.commands import training
     from jbench.commands.deciding import decide, seeds_to_compare
     from jbench.sweeps.cell import all_runs, matrix_cells
-    from jbench.sweeps.cluster import Ray
-    from jbench.sweeps.executors import Local, default_jobs
+    from jbench.sweeps.executors import Local, Ray, default_jobs
     from jbench.sweeps.matrix import read_matrix
     from jbench.training.status import failures_among, run_statuses
 

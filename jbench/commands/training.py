@@ -15,9 +15,8 @@ from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.listing import evaluation_return
-from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
-from jbench.sweeps.prepare import is_finished, missing_encoders
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.continuation import check_state_can_be_kept
 from jbench.training.status import State

@@ -1,16 +1,30 @@
-"""Cells: the runs of one task, algorithm and representation, and those of a matrix.
+"""Cells: the runs of one task, algorithm and representation, those of a matrix, their encoders.
 
 A run's id depends only on the file of the matrix: `dae12` is the encoder with the file's dataset
 and options, even if the results contain newer ones, so the same matrix always gives the same runs.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from itertools import product
+import itertools
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import groupby, product
 from typing import NamedTuple
 
 from jbench.agents.algorithms import algorithm_fields
-from jbench.encoders.registry import EncoderSettings, encoder_settings, kind_names, named_encoder
-from jbench.errors import RequestError
+from jbench.cores import cores
+from jbench.datasets import collect, find_dataset
+from jbench.devices import find_device
+from jbench.encoders.registry import (
+    EncoderSettings,
+    encoder_settings,
+    kind_names,
+    make_kind,
+    named_encoder,
+)
+from jbench.encoders.states import Scale, States
+from jbench.encoders.training import train_encoder
+from jbench.errors import RequestError, WorkError
 from jbench.names import FULL, OFE, Base, known
 from jbench.settings.algorithms import default_base
 from jbench.settings.base import in_id, validated
@@ -18,7 +32,11 @@ from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
+from jbench.store.follow import LOOK_EVERY
+from jbench.store.locks import HeldError
+from jbench.store.manifest import Kind
 from jbench.sweeps.matrix import Matrix, named
+from jbench.training.events import Event, Report
 from jbench.training.request import make_runs, read_representation, requested_ofe
 
 
@@ -80,38 +98,109 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
         "encoder": None,
         "ofe": requested_ofe(name, matrix.ofe),
     }
-    encoders: dict[int, EncoderSettings] = {}  # by the agent's seed
-    dataset = None
+    dataset, encoders = None, dict[int, EncoderSettings]()  # by their seeds
+    seed, drawn = matrix.encoder.seed, matrix.encoder.seed == "each"
     if fields["ofe"] is not None:
         fields["representation"] = fields["ofe"].representation
     elif "/" in name:
         fields |= {"encoder": name, "representation": read_representation(results, name)}
     elif name != FULL:
         robot = dataset_robot(find_task(task))
-        dataset = validated(DatasetSettings, "[dataset]", **matrix.dataset.model_dump(), **robot)
-        encoder, draws = _encoder(matrix, task, name, dataset), matrix.encoder.seed == "each"
-        encoders = {
-            seed: encoder.model_copy(update={"seed": seed}) if draws else encoder
-            for seed in matrix.seeds
-        }
-        fields["representation"] = encoder.representation
-        fields["encoder_draws"] = encoder.draws if draws else None
-    runs = make_runs(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
-    different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
-    return Cell(task, algo, name, runs, default_base(task, matrix.settings), different, dataset)
+        dataset = validated(DatasetSettings, "[dataset]", **dict(matrix.dataset), **robot)
+        encoder = _encoder(matrix, task, name, dataset, 0 if seed == "each" else seed)
+        seeds = matrix.seeds if drawn else (encoder.seed,)
+        encoders = {seed: encoder.model_copy(update={"seed": seed}) for seed in seeds}
+        fields |= {"encoder": encoder.id, "representation": encoder.representation}
+        fields["encoder_draws"] = encoder.draws if drawn else None
+    ids = {seed: encoder.id for seed, encoder in encoders.items()} if drawn else None
+    runs = make_runs(matrix.seeds, ids, **fields)
+    base = default_base(task, matrix.settings)
+    return Cell(task, algo, name, runs, base, tuple(encoders.values()), dataset)
 
 
-def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> EncoderSettings:
-    """Returns the settings of the encoder with the seed of the file, or the seed 0."""
-    wanted = named_encoder(name, task)
-    if wanted is None:
+def _encoder(
+    matrix: Matrix, task: str, name: str, dataset: DatasetSettings, seed: int
+) -> EncoderSettings:
+    if (wanted := named_encoder(name, task)) is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
     assert wanted is not None
-    return encoder_settings(
-        wanted.kind,
-        {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options},
-        task=task,
-        dataset=dataset.id,
-        latents=wanted.latents,
-        seed=0 if matrix.encoder.seed == "each" else matrix.encoder.seed,
-    )
+    options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
+    about = {"task": task, "dataset": dataset.id, "latents": wanted.latents, "seed": seed}
+    return encoder_settings(wanted.kind, options, **about)
+
+
+def missing_encoders(
+    cells: Iterable[Cell], results: Results
+) -> list[tuple[DatasetSettings, list[EncoderSettings]]]:
+    """Returns each dataset with those of its encoders that are not finished, if there are any."""
+    datasets = {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
+    missing: dict[str, list[EncoderSettings]] = {id: [] for id in datasets}
+    for encoder in {encoder.id: encoder for cell in cells for encoder in cell.encoders}.values():
+        if not is_finished(results, "encoder", encoder.id):
+            missing[encoder.dataset].append(encoder)
+    return [(datasets[id], encoders) for id, encoders in missing.items() if encoders]
+
+
+def is_finished(results: Results, kind: Kind, id: str) -> bool:
+    """Returns whether a record is finished; False if it is damaged, which its writer reports."""
+    try:
+        record = results.find(kind, id)
+    except WorkError:
+        return False
+    return record is not None and record.status == "finished"
+
+
+def prepare(
+    cells: Sequence[Cell],
+    runs: Sequence[RunSettings],
+    results: Results,
+    device: str,
+    report: Report,
+) -> dict[str, str]:
+    """Makes the missing encoders of runs, and first the datasets on which they are trained.
+
+    If another process is making one of them, this waits for it. The cells contain the runs, and
+    maybe others. Returns a sentence for each run whose encoder can't be made, by run id.
+    """
+
+    def data(encoder: EncoderSettings) -> tuple[str, int, Scale]:
+        return encoder.task, encoder.seed, make_kind(encoder.kind, encoder.options).scale
+
+    train_on, failures = find_device(device), dict[str, str]()
+    needed = {run.encoder for run in runs}
+    for dataset, encoders in missing_encoders(cells, results):
+        wanted = sorted((encoder for encoder in encoders if encoder.id in needed), key=data)
+        try:
+            if wanted and not is_finished(results, "dataset", dataset.id):
+                begun = Event("progress", text="collect", total=dataset.steps, unit="control steps")
+                _make(partial(collect, dataset, results, cores()), begun, report)
+        except (RequestError, WorkError) as error:
+            reason = f"its dataset can't be collected: {error}"
+            failures |= {encoder.id: reason for encoder in wanted}
+            continue
+        for (task, seed, scale), sharing in groupby(wanted, data):
+            states = States(find_dataset(results, dataset.id), task, seed, scale=scale)  # read once
+            for encoder in sharing:
+                label, epochs = f"{encoder.representation} {task}", encoder.options.get("epochs", 1)
+                begun = Event("progress", text=label, total=epochs, unit="epochs")
+                train = partial(train_encoder, encoder, states, results, device=train_on)
+                try:
+                    _make(train, begun, report)
+                except (RequestError, WorkError) as error:
+                    failures[encoder.id] = f"its encoder can't be trained: {error}"
+    for encoder_id, reason in failures.items():
+        report(Event("warning", text=f"the runs on {encoder_id} are left out: {reason}"))
+    return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}
+
+
+def _make(make: Callable[..., object], begun: Event, report: Report) -> None:
+    """Makes a record and reports its progress; waits while another process is making it."""
+    report(begun)
+    for look in itertools.count():
+        try:
+            make(lambda done: report(begun._replace(steps=done)))
+            return
+        except HeldError as error:
+            if look == 0:
+                report(Event("note", text=f"{str(error).partition(';')[0]}; waiting for it."))
+            time.sleep(LOOK_EVERY)

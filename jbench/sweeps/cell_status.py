@@ -3,9 +3,11 @@
 import contextlib
 import re
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, get_args
+
+import torch
 
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
@@ -13,15 +15,18 @@ from jbench.settings.alike import COST, SEED, alike
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task, find_task
-from jbench.store import Record, Results
+from jbench.store import Results
 from jbench.store.provenance import processor
-from jbench.sweeps.cell import Cell, with_runs
-from jbench.sweeps.executors import batches
+from jbench.sweeps.cell import Cell
+from jbench.training import speed
 from jbench.training.status import State, run_status
 from jbench.wording import counted, duration
 
 _MIN_REPORTED = 2_000_000_000  # bytes
 _USABLE = 0.8  # of the free memory; networks and minibatches take the rest
+
+_Estimate = tuple[float | None, str]
+"""Seconds of a core per control step, and their source."""
 
 
 class CellStatus(NamedTuple):
@@ -52,27 +57,23 @@ def cell_statuses(
     are measured, which takes seconds. `jobs` is the number of processes at a time, `device` that of
     the batched engine.
     """
-    measured, quickly = _measured(results, device), dict[str, float | None]()
-    all_statuses = []
+    estimates, all_statuses = _measured(results, device), []
     for cell in cells:
         processes = min(jobs, len(cell.runs))  # that share the seeds
         statuses = [run_status(run, results) for run in cell.runs]
         states = [status.state for status in statuses]
         left = sum(status.steps_left for status in statuses)
         exactly, about = (alike(cell.runs[0], free) for free in (SEED, COST))
-        known = measured.get(exactly) or measured.get(about)
-        seconds, source = statistics.median(known) if known else None, "measured runs"
-        if seconds is None and left and quick:
-            if about not in quickly:
-                quickly[about] = _quick_measurement(cell.runs, device)
-            seconds, source = quickly[about], "a quick measurement"
+        if left and quick and not {exactly, about} & estimates.keys():
+            estimates[about] = _quick_measurement(cell.runs, device)
+        seconds, source = estimates.get(exactly) or estimates.get(about) or (None, "unknown")
         all_statuses.append(
             CellStatus(
                 cell,
                 **{state: states.count(state) for state in get_args(State)},
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / processes,
-                estimate="" if not left else "unknown" if seconds is None else source,
+                estimate=source if left else "",
                 evaluating=_evaluating(cell.runs[0], seconds) if left and seconds else 0.0,
             )
         )
@@ -84,17 +85,6 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
     if any(status.seconds_left is None for status in statuses):
         return None
     return sum((s.seconds_left or 0.0) * min(jobs, len(s.cell.runs)) for s in statuses) / jobs
-
-
-def forecasts(
-    cells: Sequence[Cell], runs: Sequence[RunSettings], results: Results, jobs: int, device: str
-) -> Iterator[str]:
-    """Yields sentences on the memory and time that runs of cells need on this machine, if known."""
-    waiting = batches(runs, jobs, device)
-    jobs = min(jobs, len(waiting))
-    statuses = cell_statuses(with_runs(cells, {run.id for run in runs}), results, jobs, device)
-    memory = memory_sentence([run for batch in waiting[:jobs] for run in batch], device)
-    yield from filter(None, (memory, forecast(statuses, jobs)))
 
 
 def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
@@ -135,8 +125,6 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     needed = sum(replay_bytes(run, device) for run in runs if run.engine == "batched")
     if needed < _MIN_REPORTED:
         return None
-    import torch
-
     what, free = "memory", _available()
     if device != "cpu":  # for a cluster a guess: its GPUs may have more or less memory
         what = "the GPU's memory"
@@ -165,52 +153,38 @@ def _available() -> int | None:
 
 
 def _evaluating(run: RunSettings, seconds: float) -> float:
-    from jbench.training.speed import evaluation_steps, stepping
-
-    steps = evaluation_steps(run)
-    return 0.0 if steps <= 1 else min(1.0, steps * stepping(run) / seconds)
+    steps = speed.evaluation_steps(run)
+    return 0.0 if steps <= 1 else min(1.0, steps * speed.stepping(run) / seconds)
 
 
-def _measured(results: Results, device: str) -> dict[str, list[float]]:
-    """Returns core seconds per control step of finished runs here, by keys of SEED and of COST."""
+def _measured(results: Results, device: str) -> dict[str, _Estimate]:
+    """Returns the median of finished runs here, by keys of SEED and of COST."""
     seconds: dict[str, list[float]] = {}
     for record in results.scan("run")[0]:
-        per_step = _core_seconds_per_step(record, device)
-        if per_step is not None:
+        provenance, summary = record.manifest.provenance, record.manifest.summary
+        now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
+        made_on = (provenance.get(name) for name in ("processor", "cores"))
+        here = (*made_on, provenance.get("device", "cpu")) == (processor(), cores(), now)
+        time, steps = summary.get("wall_time"), summary.get("steps_done")
+        if record.status == "finished" and here and time and steps:
             run = read_run(record.settings)
             for free in (SEED, COST):
+                # The runs of a process share a core, and each records the whole time.
+                per_step = time / steps / (summary.get("together") or 1)
                 seconds.setdefault(alike(run, free), []).append(per_step)
-    return seconds
+    return {key: (statistics.median(each), "measured runs") for key, each in seconds.items()}
 
 
-def _core_seconds_per_step(record: Record, device: str) -> float | None:
-    """Returns it for a finished run; the runs of a process share a core and record all time."""
-    provenance, summary = record.manifest.provenance, record.manifest.summary
-    now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
-    made_on = (provenance.get(name) for name in ("processor", "cores"))
-    here = (*made_on, provenance.get("device", "cpu")) == (processor(), cores(), now)
-    time, steps = summary.get("wall_time"), summary.get("steps_done")
-    known = isinstance(time, int | float) and isinstance(steps, int | float) and steps > 0
-    if record.status != "finished" or not here or not known:
-        return None
-    together = summary.get("together")
-    shared = together if isinstance(together, int) and together > 0 else 1
-    return float(time / steps) / shared  # type: ignore[operator]
-
-
-def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None:
-    """Returns the seconds per control step of temporary agents; None if they can't be made."""
-    import torch
-
-    from jbench.training.speed import seconds_per_step
-
+def _quick_measurement(runs: Sequence[RunSettings], device: str) -> _Estimate:
+    """Returns the estimate of temporary agents, unknown if they can't be made."""
     checked_task(runs[0].task)
     # On a GPU the seeds are trained as one stack.
     together = runs[:1] if device == "cpu" else runs
     try:
         with one_thread():
-            return seconds_per_step(together, device) / len(together)
+            seconds = speed.seconds_per_step(together, device) / len(together)
+        return seconds, "a quick measurement"
     except (RequestError, WorkError, RuntimeError):
-        return None
+        return None, "unknown"
     finally:
         torch.cuda.empty_cache()  # the runs need the memory; without a GPU it does nothing

@@ -6,7 +6,8 @@ stored, and an interrupted command reaches the same decisions again.
 """
 
 from collections.abc import Collection, Container, Iterator, Sequence
-from functools import partial
+from functools import cache
+from itertools import product, takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -15,16 +16,15 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import kind_in, known
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.verdicts import BASELINES
-from jbench.report.data.curves import final_returns
+from jbench.returns import final_return
 from jbench.settings.alike import SEED, alike, with_implied
 from jbench.settings.run import RunSettings
 from jbench.statistics import FloatArray
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.statistics.step_down import Decision, decide
 from jbench.store import Record, Results
-from jbench.sweeps.cell import Cell, with_runs
+from jbench.sweeps.cell import Cell, is_finished, with_runs
 from jbench.sweeps.matrix import COMPARISON, Claim, Planned, named
-from jbench.training.status import run_status
 
 _NO_DECISION = Decision("undecided", 0, np.nan, -np.inf, np.inf, rate=0.0, spent=0.0)
 
@@ -40,7 +40,7 @@ class MatrixComparison(NamedTuple):
     ours: Cell
     theirs: Cell
     against: str
-    share: float
+    share: float = ERROR_RATE
     claim: Claim = "a"
     max_seeds: int = 0
     decision: Decision = _NO_DECISION
@@ -81,8 +81,7 @@ def comparisons(
     for claim in claims:
         known("comparison", claim, names)
     chosen = [pair for pair in every if not claims or {*pair.claims} & {*claims}]
-    shared = (pair._replace(share=ERROR_RATE / len(chosen)) for pair in chosen)
-    return chosen if planned else list(shared)
+    return chosen if planned else [pair._replace(share=ERROR_RATE / len(chosen)) for pair in chosen]
 
 
 def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[MatrixComparison]:
@@ -92,11 +91,9 @@ def _with_cells(cells: Sequence[Cell], planned: Sequence[Planned]) -> list[Matri
             if entry.first == entry.second:
                 raise RequestError(f"first and second are both {entry.first}; name another one.")
             pair = _pair(cells, entry)
-            same = [(other.ours, other.theirs, other.claim) for other in listed]
-            if (*pair, entry.claim) in same:
+            if any((other[:2], other.claim) == (pair, entry.claim) for other in listed):
                 raise RequestError(f"{entry.first} against {entry.second} is listed twice.")
-            share, most = entry.share, entry.max_seeds or 0
-            assert share is not None
+            share, most = entry.share, entry.max_seeds
             listed.append(MatrixComparison(*pair, entry.second, share, entry.claim, most))
     return listed
 
@@ -105,8 +102,7 @@ def _pair(cells: Sequence[Cell], entry: Planned) -> tuple[Cell, Cell]:
     cells = [cell for cell in cells if (cell.task, cell.algo) == (entry.task, entry.algo)]
     pairs = [
         (ours, theirs)
-        for ours in cells
-        for theirs in cells
+        for ours, theirs in product(cells, repeat=2)
         if entry.first in _names(ours)
         and entry.second in _names(theirs)
         and entry.steps in (None, ours.runs[0].steps)
@@ -137,7 +133,7 @@ def _with_baselines(cells: Sequence[Cell]) -> Iterator[MatrixComparison]:
     for key, kind, cell in keyed:
         for against in BASELINES if kind not in BASELINES else ():
             if (theirs := by_kind.get((key, against))) is not None:
-                yield MatrixComparison(cell, theirs, against, ERROR_RATE)
+                yield MatrixComparison(cell, theirs, against)
 
 
 def _key(cell: Cell) -> str:
@@ -148,63 +144,44 @@ def _key(cell: Cell) -> str:
 def compared_return(record: Record, claim: Claim = "a") -> float:
     """Returns the mean return of a run's last evaluation (a), or of all evaluations (c).
 
-    Without evaluations, it is the mean over the last training episodes (see `final_returns`), or
+    Without evaluations, it is the mean over the last training episodes (see `final_return`), or
     over all. Raises a WorkError if the rows can't be read, or the return is not finite.
     """
     rows = record.read("evaluations")
     if rows.num_rows:
         which, returns = (rows[name].to_numpy() for name in ("evaluation", "episode_return"))
         points = [returns[which == evaluation].mean() for evaluation in np.unique(which)]
-        mean = float(points[-1] if claim == "a" else np.mean(points))
+        mean = points[-1] if claim == "a" else float(np.mean(points))
     else:
-        rows = record.read("episodes")
-        columns = (rows[name].to_numpy() for name in ("episode_return", "control_steps"))
-        returns, steps = (column.astype(np.float64)[None] for column in columns)
-        final = final_returns(returns, steps, np.array([rows.num_rows]))[0][0]
-        mean = float(final if claim == "a" else returns.mean())
-    if not np.isfinite(mean):
+        returns = record.read("episodes")["episode_return"].to_numpy()
+        mean = final_return(returns) if claim == "a" else returns.mean()
+    if mean is None or not np.isfinite(mean):
         raise WorkError(f"The return of the run {record.id} is {mean}; it can't be compared.")
-    return mean
+    return float(mean)
 
 
-def outcomes(
-    chosen: Sequence[MatrixComparison], results: Results, returns: dict[tuple[str, Claim], float]
-) -> list[MatrixComparison]:
-    """Decides comparisons with finished seeds; adds to the returns read."""
-    first = partial(_first_returns, results=results, returns=returns)
-    pairs = [(first(pair.ours, pair), first(pair.theirs, pair)) for pair in chosen]
-    shares = [comparison.share for comparison in chosen]
-    analyses = [comparison.max_seeds // BLOCK for comparison in chosen]
-    decisions = decide(pairs, shares, analyses, MARGIN)
-    return [
-        comparison._replace(decision=decision, needed=_needed(comparison, decision, results))
-        for comparison, decision in zip(chosen, decisions, strict=True)
-    ]
+def outcomes(chosen: Sequence[MatrixComparison], results: Results) -> list[MatrixComparison]:
+    """Decides comparisons by the first seeds of each cell, up to the first unfinished one."""
 
+    @cache
+    def finished_return(run: str, claim: Claim) -> float | None:
+        record = results.find("run", run) if is_finished(results, "run", run) else None
+        return None if record is None else compared_return(record, claim)
 
-def _first_returns(
-    cell: Cell, pair: MatrixComparison, results: Results, returns: dict[tuple[str, Claim], float]
-) -> FloatArray:
-    """Returns the returns of a cell's first seeds, up to the first unfinished one."""
-    first = []
-    for run in cell.runs[: pair.max_seeds]:
-        key = run.id, pair.claim
-        if key not in returns:
-            if run_status(run, results).state != "finished":
-                break
-            record = results.find("run", run.id)
-            assert record is not None
-            returns[key] = compared_return(record, pair.claim)
-        first.append(returns[key])
-    return np.array(first)
+    def first_returns(cell: Cell, pair: MatrixComparison) -> FloatArray:
+        returns = (finished_return(run.id, pair.claim) for run in cell.runs[: pair.max_seeds])
+        return np.array([*takewhile(lambda number: number is not None, returns)], float)
 
-
-def _needed(pair: MatrixComparison, decision: Decision, results: Results) -> list[RunSettings]:
-    if decision.verdict != "undecided":
-        return []
-    seeds = min(decision.seeds + BLOCK, pair.max_seeds)
-    runs = (*pair.ours.runs[:seeds], *pair.theirs.runs[:seeds])
-    return [run for run in runs if run_status(run, results).state != "finished"]
+    pairs = [(first_returns(pair.ours, pair), first_returns(pair.theirs, pair)) for pair in chosen]
+    shares, looks = [pair.share for pair in chosen], [pair.max_seeds // BLOCK for pair in chosen]
+    reached = []
+    for pair, decision in zip(chosen, decide(pairs, shares, looks, MARGIN), strict=True):
+        undecided = decision.verdict == "undecided"
+        seeds = min(decision.seeds + BLOCK, pair.max_seeds) if undecided else 0
+        next_runs = (*pair.ours.runs[:seeds], *pair.theirs.runs[:seeds])
+        needed = [run for run in next_runs if not is_finished(results, "run", run.id)]
+        reached.append(pair._replace(decision=decision, needed=needed))
+    return reached
 
 
 def next_cells(reached: Sequence[MatrixComparison], tried: Container[str]) -> list[Cell]:

@@ -1,23 +1,34 @@
-"""Where runs are trained: worker processes on this machine, or a Ray cluster (`cluster.py`)."""
+"""Where runs are trained: worker processes on this machine, or tasks on a Ray cluster.
+
+Ray pickles arguments and results of tasks, but these are JSON texts here, so that no object of
+jbench is pickled. A task starts the same worker process as `Local`.
+"""
 
 import contextlib
 import json
 import os
+import platform
 import signal
+import socket
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from jbench.cores import cores
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError
 from jbench.names import ONE_THREAD
-from jbench.settings.alike import SEED, alike
 from jbench.settings.run import RunSettings
-from jbench.store import Results
+from jbench.store import Results, locks, schema
+from jbench.store.follow import LOOK_EVERY
+from jbench.sweeps.cell import is_finished
 from jbench.training.events import Event
+
+_ANSWERS_WITHIN = 10.0  # s; timeout of the connection to a cluster
+_LOOKS = 45  # at most, for a run that is finished on another node
 
 
 class Local:
@@ -33,11 +44,10 @@ class Local:
         self._stopped = False
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
-        """Yields the events of runs in a process; if it dies, some runs have no last event."""
-        return self.run(worker_request(runs, self._results, self.device, self._options))
+        """Yields the events of runs in a process, none after `stop`.
 
-    def run(self, request: str) -> Iterator[Event]:
-        """Starts a worker with a `worker_request` and yields its events, but none after `stop`."""
+        If the process dies, some runs have no last event.
+        """
         process = _start()
         assert process.stdin is not None
         assert process.stdout is not None
@@ -46,6 +56,7 @@ class Local:
             if self._stopped:  # while the process was started, so `stop` did not find it
                 return
             with contextlib.suppress(BrokenPipeError):  # it has died: it reports nothing
+                request = worker_request(runs, self._results, self.device, self._options)
                 process.stdin.write(f"{request}\n")
                 process.stdin.flush()
             for line in process.stdout:
@@ -67,27 +78,145 @@ class Local:
             process.kill()
 
 
+class Ray:
+    """Tasks on a Ray cluster, each with a core and optionally a share of a GPU."""
+
+    def __init__(
+        self,
+        results: Results,
+        address: str | None,
+        jobs: int = 0,
+        gpus_per_task: float = 0.0,
+        **options: Any,
+    ) -> None:
+        """Joins a cluster, or starts one on this machine.
+
+        The results directory has the same path on all nodes. Without an address it is RAY_ADDRESS,
+        else a cluster on this machine. `jobs` is the number of tasks at a time; 0 for as many as
+        the cluster has resources for. `options` are as of `Local`. Raises a RequestError if Ray is
+        not installed, there is no such cluster, or it lacks GPUs.
+        """
+        try:
+            import ray
+            import ray.exceptions
+        except ImportError:
+            hint = "--executor ray needs Ray; type pip install 'jbench[cluster]'."
+            raise RequestError(hint) from None
+        self._ray: Any = ray
+        self._results, self._options = Results(results.path.resolve()), options
+        self._stopped, self._tasks = threading.Event(), set[Any]()
+        self._join(address or os.environ.get("RAY_ADDRESS"), jobs)
+        resources = self._ray.cluster_resources()
+        room, gpus = int(resources.get("CPU", 0)), resources.get("GPU", 0)
+        if gpus < gpus_per_task:
+            self._ray.shutdown()
+            raise RequestError(
+                f"--gpus-per-task {gpus_per_task:g}: the cluster has {gpus:g} GPUs; type less, or "
+                "0 for none."
+            )
+        if gpus_per_task:
+            room = min(room, int(gpus / gpus_per_task))
+        self.jobs = jobs or max(1, room)
+        self.device = "cuda" if gpus_per_task else "cpu"
+        # If a node dies, Ray restarts its tasks on another one, without limit.
+        node = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
+        self._task = self._ray.remote(num_gpus=gpus_per_task, **node)(train_batch)
+
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
+        """Trains runs in a task; see `Local`. Their progress is read from the results."""
+        request = worker_request(runs, self._results, self.device, self._options)
+        with locks.share(self._results.path):
+            task = self._task.remote(request)
+            self._tasks.add(task)
+            try:
+                seen: dict[str, str] = {}
+                while not self._ray.wait([task], timeout=LOOK_EVERY)[0]:
+                    if self._stopped.is_set():
+                        self._ray.cancel(task, force=True)  # its process ends with it
+                        return
+                    yield from self._progress(runs, seen)
+                yield from self._outcome(runs, task)
+            finally:
+                self._tasks.discard(task)
+
+    def stop(self) -> None:
+        """Lets the threads cancel their tasks; leaves the cluster, or ends its own."""
+        self._stopped.set()
+        while self._tasks:
+            time.sleep(0.1)
+        self._ray.shutdown()
+
+    def _join(self, address: str | None, jobs: int) -> None:
+        # Usage statistics of Ray are opt-in.
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        here = {} if address else {"num_cpus": jobs or None, "include_dashboard": False}
+        try:
+            if address and address not in ("auto", "local"):
+                # Ray itself retries an unreachable address for many minutes.
+                host, _, port = address.removeprefix("ray://").rpartition(":")
+                if not port.isdecimal() or int(port) >= 2**16:
+                    raise ValueError("it is not HOST:PORT")
+                socket.create_connection((host, int(port)), _ANSWERS_WITHIN).close()
+            self._ray.init(address or "local", log_to_driver=False, logging_level="ERROR", **here)
+        except (OSError, ValueError, RuntimeError) as error:
+            reason = (str(error).splitlines() or [""])[0]
+            raise RequestError(
+                f"No Ray cluster can be joined at {address or 'this machine'} ({reason}); type "
+                "--address HOST:6379 of a cluster started with ray start --head."
+            ) from None
+
+    def _progress(self, runs: Sequence[RunSettings], seen: dict[str, str]) -> Iterator[Event]:
+        for run in runs:
+            with contextlib.suppress(WorkError):
+                record = self._results.find("run", run.id)
+                if record is None or seen.get(run.id) == record.manifest.updated:
+                    continue
+                seen[run.id] = record.manifest.updated
+                for part in record.parts("episodes")[-1:]:
+                    last = record.read_part(part, schema.EPISODES).to_pylist()[-1]
+                    steps, episode_return = last["control_steps"], last["episode_return"]
+                    yield Event("episode", run.id, steps=steps, episode_return=episode_return)
+
+    def _outcome(self, runs: Sequence[RunSettings], task: Any) -> Iterator[Event]:
+        """Yields the last events of a task; none if the task was lost."""
+        try:
+            ended = [Event(**content) for content in json.loads(self._ray.get(task))]
+        except self._ray.exceptions.RayTaskError as error:
+            reason = (str(error.cause).splitlines() or [""])[0]
+            ended = [Event("failed", run.id, f"its task failed: {reason}") for run in runs]
+        except self._ray.exceptions.RayError:
+            return
+        for event in ended:
+            # A network file system may show the writes of another node late.
+            for _ in range(_LOOKS if event.kind == "finished" else 0):
+                if is_finished(self._results, "run", event.run) or self._stopped.wait(LOOK_EVERY):
+                    break
+            yield event
+
+
+def train_batch(request: str) -> str:
+    """Trains a `worker_request` on the node where Ray calls this; returns last events as JSON."""
+    content = json.loads(request)
+    path = Path(content["results"])
+    runs = [RunSettings(**settings) for settings in content["runs"]]
+    # The sweep holds a lock on the directory. A node that does not see it has another directory, or
+    # could write a run at the same time as another process.
+    if not path.is_dir() or not locks.is_shared(path):
+        reason = (
+            f"on the node {platform.node()}, {path} is not the sweep's, or its locks are not seen "
+            "there: all nodes must share it, with flock (docs/cluster.md)"
+        )
+        ended = [Event("failed", run.id, reason) for run in runs]
+    else:
+        sys.argv = content["command"]  # which records contain
+        events = Local(Results(path), 1, **content["options"]).train(runs)
+        ended = [event for event in events if event.is_last]
+    return f"[{', '.join(event.to_json() for event in ended)}]"
+
+
 def default_jobs(device: str) -> int:
     """Returns the number of processes at a time: one for each core, or one for a GPU."""
     return cores() if device == "cpu" else 1
-
-
-def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[RunSettings]]:
-    """Returns the runs of each process.
-
-    On a CPU the seeds of a configuration are divided among `jobs` processes. On a GPU they are one
-    stack in one process. A run of another engine than the batched one has its own process.
-    """
-    configurations: dict[str, list[RunSettings]] = {}
-    for run in runs:
-        key = alike(run, SEED) if run.engine == "batched" else run.id
-        configurations.setdefault(key, []).append(run)
-    most = jobs if device == "cpu" else 1
-    return [
-        [seeds[i] for i in part]
-        for seeds in configurations.values()
-        for part in np.array_split(range(len(seeds)), min(most, len(seeds)))
-    ]
 
 
 def worker_request(
@@ -99,27 +228,19 @@ def worker_request(
 
 
 def _start() -> subprocess.Popen[str]:
+    """Starts a worker in which SIGINT is blocked until it ignores it: no traceback on Ctrl-C."""
+    can_block = hasattr(signal, "pthread_sigmask")  # not on Windows
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if can_block else None
     try:
-        with _blocked_interrupts():
-            return subprocess.Popen(
-                [sys.executable, "-m", "jbench.training.worker"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-                env={**os.environ, **ONE_THREAD, "MUJOCO_GL": "disable"},
-            )
+        return subprocess.Popen(
+            [sys.executable, "-m", "jbench.training.worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **ONE_THREAD, "MUJOCO_GL": "disable"},
+        )
     except OSError as error:
         raise WorkError(f"A process can't be started ({error.strerror}).") from None
-
-
-@contextlib.contextmanager
-def _blocked_interrupts() -> Iterator[None]:
-    """Blocks SIGINT in this thread and in workers, until they ignore it: no traceback on Ctrl-C."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if before is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -45,27 +45,19 @@ def _keys(kind: type[Settings], *fields: str) -> Any:
         # TOML parses 5e6 as a float.
         type_: Any = Annotated[field.annotation, *field.metadata, BeforeValidator(whole)]
         key = (field.title or name).removeprefix(_EVALUATION)
-        keys[key] = type_, Field(default=typed_default(field), description=field.description)
+        keys[key] = type_, typed_default(field)
     return create_model("Keys", __base__=Settings, **keys)
 
 
-class EvaluationPart(_keys(RunSettings, *(n for n in TYPED if n.startswith(_EVALUATION)))):  # type: ignore[misc]
-    """The table [evaluation]."""
-
-
-class DatasetPart(_keys(DatasetSettings, "steps", "seed")):  # type: ignore[misc]
-    """The table [dataset]: the dataset on which missing encoders are trained."""
+_Evaluation = _keys(RunSettings, *(name for name in TYPED if name.startswith(_EVALUATION)))
+_Dataset = _keys(DatasetSettings, "steps", "seed")
 
 
 class EncoderPart(Settings):
     """The table [encoder]: how missing encoders are trained."""
 
-    seed: Seed | Literal["each"] = Field(
-        default=0, description="of all encoders, or each: the seed of the agent"
-    )
-    options: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="options by kind that differ from the defaults"
-    )
+    seed: Seed | Literal["each"] = 0  # of all encoders, or each: the seed of the agent
+    options: dict[str, dict[str, Any]] = Field(default_factory=dict)  # by kind
 
 
 class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATION)))):  # type: ignore[misc]
@@ -75,27 +67,20 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
     algos: _Names
     representations: _Names = (FULL,)
     seeds: _Seeds = tuple(range(10))
-    settings: Base | None = Field(
-        default=None,
-        description="source of default hyperparameters; default: published, of other robots suite",
-    )
-    hyperparameters: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="hyperparameters by algorithm that replace the defaults"
-    )
-    evaluation: EvaluationPart = EvaluationPart()
-    dataset: DatasetPart = DatasetPart()
+    settings: Base | None = None  # None for that of the task
+    hyperparameters: dict[str, dict[str, Any]] = Field(default_factory=dict)  # by algorithm
+    evaluation: _Evaluation = _Evaluation()  # type: ignore[valid-type]
+    dataset: _Dataset = _Dataset()  # type: ignore[valid-type]  # of missing encoders
     encoder: EncoderPart = EncoderPart()
-    ofe: dict[str, Any] = Field(default_factory=dict, description="changed settings of ofeN")
+    ofe: dict[str, Any] = Field(default_factory=dict)  # changed settings of ofeN
     _name: str = PrivateAttr("the matrix")  # of the file or part, for errors
 
     @property
     def run_fields(self) -> dict[str, Any]:
         """Fields of `RunSettings` that are the same in all runs."""
-        typed: dict[str, Any] = {}
-        for name in TYPED:
-            key = RunSettings.model_fields[name].title or name
-            table = self.evaluation if name.startswith(_EVALUATION) else self
-            typed[name] = getattr(table, key.removeprefix(_EVALUATION))
+        keys = self.model_dump()
+        keys |= {f"{_EVALUATION}{key}": value for key, value in keys["evaluation"].items()}
+        typed = {name: keys[RunSettings.model_fields[name].title or name] for name in TYPED}
         typed["evaluate_every"] = typed["evaluate_every"] or evaluation_interval(self.steps)
         return typed
 
@@ -114,8 +99,8 @@ class Planned(Settings):
     first: str
     second: str
     claim: Claim = "a"
-    share: Annotated[float, Field(gt=0)] | None = None
-    max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] | None = None
+    share: Annotated[float, Field(gt=0)] = 0.0  # of the error rate; 0 until the rest is divided
+    max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] = 0  # 0 for --max-seeds
     steps: _Count | None = None
 
 
@@ -126,21 +111,15 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     all parts. Raises a RequestError if there is no such matrix, or it is invalid.
     """
     content = _content(name)
-    with named(name):
-        for key in content:
-            known("key", key, (*Matrix.model_fields, PART, COMPARISON))
-        tables = _tables(content, PART)
     # Keys outside the parts are defaults for all of them.
     defaults = {key: value for key, value in content.items() if key not in (PART, COMPARISON)}
     parts = []
-    for n, table in enumerate(tables or [{}], 1):
-        where = f"{name}, part {n}" if tables else name
+    for where, table in (_tables(name, content, PART) or {name: {}}).items():
         with named(where):
             matrix = validated(Matrix, "the matrix", **{**_merged(defaults, table), **changes})
             for kind, options in matrix.encoder.options.items():
                 make_kind(kind, options)
-            # They may be of any size, and are checked even if no representation is one.
-            requested_ofe(f"{OFE}12", matrix.ofe)
+            requested_ofe(f"{OFE}12", matrix.ofe)  # which checks them, of any size and if unused
         matrix._name = where
         parts.append(matrix)
     trained = {algo for part in parts for algo in part.algos}
@@ -162,18 +141,16 @@ def read_comparisons(name: str) -> list[Planned]:
     an entry is invalid, or the shares add up to more than the error rate.
     """
     planned = []
-    with named(name):
-        for n, table in enumerate(_tables(_content(name), COMPARISON), 1):
-            with named(f"{COMPARISON} {n}"):
-                planned.append(validated(Planned, f"[[{COMPARISON}]]", **table))
-        given = sum(entry.share or 0 for entry in planned)
-        rest = sum(entry.share is None for entry in planned)
-        if given > ERROR_RATE + 1e-9 or (rest and given > ERROR_RATE - 1e-9):
-            left = f", and {rest} without a share need a rest" if rest else ""
-            raise RequestError(
-                f"the shares of the comparisons add up to {given:g}{left}; together they have "
-                f"{ERROR_RATE:g}, so write smaller ones."
-            )
+    for where, table in _tables(name, _content(name), COMPARISON).items():
+        with named(where):
+            planned.append(validated(Planned, f"[[{COMPARISON}]]", **table))
+    given, rest = sum(entry.share for entry in planned), sum(not entry.share for entry in planned)
+    if given > ERROR_RATE + 1e-9 or (rest and given > ERROR_RATE - 1e-9):
+        left = f", and {rest} without a share need a rest" if rest else ""
+        raise RequestError(
+            f"{name}: the shares of the comparisons add up to {given:g}{left}; together they have "
+            f"{ERROR_RATE:g}, so write smaller ones."
+        )
     equal = (ERROR_RATE - given) / max(1, rest)
     return [entry.model_copy(update={"share": entry.share or equal}) for entry in planned]
 
@@ -187,13 +164,13 @@ def named(name: str) -> Iterator[None]:
         raise RequestError(f"{name}: {error}") from None
 
 
-def _tables(content: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
-    """Returns the tables of an array of tables; none if the file does not have this key."""
-    tables: list[dict[str, Any]] = content.get(key, [])
+def _tables(name: str, content: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
+    """Returns the tables of an array of tables by names for errors; none without this key."""
+    tables = content.get(key, [])
     is_array = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
     if not is_array or (key in content and not tables):
-        raise RequestError(f"{key} is an array of tables: write [[{key}]] above each.")
-    return tables
+        raise RequestError(f"{name}: {key} is an array of tables: write [[{key}]] above each.")
+    return {f"{name}, {key} {n}": table for n, table in enumerate(tables, 1)}
 
 
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -212,9 +189,13 @@ def _content(name: str) -> dict[str, Any]:
         file = f"{name}.toml" if Path(f"{name}.toml").exists() else "a FILE.toml"
         known("matrix", name, (*SWEEPS, file))
     try:
-        return tomllib.loads(path.read_text("utf-8"))
+        content = tomllib.loads(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not text"
         raise RequestError(f"{name} can't be read ({reason}).") from None
     except (ValueError, RecursionError) as error:  # ValueError: also of thousands of digits
         raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
+    with named(name):
+        for key in content:
+            known("key", key, (*Matrix.model_fields, PART, COMPARISON))
+    return content

@@ -8,29 +8,29 @@ its manifest has its status. Several sweeps of a matrix thus share the work, als
 
 import queue
 import time
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, field
+from typing import TypeAlias
 
+import numpy as np
+
+from jbench.settings.alike import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Results, locks
 from jbench.store.files import make_directory
 from jbench.store.follow import LOOK_EVERY
-from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.cell_status import forecasts
-from jbench.sweeps.executors import Local, batches
-from jbench.sweeps.prepare import prepare
+from jbench.sweeps.cell import Cell, all_runs, prepare, with_runs
+from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
+from jbench.sweeps.executors import Local, Ray
 from jbench.training.continuation import new_beginnings
 from jbench.training.events import Event, Report, ignore
 from jbench.training.status import failures_among, plan, record_failure, run_status, sentences
 
-if TYPE_CHECKING:
-    from jbench.sweeps.cluster import Ray
-
-Executor: TypeAlias = "Local | Ray"  # its `train` is called from threads, `jobs` at a time
+Executor: TypeAlias = Local | Ray  # its `train` is called from threads, `jobs` at a time
+_Task: TypeAlias = Future[list[RunSettings]]
 
 _MAX_DEATHS = 3  # a run fails when this many of its processes have died
 
@@ -97,117 +97,138 @@ def sweep(
         pool.shutdown()
 
 
+def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[RunSettings]]:
+    """Returns the runs of each process.
+
+    On a CPU the seeds of a configuration are divided among `jobs` processes. On a GPU they are one
+    stack in one process. A run of another engine than the batched one has its own process.
+    """
+    configurations: dict[str, list[RunSettings]] = {}
+    for run in runs:
+        key = alike(run, SEED) if run.engine == "batched" else run.id
+        configurations.setdefault(key, []).append(run)
+    most = jobs if device == "cpu" else 1
+    return [
+        [seeds[i] for i in part]
+        for seeds in configurations.values()
+        for part in np.array_split(range(len(seeds)), min(most, len(seeds)))
+    ]
+
+
+def forecasts(
+    cells: Sequence[Cell], runs: Sequence[RunSettings], results: Results, jobs: int, device: str
+) -> Iterator[str]:
+    """Yields sentences on the memory and time that runs of cells need on this machine, if known."""
+    waiting = batches(runs, jobs, device)
+    jobs = min(jobs, len(waiting))
+    statuses = cell_statuses(with_runs(cells, {run.id for run in runs}), results, jobs, device)
+    memory = memory_sentence([run for batch in waiting[:jobs] for run in batch], device)
+    yield from filter(None, (memory, forecast(statuses, jobs)))
+
+
+@dataclass
 class _Scheduler:
     """Trains batches of runs, each by a task of a pool, which sends events; one thread decides."""
 
-    def __init__(
-        self,
-        results: Results,
-        executor: Executor,
-        pool: ThreadPoolExecutor,
-        report: Report,
-        retry: Collection[str],
-        wait: bool,
-    ) -> None:
-        self._results, self._executor, self._pool = results, executor, pool
-        self._report, self._retry, self._wait = report, retry, wait
-        self._tasks: set[Future[list[RunSettings]]] = set()
-        self._elsewhere: set[str] = set()
-        self._events: queue.SimpleQueue[Event | Future[list[RunSettings]]] = queue.SimpleQueue()
-        self._deaths: Counter[str] = Counter()
-        self._failures: dict[str, str] = {}
-        self._tracebacks = {""}  # those that were shown
+    results: Results
+    executor: Executor
+    pool: ThreadPoolExecutor
+    report: Report
+    retry: Collection[str]
+    wait: bool
+    tasks: dict[_Task, int] = field(default_factory=dict)  # how often their processes have died
+    events: queue.SimpleQueue[Event | _Task] = field(default_factory=queue.SimpleQueue)
+    elsewhere: set[str] = field(default_factory=set)
+    failures: dict[str, str] = field(default_factory=dict)
+    tracebacks: set[str] = field(default_factory=lambda: {""})  # those that were shown
 
     def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
         """Trains runs; returns a sentence for each that failed, by run id."""
-        self._submit(batches(runs, self._executor.jobs, self._executor.device))
-        while self._tasks:
+        self._submit(batches(runs, self.executor.jobs, self.executor.device))
+        while self.tasks:
             with suppress(queue.Empty):  # on Windows, Ctrl-C is seen only between two calls
-                self._handle(self._events.get(timeout=LOOK_EVERY))
-        return self._failures
+                self._handle(self.events.get(timeout=LOOK_EVERY))
+        return self.failures
 
-    def _submit(self, batches_of_runs: Iterable[Sequence[RunSettings]]) -> None:
+    def _submit(self, batches_of_runs: Iterable[Sequence[RunSettings]], deaths: int = 0) -> None:
         for batch in batches_of_runs:
-            task = self._pool.submit(self._train_batch, batch)
-            self._tasks.add(task)
-            task.add_done_callback(self._events.put)
+            task = self.pool.submit(self._train_batch, batch)
+            self.tasks[task] = deaths
+            task.add_done_callback(self.events.put)
 
     def _train_batch(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
         """Trains runs that need it, in a thread; returns those whose process died."""
         left, held = dict[str, RunSettings](), []
         for run in batch:
-            status = run_status(run, self._results)
-            if status.state == "failed" and run.id not in self._retry:
-                self._events.put(Event("failed", run.id, status.error))
+            status = run_status(run, self.results)
+            if status.state == "failed" and run.id not in self.retry:
+                self.events.put(Event("failed", run.id, status.error))
             elif status.state == "finished":
-                self._events.put(Event("finished", run.id))
-            elif locks.is_held(self._results.record("run", run.id).path):
+                self.events.put(Event("finished", run.id))
+            elif locks.is_held(self.results.record("run", run.id).path):
                 held.append(run)
             else:
                 left[run.id] = run
         if held:
-            if self._elsewhere.issuperset(run.id for run in held):
+            if self.elsewhere.issuperset(run.id for run in held):
                 time.sleep(LOOK_EVERY)  # another look at them
-            self._events.put(Event("held", runs=held))
+            self.events.put(Event("held", runs=held))
         if left:
             runs = list(left.values())
-            self._events.put(Event("started", runs=runs))
-            for event in self._executor.train(runs):
+            self.events.put(Event("started", runs=runs))
+            for event in self.executor.train(runs):
                 run = left.pop(event.run) if event.is_last else left[event.run]
-                self._events.put(Event("held", runs=[run]) if event.kind == "held" else event)
-            self._events.put(Event("ended", runs=runs))
+                self.events.put(Event("held", runs=[run]) if event.kind == "held" else event)
+            self.events.put(Event("ended", runs=runs))
         return list(left.values())
 
-    def _handle(self, event: Event | Future[list[RunSettings]]) -> None:
+    def _handle(self, event: Event | _Task) -> None:
         if isinstance(event, Future):
-            self._tasks.remove(event)
-            self._try_again(event.result())
+            deaths = self.tasks.pop(event) + 1
+            if died := event.result():
+                self._try_again(died, deaths)
         elif event.kind == "held":
             self._leave(event.runs)
         elif event.kind == "failed":
             self._fail(event)
         else:
-            self._report(event)
+            self.report(event)
             if event.kind == "resumed":
-                self._note(event.resume_sentence)
+                self.report(Event("note", text=event.resume_sentence))
 
-    def _try_again(self, runs: Sequence[RunSettings]) -> None:
+    def _try_again(self, runs: Sequence[RunSettings], deaths: int) -> None:
         """Trains runs again whose process died, unless that happened too often."""
-        self._deaths.update(run.id for run in runs)
-        for run in runs:
-            if self._deaths[run.id] == _MAX_DEATHS:
-                reason = f"its process died without a message, {_MAX_DEATHS} times"
-                record_failure(run, self._results, reason)
-                self._fail(Event("failed", run.id, reason))
-        again = [run for run in runs if self._deaths[run.id] < _MAX_DEATHS]
-        if again:
+        if deaths < _MAX_DEATHS:
             # At last each is alone, so that a run that kills its process fails no other run.
-            alone = len(again) > 1 and max(self._deaths[run.id] for run in again) == _MAX_DEATHS - 1
-            self._submit([[run] for run in again] if alone else [again])
+            alone = len(runs) > 1 and deaths == _MAX_DEATHS - 1
+            self._submit([[run] for run in runs] if alone else [runs], deaths)
             how = "each is tried again in a process of its own" if alone else "they are tried again"
-            self._note(f"The process of {_named(again)} died; {how}.")
+            self.report(Event("note", text=f"The process of {_named(runs)} died; {how}."))
+            return
+        reason = f"its process died without a message, {deaths} times"
+        for run in runs:
+            record_failure(run, self.results, reason)
+            self._fail(Event("failed", run.id, reason))
 
     def _leave(self, runs: Sequence[RunSettings]) -> None:
         """Leaves runs to the process that is training them, and looks at them again at the end."""
-        if new := [run for run in runs if run.id not in self._elsewhere]:
-            then = "waited for at the end" if self._wait else "left out here"
+        if new := [run for run in runs if run.id not in self.elsewhere]:
+            then = "waited for at the end" if self.wait else "left out here"
             verb = "it is" if len(new) == 1 else "they are"
-            self._note(f"Another process is training {_named(new)}; {verb} {then}.")
-            self._elsewhere |= {run.id for run in new}
-        if self._wait:
+            sentence = f"Another process is training {_named(new)}; {verb} {then}."
+            self.report(Event("note", text=sentence))
+            self.elsewhere |= {run.id for run in new}
+        if self.wait:
             self._submit([runs])
 
     def _fail(self, event: Event) -> None:
-        self._failures[event.run] = event.text
-        self._report(event)
+        self.failures[event.run] = event.text
+        self.report(event)
         # Runs often fail for the same reason, whose traceback is shown once.
-        details = "" if event.traceback in self._tracebacks else f"\n{event.traceback}"
-        self._tracebacks.add(event.traceback)
+        details = "" if event.traceback in self.tracebacks else f"\n{event.traceback}"
+        self.tracebacks.add(event.traceback)
         sentence = f"the run {event.run} failed: {event.text}{details}"
-        self._report(Event("warning", text=sentence))
-
-    def _note(self, sentence: str) -> None:
-        self._report(Event("note", text=sentence))
+        self.report(Event("warning", text=sentence))
 
 
 def _named(runs: Sequence[RunSettings]) -> str:

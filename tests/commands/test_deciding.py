@@ -89,7 +89,7 @@ def fill(results, cell, numbers):
 
 
 def outcomes_of(results, cells, claims=(), most=30):
-    return deciding.outcomes(comparisons(cells, (), claims, most), results, {})
+    return deciding.outcomes(comparisons(cells, (), claims, most), results)
 
 
 def seeds_by_name(cells):
@@ -149,7 +149,7 @@ def test_listed_comparisons_replace_those_with_baselines(read, results):
     for cell, final in ((full, 300.0), (pca, 100.0), (random, 100.0)):
         for seed in range(5):
             finish(results, cell.runs[seed], [final + seed])
-    outcomes = deciding.outcomes(asked, results, {})
+    outcomes = deciding.outcomes(asked, results)
     # (c): the first evaluation is -1 for all.
     assert [outcome.decision.difference for outcome in outcomes] == [0, -100]
     assert [len(outcome.needed) for outcome in outcomes] == [0, 10]  # the first has its maximum

@@ -3,19 +3,23 @@
 import json
 import subprocess
 import sys
+from itertools import chain
 
 import pytest
 
 from jbench.cli import main
 from jbench.errors import RequestError
+from jbench.settings.records import OFESettings
+from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.matrix import read_matrix
-from jbench.sweeps.scheduler import sweep
+from jbench.sweeps.scheduler import batches, sweep
 from jbench.training.events import Event
 from tests.command_line import SHORT, short_episodes
 from tests.sweep_matrices import runs_of_matrix, states, write_matrix
+from tests.training.test_batched_run import ENCODED, settings
 
 # A sweep whose events are kept, and the same sweep again.
 PROGRAM = """
@@ -24,7 +28,7 @@ from pathlib import Path
 from jbench.sweeps.executors import Local
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.matrix import read_matrix
-from jbench.sweeps.scheduler import sweep
+from jbench.sweeps.scheduler import batches, sweep
 from jbench.store import Results
 
 matrix, results = sys.argv[1], Results(Path(sys.argv[2]))
@@ -176,3 +180,22 @@ def test_task_is_tried_only_if_a_run_of_it_is_new(tmp_path):
     (run,) = all_runs(cells)
     results.create("run", run.id, run.values).finish({"steps_done": 1000})
     assert sweep(cells, results) == {}
+
+
+def test_seeds_of_configuration_share_process_on_gpu_and_are_divided_on_cpu():
+    kinds = (
+        {"task": "face_direction"},
+        {"task": "move_from_origin"},
+        ENCODED,
+        {"representation": "ofe6", "ofe": OFESettings(units=6, layers=2)},
+        {"precision": "bfloat16"},
+        {"augment": 1},
+        {"task": "dmc:cheetah-run", "specs": find_task("dmc:cheetah-run").specs},
+    )
+    configurations = [[settings("td3", seed, **kind) for seed in (0, 3, 4)] for kind in kinds]
+    others = [[settings("td3", seed, engine="sb3")] for seed in (0, 3)]
+    runs = list(chain(*configurations, *others))
+    for jobs, device in ((1, "cuda"), (4, "cuda"), (1, "cpu")):
+        assert batches(runs, jobs, device) == [*configurations, *others]
+    halves = [part for seeds in configurations for part in (seeds[:2], seeds[2:])]
+    assert batches(runs, 2, "cpu") == [*halves, *others]

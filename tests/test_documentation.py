@@ -112,7 +112,7 @@ def test_named_files_exist(page):
 def test_page_on_sweeps_counts_the_runs_of_each_matrix():
     page = (ROOT / "docs" / "sweeps.md").read_text()
     for name, runs in re.findall(r"^\| `(\w+)` \|.*\| (\d+) of ", page, re.MULTILINE):
-        axes = [(p.tasks, p.algos, p.representations, p.seeds) for p in read_matrix(name)]
+        axes = [(p.tasks, p.algos, p.representations, p.seeds) for p in read_matrix(name).values()]
         assert (name, sum(math.prod(map(len, part)) for part in axes)) == (name, int(runs))
 
 

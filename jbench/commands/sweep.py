@@ -82,7 +82,7 @@ def sweep(
     chosen = names.parse_numbers(seeds) if seeds is not None else None
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
-    train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
+    train_on = _device(executor, address, gpus_per_task, next(iter(parts.values())).engine, device)
     at_once = jobs or default_jobs(train_on)
     worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
     worker["checkpoint_every"] = checkpoint_every

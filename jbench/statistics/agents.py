@@ -35,16 +35,14 @@ class Agents(NamedTuple):
     @property
     def known(self) -> bool:
         """Whether there are two or more agents with two or more episodes each."""
-        return len(self.means) > 1 and bool(
-            np.isfinite(self.variances).all() and (self.episodes > 1).all()
-        )
+        enough = np.isfinite(self.variances) & (self.episodes > 1)
+        return len(enough) > 1 and bool(enough.all())
 
 
 class Components(NamedTuple):
     """Deviation s, with its interval, and w, that of the episodes; NaN if they are unknown.
 
-    s is 0 if the estimate of s^2 is negative; w is the root of the mean variance of an agent's
-    episodes.
+    s is 0 if the estimate of s^2 is negative; w^2 is the mean variance of an agent's episodes.
     """
 
     deviation: float = np.nan
@@ -78,8 +76,6 @@ def difference(ours: Agents, theirs: Agents, confidence: float = 0.95) -> Estima
     The interval combines the two intervals of s (G. Y. Zou, A. Donner, *Construction of confidence
     limits about effect measures: a general approach*, Stat. Med. 27, 2008).
     """
-    if not (ours.known and theirs.known):
-        return Estimate(np.nan)
     s, t = components(ours, confidence), components(theirs, confidence)
     value = s.deviation - t.deviation
     low = value - np.hypot(s.deviation - s.low, t.high - t.deviation)
@@ -96,11 +92,8 @@ def smallest_difference(
     seeds per configuration, s, w and episodes per agent (which may be infinite).
     """
     variance = (deviation**2 + episode_deviation**2 / episodes) / seeds
-    if variance == 0:
-        return 0.0
     freedom = 2 * (seeds - 1)
-    boundary = stdtrit(freedom, 0.975)
-    return float(nctdtrinc(freedom, 0.2, boundary) * np.sqrt(2 * variance))
+    return float(nctdtrinc(freedom, 0.2, stdtrit(freedom, 0.975)) * np.sqrt(2 * variance))
 
 
 def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int | None:

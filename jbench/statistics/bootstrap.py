@@ -54,12 +54,11 @@ def interquartile_mean(strata: Strata) -> FloatArray:
     counts the same: where tasks have different numbers of seeds, scores have different weights, and
     the same share of all weights is left out.
     """
-    sizes = [seeds.shape[-1] for seeds in strata]
+    scores, sizes = _pooled(strata), [seeds.shape[-1] for seeds in strata]
     count = sum(sizes)
     if len({*sizes}) == 1:
-        ordered = np.sort(_pooled(strata), axis=-1)
+        ordered = np.sort(scores, axis=-1)
         return np.asarray(np.mean(ordered[..., count // 4 : count - count // 4], axis=-1))
-    scores = _pooled(strata)
     weights = np.concatenate([np.full(n, 1 / n / len(sizes)) for n in sizes])
     order = np.argsort(scores, axis=-1)
     ends = np.cumsum(weights[order], axis=-1)
@@ -120,11 +119,10 @@ def profile_interval(
     need to be resampled.
     """
     random = np.random.default_rng(0)
-    size = resamples, len(thresholds)
-    drawn = np.zeros(size)
+    drawn = np.zeros((resamples, len(thresholds)))
     for seeds in strata:
         share = performance_profile([seeds], thresholds)
-        drawn += random.binomial(len(seeds), share, size) / len(seeds) / len(strata)
+        drawn += random.binomial(len(seeds), share, drawn.shape) / len(seeds) / len(strata)
     low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
     return low, high
 
@@ -165,20 +163,15 @@ def samples(
     Groups have scores (seeds,) by task, and are resampled independently within each task.
     """
     fewest = min(seeds.shape[-1] for strata in groups for seeds in strata)
-    if fewest == 0:
-        return [Resampled(np.nan, np.empty(0))] * len(statistics)
-    values = [float(statistic(*groups)) for statistic in statistics]
+    values = [float(statistic(*groups)) if fewest else np.nan for statistic in statistics]
     if fewest < MIN_SEEDS:
         return [Resampled(value, np.empty(0)) for value in values]
     random = np.random.default_rng(0)
-    chosen = [
-        [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
-        for strata in groups
-    ]
-    drawn = [
-        [seeds[index] for seeds, index in zip(*pair, strict=True)]
-        for pair in zip(groups, chosen, strict=True)
-    ]
+    chosen, drawn = [], []
+    for strata in groups:
+        indices = [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
+        chosen.append(indices)
+        drawn.append([seeds[index] for seeds, index in zip(strata, indices, strict=True)])
     return [
         # Comparing all pairs of seeds in each resample would take most of the time of a report.
         Resampled(value, _improvements(groups, chosen))
@@ -188,11 +181,9 @@ def samples(
     ]
 
 
-def estimate(
-    statistic: Statistic, *groups: Strata, resamples: int = RESAMPLES, confidence: float = 0.95
-) -> Estimate:
+def estimate(statistic: Statistic, *groups: Strata, resamples: int = RESAMPLES) -> Estimate:
     """Returns a statistic with its interval; see `samples`."""
-    return samples([statistic], *groups, resamples=resamples)[0].estimate(confidence)
+    return samples([statistic], *groups, resamples=resamples)[0].estimate()
 
 
 def _pooled(strata: Strata) -> FloatArray:

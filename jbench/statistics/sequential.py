@@ -88,16 +88,14 @@ def first_above(
     """
     shape = (*ours.shape[:-1], -1, block)
     # Sorted, because sampled relabelings must not depend on the order of the seeds in a block.
-    pooled = np.concatenate(
-        [np.sort(ours.reshape(shape), axis=-1), np.sort(theirs.reshape(shape), axis=-1)], axis=-1
-    )
-    weights = _weights(block)
+    sides = [np.sort(side.reshape(shape), axis=-1) for side in (ours, theirs)]
+    pooled = np.concatenate(sides, axis=-1)
     # (..., blocks, relabelings of a block): the block's difference under each of them.
-    differences = pooled @ weights.T
+    differences = pooled @ _weights(block).T
     rounding = 1e-9 * np.abs(pooled).max(axis=(-1, -2))[..., None]
     first = np.zeros(ours.shape[:-1], np.int64)
     boundaries: list[FloatArray] = []
-    for chosen in _tables(len(weights), differences.shape[-2], relabelings):
+    for chosen in _tables(differences.shape[-1], differences.shape[-2], relabelings):
         sums = np.zeros((*first.shape, chosen.shape[1]))
         crossed = np.zeros(sums.shape, bool)
         for j, relabeling in enumerate(chosen):
@@ -113,8 +111,7 @@ def first_above(
 def _boundary(sums: FloatArray, crossed: BoolArray, allowed: int) -> FloatArray:
     """Returns the value (..., 1) that at most `allowed` relabelings exceed or have exceeded."""
     kept = np.where(crossed, -np.inf, sums)
-    left = np.maximum(allowed - crossed.sum(axis=-1, keepdims=True), 0)
-    places = sums.shape[-1] - 1 - left
+    places = sums.shape[-1] - 1 - np.maximum(allowed - crossed.sum(axis=-1, keepdims=True), 0)
     ordered = np.partition(kept, np.unique(places), axis=-1)
     return np.take_along_axis(ordered, places, axis=-1)
 
@@ -132,12 +129,10 @@ def interval(
 
 def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int) -> float:
     """Returns the smallest shift of ours that the one-sided test does not reject, by bisection."""
-    middle = float(ours.mean() - theirs.mean())
-    pooled = np.concatenate([ours - middle, theirs])
-    span = 4 * float(np.ptp(pooled)) + 1e-9
-    if not first_above(ours - (middle - span), theirs, error_rate, looks):
+    high = float(ours.mean() - theirs.mean())
+    low = high - (4 * float(np.ptp(np.concatenate([ours - high, theirs]))) + 1e-9)
+    if not first_above(ours - low, theirs, error_rate, looks):
         return -np.inf
-    low, high = middle - span, middle
     for _ in range(_BISECTIONS):
         shift = (low + high) / 2
         if first_above(ours - shift, theirs, error_rate, looks):
@@ -155,8 +150,7 @@ def _weights(block: int) -> FloatArray:
     """
     ours = list(itertools.combinations(range(2 * block), block))
     weights = np.full((len(ours), 2 * block), -1 / block)
-    for row, chosen in zip(weights, ours, strict=True):
-        row[list(chosen)] = 1 / block
+    np.put_along_axis(weights, np.array(ours), 1 / block, axis=1)
     return weights
 
 

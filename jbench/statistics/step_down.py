@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.statistics import FloatArray, sequential
-from jbench.statistics.sequential import Verdict
+from jbench.statistics import FloatArray
+from jbench.statistics.sequential import BLOCK, Verdict, first_look, interval
 
 
 class Decision(NamedTuple):
@@ -50,10 +50,9 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Sto
     share each. A decision that one configuration is larger or smaller rejects one of them, whose
     share then goes to the undecided comparisons in proportion to theirs, at the same interim
     analysis and at later ones. The other hypothesis and those of comparisons that are equal within
-    the margin may be true, so they keep theirs. So a wrong decision, a wrong
-    direction and a wrong equality included, rejects a true hypothesis, and is the first to do so at
-    a rate that is no larger than its share among the true hypotheses alone (Holm, 1979; Maurer and
-    Bretz, 2013).
+    the margin may be true, so they keep theirs. So a wrong decision, a wrong direction and a wrong
+    equality included, rejects a true hypothesis, and is the first to do so at a rate that is no
+    larger than its share among the true hypotheses alone (Holm, 1979; Maurer and Bretz, 2013).
 
     This needs tests that reject at every rate above one at which they reject. A permutation test,
     whose rates are whole numbers of relabelings, can fail to, so rates are limited to the sum of
@@ -61,14 +60,27 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Sto
 
     Returns a stop per comparison, from its share, a two-sided error rate; None if it is undecided.
     """
+    total = sum(shares)
     stops: list[Stop | None] = [None] * len(shares)
+
+    def verdict(i: int, parts: int, look: int) -> Verdict | None:
+        """Returns the first one up to an analysis that all larger rates reach, too."""
+        names: tuple[Verdict, ...] = ("larger", "smaller", "equal")
+        at = {name: reached(i, name, 2 * total / parts) for name in names}
+        fewest = math.ceil(total / shares[i] + 1 - 1e-6)  # parts, if all others have a direction
+        for name in sorted((name for name in names if 0 < at[name] <= look), key=at.__getitem__):
+            larger = (reached(i, name, 2 * total / n) for n in range(fewest, parts))
+            if all(0 < reached_at <= look for reached_at in larger):
+                return name
+        return None
+
     for look in range(1, looks + 1):
         new = True
         while new:
             new = False
             for i, parts in enumerate(_parts(stops, shares)):
-                if stops[i] is None and (verdict := _verdict(reached, i, parts, shares, look)):
-                    stops[i], new = Stop(verdict, look, 2 * sum(shares) / parts), True
+                if stops[i] is None and (decided := verdict(i, parts, look)):
+                    stops[i], new = Stop(decided, look, 2 * total / parts), True
     return stops
 
 
@@ -77,21 +89,6 @@ def _parts(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[int]:
     directed = [stop is not None and stop.verdict != "equal" for stop in stops]
     left = sum(share * (2 - rejected) for share, rejected in zip(shares, directed, strict=True))
     return [math.ceil(left / share - 1e-6) for share in shares]
-
-
-def _verdict(
-    reached: Reached, i: int, parts: int, shares: Sequence[float], look: int
-) -> Verdict | None:
-    """Returns the first verdict up to an analysis that all larger rates reach, too; else None."""
-    total = sum(shares)
-    names: tuple[Verdict, ...] = ("larger", "smaller", "equal")
-    at = {name: reached(i, name, 2 * total / parts) for name in names}
-    for name in sorted((name for name in names if 0 < at[name] <= look), key=at.__getitem__):
-        fewest = math.ceil(total / shares[i] + 1 - 1e-6)  # if all others have a direction
-        larger = (reached(i, name, 2 * total / n) for n in range(fewest, parts))
-        if all(0 < reached_at <= look for reached_at in larger):
-            return name
-    return None
 
 
 def decide(
@@ -109,28 +106,22 @@ def decide(
         shares: (comparisons,) two-sided error rates, whose sum is that of all together.
         looks: (comparisons,) planned interim analyses.
     """
-    block = sequential.BLOCK
-    complete = [
-        min(len(ours) // block, len(theirs) // block, most)
-        for (ours, theirs), most in zip(pairs, looks, strict=True)
-    ]
-    cut = [
-        (ours[: n * block], theirs[: n * block])
-        for (ours, theirs), n in zip(pairs, complete, strict=True)
-    ]
+    complete, cut = [], []
+    for (ours, theirs), most in zip(pairs, looks, strict=True):
+        complete.append(min(len(ours) // BLOCK, len(theirs) // BLOCK, most))
+        cut.append((ours[: complete[-1] * BLOCK], theirs[: complete[-1] * BLOCK]))
 
     @cache
     def reached(i: int, verdict: Verdict, rate: float) -> int:
-        return int(complete[i] and sequential.first_look(verdict, *cut[i], margin, rate, looks[i]))
+        return int(complete[i] and first_look(verdict, *cut[i], margin, rate, looks[i]))
 
     stops = step_down(reached, shares, max(looks, default=0))
     decisions = []
     for i, parts in enumerate(_parts(stops, shares)):
-        now = Stop("undecided", complete[i], 2 * sum(shares) / parts)
-        verdict, look, rate = stops[i] or now
-        seeds = look * block
+        verdict, look, rate = stops[i] or Stop("undecided", complete[i], 2 * sum(shares) / parts)
+        seeds = look * BLOCK
         ours, theirs = (side[:seeds] for side in cut[i])
-        low, high = sequential.interval(ours, theirs, rate, looks[i]) if look else (-np.inf, np.inf)
+        low, high = interval(ours, theirs, rate, looks[i]) if look else (-np.inf, np.inf)
         difference = float(ours.mean() - theirs.mean()) if look else np.nan
         spent = rate * look / looks[i]
         decisions.append(Decision(verdict, seeds, difference, low, high, rate, spent))

@@ -4,24 +4,17 @@ A run's id depends only on the file of the matrix: `dae12` is the encoder with t
 and options, even if the results contain newer ones, so the same matrix always gives the same runs.
 """
 
-import itertools
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import groupby, product
+from itertools import count, groupby, product
 from typing import NamedTuple
 
 from jbench.agents.algorithms import algorithm_fields
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
 from jbench.devices import find_device
-from jbench.encoders.registry import (
-    EncoderSettings,
-    encoder_settings,
-    kind_names,
-    make_kind,
-    named_encoder,
-)
+from jbench.encoders.registry import EncoderSettings, kind_names, make_kind, named_encoder
 from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
@@ -68,7 +61,7 @@ def with_runs(cells: Iterable[Cell], ids: Collection[str]) -> list[Cell]:
     return [cell for cell in chosen if cell.runs]
 
 
-def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
+def matrix_cells(parts: Mapping[str, Matrix], results: Results) -> list[Cell]:
     """Returns the cells of the parts of a matrix in the order of the file, grouped by task.
 
     The results contain the encoders given by id. Raises a RequestError if the settings of a run or
@@ -76,8 +69,8 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
     """
     # Cells may be repeated, also by another name: planar is planar12.
     different: dict[tuple[str, ...], Cell] = {}
-    for part in parts:
-        with named(part._name):
+    for where, part in parts.items():
+        with named(where):
             for name in part.representations:
                 task, slash, _ = name.partition("/")
                 if slash and task not in map(in_id, part.tasks):
@@ -99,7 +92,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
         "ofe": requested_ofe(name, matrix.ofe),
     }
     dataset, encoders = None, dict[int, EncoderSettings]()  # by their seeds
-    seed, drawn = matrix.encoder.seed, matrix.encoder.seed == "each"
+    drawn = matrix.encoder.seed == "each"
     if fields["ofe"] is not None:
         fields["representation"] = fields["ofe"].representation
     elif "/" in name:
@@ -107,7 +100,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
     elif name != FULL:
         robot = dataset_robot(find_task(task))
         dataset = validated(DatasetSettings, "[dataset]", **dict(matrix.dataset), **robot)
-        encoder = _encoder(matrix, task, name, dataset, 0 if seed == "each" else seed)
+        encoder = _encoder(matrix, task, name, dataset)
         seeds = matrix.seeds if drawn else (encoder.seed,)
         encoders = {seed: encoder.model_copy(update={"seed": seed}) for seed in seeds}
         fields |= {"encoder": encoder.id, "representation": encoder.representation}
@@ -118,15 +111,14 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
     return Cell(task, algo, name, runs, base, tuple(encoders.values()), dataset)
 
 
-def _encoder(
-    matrix: Matrix, task: str, name: str, dataset: DatasetSettings, seed: int
-) -> EncoderSettings:
+def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> EncoderSettings:
     if (wanted := named_encoder(name, task)) is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
     assert wanted is not None
     options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
-    about = {"task": task, "dataset": dataset.id, "latents": wanted.latents, "seed": seed}
-    return encoder_settings(wanted.kind, options, **about)
+    full = make_kind(wanted.kind, options).model_dump(mode="json")
+    seed = 0 if matrix.encoder.seed == "each" else matrix.encoder.seed
+    return wanted.model_copy(update={"options": full, "dataset": dataset.id, "seed": seed})
 
 
 def missing_encoders(
@@ -150,23 +142,17 @@ def is_finished(results: Results, kind: Kind, id: str) -> bool:
     return record is not None and record.status == "finished"
 
 
-def prepare(
-    cells: Sequence[Cell],
-    runs: Sequence[RunSettings],
-    results: Results,
-    device: str,
-    report: Report,
-) -> dict[str, str]:
+def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report) -> dict[str, str]:
     """Makes the missing encoders of runs, and first the datasets on which they are trained.
 
-    If another process is making one of them, this waits for it. The cells contain the runs, and
-    maybe others. Returns a sentence for each run whose encoder can't be made, by run id.
+    If another process is making one of them, this waits for it. Returns a sentence for each run
+    whose encoder can't be made, by run id.
     """
 
     def data(encoder: EncoderSettings) -> tuple[str, int, Scale]:
         return encoder.task, encoder.seed, make_kind(encoder.kind, encoder.options).scale
 
-    train_on, failures = find_device(device), dict[str, str]()
+    train_on, failures, runs = find_device(device), dict[str, str](), list(all_runs(cells))
     needed = {run.encoder for run in runs}
     for dataset, encoders in missing_encoders(cells, results):
         wanted = sorted((encoder for encoder in encoders if encoder.id in needed), key=data)
@@ -196,7 +182,7 @@ def prepare(
 def _make(make: Callable[..., object], begun: Event, report: Report) -> None:
     """Makes a record and reports its progress; waits while another process is making it."""
     report(begun)
-    for look in itertools.count():
+    for look in count():
         try:
             make(lambda done: report(begun._replace(steps=done)))
             return

@@ -25,9 +25,6 @@ from jbench.wording import counted, duration
 _MIN_REPORTED = 2_000_000_000  # bytes
 _USABLE = 0.8  # of the free memory; networks and minibatches take the rest
 
-_Estimate = tuple[float | None, str]
-"""Seconds of a core per control step, and their source."""
-
 
 class CellStatus(NamedTuple):
     """Numbers of seeds of a cell by status, and what is left of all its runs.
@@ -105,44 +102,35 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
     return (
         f"{counted(len(runs), 'run')} with {steps:,} control steps left at about "
         f"{steps / seconds:,.0f} steps/s, evaluations included{most if share > 0.5 else ''}, "
-        f"{counted(jobs, 'process', 'processes')} at a time: about "
-        f"{duration(seconds)}.{less}"
+        f"{counted(jobs, 'process', 'processes')} at a time: about {duration(seconds)}.{less}"
     )
 
 
-def replay_bytes(run: RunSettings, device: str = "cpu") -> int:
-    """Returns the maximum bytes of a run's replay buffer on the batched engine; 0 for PPO.
+def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | None:
+    """Returns a sentence on the replay buffers of concurrent runs; None if they are small.
 
     Each observation is stored once, in float32, with an action and a reward. An encoder reduces
     its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
     """
-    task = find_task(run.task)
-    return 4 * (task.observation_size + task.action_size + 1) * _transitions(run, device)
-
-
-def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | None:
-    """Returns a sentence on the replay buffers of concurrent runs; None if they are small."""
-    needed = sum(replay_bytes(run, device) for run in runs if run.engine == "batched")
+    needed = most = 0
+    for run in (run for run in runs if run.engine == "batched"):
+        task, size = find_task(run.task), int(run.hyperparameters.get("buffer_size", 0))
+        transitions = min(size, run.steps) if device == "cpu" else size
+        needed += 4 * (task.observation_size + task.action_size + 1) * transitions
+        most = max(most, transitions)
     if needed < _MIN_REPORTED:
         return None
     what, free = "memory", _available()
-    if device != "cpu":  # for a cluster a guess: its GPUs may have more or less memory
+    if device != "cpu":
         what = "the GPU's memory"
         free = torch.cuda.mem_get_info(device)[0] if torch.cuda.is_available() else None
-    size = f"{needed / 1e9:.1f} GB"
-    text = f"The replay buffers of {len(runs)} runs will take up to {size} of {what}"
+    text = f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of {what}"
     if free is None or needed <= _USABLE * free:
         return f"{text}."
-    less = int(max(_transitions(run, device) for run in runs) * free / needed / 2)
     return (
         f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
-        f"--set buffer_size={less}."
+        f"--set buffer_size={int(most * free / needed / 2)}."
     )
-
-
-def _transitions(run: RunSettings, device: str) -> int:
-    size = int(run.hyperparameters.get("buffer_size", 0))
-    return min(size, run.steps) if device == "cpu" else size
 
 
 def _available() -> int | None:
@@ -157,8 +145,8 @@ def _evaluating(run: RunSettings, seconds: float) -> float:
     return 0.0 if steps <= 1 else min(1.0, steps * speed.stepping(run) / seconds)
 
 
-def _measured(results: Results, device: str) -> dict[str, _Estimate]:
-    """Returns the median of finished runs here, by keys of SEED and of COST."""
+def _measured(results: Results, device: str) -> dict[str, tuple[float | None, str]]:
+    """Returns core seconds per control step of finished runs here, by keys of SEED and COST."""
     seconds: dict[str, list[float]] = {}
     for record in results.scan("run")[0]:
         provenance, summary = record.manifest.provenance, record.manifest.summary
@@ -175,8 +163,8 @@ def _measured(results: Results, device: str) -> dict[str, _Estimate]:
     return {key: (statistics.median(each), "measured runs") for key, each in seconds.items()}
 
 
-def _quick_measurement(runs: Sequence[RunSettings], device: str) -> _Estimate:
-    """Returns the estimate of temporary agents, unknown if they can't be made."""
+def _quick_measurement(runs: Sequence[RunSettings], device: str) -> tuple[float | None, str]:
+    """Returns the seconds per control step of temporary agents; None if they can't be made."""
     checked_task(runs[0].task)
     # On a GPU the seeds are trained as one stack.
     together = runs[:1] if device == "cpu" else runs

@@ -13,8 +13,7 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +25,6 @@ from jbench.store import Results, locks, schema
 from jbench.store.follow import LOOK_EVERY
 from jbench.sweeps.cell import is_finished
 from jbench.training.events import Event
-
-_ANSWERS_WITHIN = 10.0  # s; timeout of the connection to a cluster
-_LOOKS = 45  # at most, for a run that is finished on another node
 
 
 class Local:
@@ -56,8 +52,7 @@ class Local:
             if self._stopped:  # while the process was started, so `stop` did not find it
                 return
             with contextlib.suppress(BrokenPipeError):  # it has died: it reports nothing
-                request = worker_request(runs, self._results, self.device, self._options)
-                process.stdin.write(f"{request}\n")
+                process.stdin.write(f"{self.request(runs)}\n")
                 process.stdin.flush()
             for line in process.stdout:
                 if line.endswith("\n"):  # else the worker was killed while it wrote
@@ -71,6 +66,12 @@ class Local:
             with contextlib.suppress(BrokenPipeError):
                 process.stdin.close()
 
+    def request(self, runs: Sequence[RunSettings]) -> str:
+        """Returns a worker's request as a line of JSON, with the command that it records."""
+        options = {"device": self.device, **self._options}
+        request = {"results": str(self._results.path), "options": options, "command": sys.argv}
+        return json.dumps({**request, "runs": [run.values for run in runs]})
+
     def stop(self) -> None:
         """Kills all workers and starts no more; what they have not committed is lost."""
         self._stopped = True
@@ -82,14 +83,9 @@ class Ray:
     """Tasks on a Ray cluster, each with a core and optionally a share of a GPU."""
 
     def __init__(
-        self,
-        results: Results,
-        address: str | None,
-        jobs: int = 0,
-        gpus_per_task: float = 0.0,
-        **options: Any,
+        self, results: Results, address: str | None, jobs: int, gpus_per_task: float, **options: Any
     ) -> None:
-        """Joins a cluster, or starts one on this machine.
+        """Joins a cluster, or starts one on this machine, until this process ends.
 
         The results directory has the same path on all nodes. Without an address it is RAY_ADDRESS,
         else a cluster on this machine. `jobs` is the number of tasks at a time; 0 for as many as
@@ -103,13 +99,14 @@ class Ray:
             hint = "--executor ray needs Ray; type pip install 'jbench[cluster]'."
             raise RequestError(hint) from None
         self._ray: Any = ray
-        self._results, self._options = Results(results.path.resolve()), options
-        self._stopped, self._tasks = threading.Event(), set[Any]()
+        self.device = "cuda" if gpus_per_task else "cpu"
+        self._results = Results(results.path.resolve())
+        self._worker = Local(self._results, 1, self.device, **options)
+        self._stopped, self._seen = threading.Event(), dict[str, str]()
         self._join(address or os.environ.get("RAY_ADDRESS"), jobs)
         resources = self._ray.cluster_resources()
         room, gpus = int(resources.get("CPU", 0)), resources.get("GPU", 0)
         if gpus < gpus_per_task:
-            self._ray.shutdown()
             raise RequestError(
                 f"--gpus-per-task {gpus_per_task:g}: the cluster has {gpus:g} GPUs; type less, or "
                 "0 for none."
@@ -117,47 +114,39 @@ class Ray:
         if gpus_per_task:
             room = min(room, int(gpus / gpus_per_task))
         self.jobs = jobs or max(1, room)
-        self.device = "cuda" if gpus_per_task else "cpu"
         # If a node dies, Ray restarts its tasks on another one, without limit.
         node = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
         self._task = self._ray.remote(num_gpus=gpus_per_task, **node)(train_batch)
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
         """Trains runs in a task; see `Local`. Their progress is read from the results."""
-        request = worker_request(runs, self._results, self.device, self._options)
         with locks.share(self._results.path):
-            task = self._task.remote(request)
-            self._tasks.add(task)
-            try:
-                seen: dict[str, str] = {}
-                while not self._ray.wait([task], timeout=LOOK_EVERY)[0]:
-                    if self._stopped.is_set():
-                        self._ray.cancel(task, force=True)  # its process ends with it
-                        return
-                    yield from self._progress(runs, seen)
-                yield from self._outcome(runs, task)
-            finally:
-                self._tasks.discard(task)
+            task = self._task.remote(self._worker.request(runs))
+            while not self._ray.wait([task], timeout=LOOK_EVERY)[0]:
+                if self._stopped.is_set():
+                    self._ray.cancel(task, force=True)  # its process ends with it
+                    return
+                yield from self._progress(runs)
+            yield from self._outcome(runs, task)
 
     def stop(self) -> None:
-        """Lets the threads cancel their tasks; leaves the cluster, or ends its own."""
+        """Lets each thread cancel its task, within seconds."""
         self._stopped.set()
-        while self._tasks:
-            time.sleep(0.1)
-        self._ray.shutdown()
 
     def _join(self, address: str | None, jobs: int) -> None:
         # Usage statistics of Ray are opt-in.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        here = {} if address else {"num_cpus": jobs or None, "include_dashboard": False}
+        options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+        if not address:
+            options |= {"num_cpus": jobs or None, "include_dashboard": False}
         try:
             if address and address not in ("auto", "local"):
                 # Ray itself retries an unreachable address for many minutes.
                 host, _, port = address.removeprefix("ray://").rpartition(":")
                 if not port.isdecimal() or int(port) >= 2**16:
                     raise ValueError("it is not HOST:PORT")
-                socket.create_connection((host, int(port)), _ANSWERS_WITHIN).close()
-            self._ray.init(address or "local", log_to_driver=False, logging_level="ERROR", **here)
+                socket.create_connection((host, int(port)), timeout=10).close()
+            self._ray.init(address or "local", ignore_reinit_error=True, **options)
         except (OSError, ValueError, RuntimeError) as error:
             reason = (str(error).splitlines() or [""])[0]
             raise RequestError(
@@ -165,13 +154,13 @@ class Ray:
                 "--address HOST:6379 of a cluster started with ray start --head."
             ) from None
 
-    def _progress(self, runs: Sequence[RunSettings], seen: dict[str, str]) -> Iterator[Event]:
+    def _progress(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
         for run in runs:
             with contextlib.suppress(WorkError):
                 record = self._results.find("run", run.id)
-                if record is None or seen.get(run.id) == record.manifest.updated:
+                if record is None or self._seen.get(run.id) == record.manifest.updated:
                     continue
-                seen[run.id] = record.manifest.updated
+                self._seen[run.id] = record.manifest.updated
                 for part in record.parts("episodes")[-1:]:
                     last = record.read_part(part, schema.EPISODES).to_pylist()[-1]
                     steps, episode_return = last["control_steps"], last["episode_return"]
@@ -187,21 +176,20 @@ class Ray:
         except self._ray.exceptions.RayError:
             return
         for event in ended:
-            # A network file system may show the writes of another node late.
-            for _ in range(_LOOKS if event.kind == "finished" else 0):
+            # A network file system may show the writes of another node late: 90 s at most.
+            for _ in range(45 if event.kind == "finished" else 0):
                 if is_finished(self._results, "run", event.run) or self._stopped.wait(LOOK_EVERY):
                     break
             yield event
 
 
 def train_batch(request: str) -> str:
-    """Trains a `worker_request` on the node where Ray calls this; returns last events as JSON."""
+    """Trains a `Local.request` on the node where Ray calls this; returns last events as JSON."""
     content = json.loads(request)
-    path = Path(content["results"])
-    runs = [RunSettings(**settings) for settings in content["runs"]]
+    path, runs = Path(content["results"]), [RunSettings(**run) for run in content["runs"]]
     # The sweep holds a lock on the directory. A node that does not see it has another directory, or
     # could write a run at the same time as another process.
-    if not path.is_dir() or not locks.is_shared(path):
+    if not locks.is_shared(path):
         reason = (
             f"on the node {platform.node()}, {path} is not the sweep's, or its locks are not seen "
             "there: all nodes must share it, with flock (docs/cluster.md)"
@@ -217,14 +205,6 @@ def train_batch(request: str) -> str:
 def default_jobs(device: str) -> int:
     """Returns the number of processes at a time: one for each core, or one for a GPU."""
     return cores() if device == "cpu" else 1
-
-
-def worker_request(
-    runs: Sequence[RunSettings], results: Results, device: str, options: Mapping[str, Any]
-) -> str:
-    """Returns the request as a line of JSON, with the command that the worker records."""
-    request = {"results": str(results.path), "options": {"device": device, **options}}
-    return json.dumps({**request, "command": sys.argv, "runs": [run.values for run in runs]})
 
 
 def _start() -> subprocess.Popen[str]:

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, create_model
+from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from jbench.encoders.registry import make_kind
 from jbench.errors import RequestError
@@ -73,7 +73,6 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
     dataset: _Dataset = _Dataset()  # type: ignore[valid-type]  # of missing encoders
     encoder: EncoderPart = EncoderPart()
     ofe: dict[str, Any] = Field(default_factory=dict)  # changed settings of ofeN
-    _name: str = PrivateAttr("the matrix")  # of the file or part, for errors
 
     @property
     def run_fields(self) -> dict[str, Any]:
@@ -104,8 +103,8 @@ class Planned(Settings):
     steps: _Count | None = None
 
 
-def read_matrix(name: str, **changes: Any) -> list[Matrix]:
-    """Returns the parts of a matrix; a file without parts has one.
+def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
+    """Returns the parts of a matrix by their names in errors; a file without parts has one.
 
     The name is one of `SWEEPS` or the path of a .toml file; `changes` replace the file's keys in
     all parts. Raises a RequestError if there is no such matrix, or it is invalid.
@@ -113,22 +112,22 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     content = _content(name)
     # Keys outside the parts are defaults for all of them.
     defaults = {key: value for key, value in content.items() if key not in (PART, COMPARISON)}
-    parts = []
+    parts = {}
     for where, table in (_tables(name, content, PART) or {name: {}}).items():
         with named(where):
-            matrix = validated(Matrix, "the matrix", **{**_merged(defaults, table), **changes})
-            for kind, options in matrix.encoder.options.items():
+            part = validated(Matrix, "the matrix", **{**_merged(defaults, table), **changes})
+            for kind, options in part.encoder.options.items():
                 make_kind(kind, options)
-            requested_ofe(f"{OFE}12", matrix.ofe)  # which checks them, of any size and if unused
-        matrix._name = where
-        parts.append(matrix)
-    trained = {algo for part in parts for algo in part.algos}
-    for algo in (algo for part in parts for algo in part.hyperparameters if algo not in trained):
+            requested_ofe(f"{OFE}12", part.ofe)  # which checks them, of any size and if unused
+        parts[where] = part
+    trained = {algo for part in parts.values() for algo in part.algos}
+    given = {algo for part in parts.values() for algo in part.hyperparameters}
+    for algo in sorted(given - trained):
         raise RequestError(
             f"{name}: [hyperparameters.{algo}] is for {algo}, which is not among the algos; leave "
             "the table out, or add it to them."
         )
-    engines = sorted({part.engine or "batched" for part in parts})
+    engines = sorted({part.engine or "batched" for part in parts.values()})
     if len(engines) > 1:
         raise RequestError(f"{name}: all parts need the same engine, not {' and '.join(engines)}.")
     return parts

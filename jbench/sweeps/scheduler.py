@@ -62,30 +62,29 @@ def sweep(
     can't be made, the results can't be written to, or jbench can't use the task of a new run, and a
     WorkError if a process can't be started.
     """
-    for cell in cells:  # an interrupted sweep may have left temporary files
-        if cell.dataset is not None:
-            results.clean("dataset", cell.dataset.id)
-        for encoder in cell.encoders:
-            results.clean("encoder", encoder.id)
-    runs = list(all_runs(cells))
-    statuses, done = plan(runs, results), ("finished",) if retry_failed else ("finished", "failed")
-    to_do = [run for run in runs if statuses[run.id].state not in done]
-    new = [run for run in to_do if statuses[run.id].state == "missing"]
+    # An interrupted sweep may have left temporary files.
+    for encoder in {encoder.id: encoder for cell in cells for encoder in cell.encoders}.values():
+        results.clean("dataset", encoder.dataset)
+        results.clean("encoder", encoder.id)
+    statuses = plan(list(all_runs(cells)), results)
+    done = ("finished",) if retry_failed else ("finished", "failed")
+    cells = with_runs(cells, {id for id, run in statuses.items() if run.state not in done})
+    new = [run for run in all_runs(cells) if statuses[run.id].state == "missing"]
     for sentence in (*sentences(statuses, retry_failed), *new_beginnings(new, results)):
         report(Event("note", text=sentence))
-    if not to_do:
+    if not cells:
         return {}
     for run in new:
         checked_task(run.task)
-    make_directory(results.record("run", to_do[0].id).path)
+    make_directory(results.record("run", cells[0].runs[0].id).path)
     executor = make_executor() if make_executor else Local(results)
     pool = ThreadPoolExecutor(executor.jobs)
     try:
-        failures = prepare(cells, to_do, results, device, report)
-        runs = [run for run in to_do if run.id not in failures]
-        if runs:
+        failures = prepare(cells, results, device, report)
+        cells = with_runs(cells, statuses.keys() - failures.keys())
+        if runs := list(all_runs(cells)):
             if isinstance(executor, Local):
-                for sentence in forecasts(cells, runs, results, executor.jobs, executor.device):
+                for sentence in forecasts(cells, results, executor.jobs, executor.device):
                     report(Event("note", text=sentence))
             report(Event("training", runs=runs))
             scheduler = _Scheduler(results, executor, pool, report, failures_among(statuses), wait)
@@ -115,13 +114,11 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     ]
 
 
-def forecasts(
-    cells: Sequence[Cell], runs: Sequence[RunSettings], results: Results, jobs: int, device: str
-) -> Iterator[str]:
-    """Yields sentences on the memory and time that runs of cells need on this machine, if known."""
-    waiting = batches(runs, jobs, device)
+def forecasts(cells: Sequence[Cell], results: Results, jobs: int, device: str) -> Iterator[str]:
+    """Yields sentences on the memory and time that cells need on this machine, if known."""
+    waiting = batches(list(all_runs(cells)), jobs, device)
     jobs = min(jobs, len(waiting))
-    statuses = cell_statuses(with_runs(cells, {run.id for run in runs}), results, jobs, device)
+    statuses = cell_statuses(cells, results, jobs, device)
     memory = memory_sentence([run for batch in waiting[:jobs] for run in batch], device)
     yield from filter(None, (memory, forecast(statuses, jobs)))
 
@@ -189,12 +186,17 @@ class _Scheduler:
                 self._try_again(died, deaths)
         elif event.kind == "held":
             self._leave(event.runs)
-        elif event.kind == "failed":
-            self._fail(event)
         else:
             self.report(event)
             if event.kind == "resumed":
                 self.report(Event("note", text=event.resume_sentence))
+            elif event.kind == "failed":
+                self.failures[event.run] = event.text
+                # Runs often fail for the same reason, whose traceback is shown once.
+                details = "" if event.traceback in self.tracebacks else f"\n{event.traceback}"
+                self.tracebacks.add(event.traceback)
+                sentence = f"the run {event.run} failed: {event.text}{details}"
+                self.report(Event("warning", text=sentence))
 
     def _try_again(self, runs: Sequence[RunSettings], deaths: int) -> None:
         """Trains runs again whose process died, unless that happened too often."""
@@ -208,7 +210,7 @@ class _Scheduler:
         reason = f"its process died without a message, {deaths} times"
         for run in runs:
             record_failure(run, self.results, reason)
-            self._fail(Event("failed", run.id, reason))
+            self._handle(Event("failed", run.id, reason))
 
     def _leave(self, runs: Sequence[RunSettings]) -> None:
         """Leaves runs to the process that is training them, and looks at them again at the end."""
@@ -220,15 +222,6 @@ class _Scheduler:
             self.elsewhere |= {run.id for run in new}
         if self.wait:
             self._submit([runs])
-
-    def _fail(self, event: Event) -> None:
-        self.failures[event.run] = event.text
-        self.report(event)
-        # Runs often fail for the same reason, whose traceback is shown once.
-        details = "" if event.traceback in self.tracebacks else f"\n{event.traceback}"
-        self.tracebacks.add(event.traceback)
-        sentence = f"the run {event.run} failed: {event.text}{details}"
-        self.report(Event("warning", text=sentence))
 
 
 def _named(runs: Sequence[RunSettings]) -> str:

@@ -66,7 +66,7 @@ def write_matrix(path, **changes):
 
 def runs_of_matrix(matrix, path):
     """Returns the settings of all runs of a matrix."""
-    return list(all_runs(matrix_cells(read_matrix(matrix), Results(path))))
+    return all_runs(matrix_cells(read_matrix(matrix), Results(path)))
 
 
 _started = []

@@ -102,7 +102,7 @@ def sweep(
     if until_decided:
         decide(matrix, cells, claims or [], database, limit, None if dry_run else train, output)
         return
-    runs = list(all_runs(cells))
+    runs = all_runs(cells)
     failures = {} if dry_run else train(cells)
     title = f"{matrix}: {counted(len(runs), 'run')}"
     status = training.show_status(title, cells, database, at_once, train_on, output, times=dry_run)

@@ -5,7 +5,7 @@ and options, even if the results contain newer ones, so the same matrix always g
 """
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import count, groupby, product
 from typing import NamedTuple
@@ -50,9 +50,9 @@ class Cell(NamedTuple):
     dataset: DatasetSettings | None = None
 
 
-def all_runs(cells: Sequence[Cell]) -> Iterator[RunSettings]:
-    """Yields the runs of all cells once."""
-    yield from {run.id: run for cell in cells for run in cell.runs}.values()
+def all_runs(cells: Sequence[Cell]) -> list[RunSettings]:
+    """Returns the runs of all cells, each once."""
+    return list({run.id: run for cell in cells for run in cell.runs}.values())
 
 
 def with_runs(cells: Iterable[Cell], ids: Collection[str]) -> list[Cell]:
@@ -152,7 +152,7 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
     def data(encoder: EncoderSettings) -> tuple[str, int, Scale]:
         return encoder.task, encoder.seed, make_kind(encoder.kind, encoder.options).scale
 
-    train_on, failures, runs = find_device(device), dict[str, str](), list(all_runs(cells))
+    train_on, failures, runs = find_device(device), dict[str, str](), all_runs(cells)
     needed = {run.encoder for run in runs}
     for dataset, encoders in missing_encoders(cells, results):
         wanted = sorted((encoder for encoder in encoders if encoder.id in needed), key=data)

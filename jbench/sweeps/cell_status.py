@@ -113,7 +113,8 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
     """
     needed = most = 0
-    for run in (run for run in runs if run.engine == "batched"):
+    batched = [run for run in runs if run.engine == "batched"]
+    for run in batched:
         task, size = find_task(run.task), int(run.hyperparameters.get("buffer_size", 0))
         transitions = min(size, run.steps) if device == "cpu" else size
         needed += 4 * (task.observation_size + task.action_size + 1) * transitions
@@ -160,7 +161,7 @@ def _measured(results: Results, device: str) -> dict[str, tuple[float | None, st
                 # The runs of a process share a core, and each records the whole time.
                 per_step = time / steps / (summary.get("together") or 1)
                 seconds.setdefault(alike(run, free), []).append(per_step)
-    return {key: (statistics.median(each), "measured runs") for key, each in seconds.items()}
+    return {key: (statistics.median(s), "measured runs") for key, s in seconds.items()}
 
 
 def _quick_measurement(runs: Sequence[RunSettings], device: str) -> tuple[float | None, str]:

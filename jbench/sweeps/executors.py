@@ -40,10 +40,7 @@ class Local:
         self._stopped = False
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
-        """Yields the events of runs in a process, none after `stop`.
-
-        If the process dies, some runs have no last event.
-        """
+        """Yields the events of runs in a process; if it dies, some runs have no last event."""
         process = _start()
         assert process.stdin is not None
         assert process.stdout is not None

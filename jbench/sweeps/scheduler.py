@@ -66,7 +66,7 @@ def sweep(
     for encoder in {encoder.id: encoder for cell in cells for encoder in cell.encoders}.values():
         results.clean("dataset", encoder.dataset)
         results.clean("encoder", encoder.id)
-    statuses = plan(list(all_runs(cells)), results)
+    statuses = plan(all_runs(cells), results)
     done = ("finished",) if retry_failed else ("finished", "failed")
     cells = with_runs(cells, {id for id, run in statuses.items() if run.state not in done})
     new = [run for run in all_runs(cells) if statuses[run.id].state == "missing"]
@@ -82,7 +82,7 @@ def sweep(
     try:
         failures = prepare(cells, results, device, report)
         cells = with_runs(cells, statuses.keys() - failures.keys())
-        if runs := list(all_runs(cells)):
+        if runs := all_runs(cells):
             if isinstance(executor, Local):
                 for sentence in forecasts(cells, results, executor.jobs, executor.device):
                     report(Event("note", text=sentence))
@@ -116,7 +116,7 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
 
 def forecasts(cells: Sequence[Cell], results: Results, jobs: int, device: str) -> Iterator[str]:
     """Yields sentences on the memory and time that cells need on this machine, if known."""
-    waiting = batches(list(all_runs(cells)), jobs, device)
+    waiting = batches(all_runs(cells), jobs, device)
     jobs = min(jobs, len(waiting))
     statuses = cell_statuses(cells, results, jobs, device)
     memory = memory_sentence([run for batch in waiting[:jobs] for run in batch], device)

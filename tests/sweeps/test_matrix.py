@@ -59,7 +59,7 @@ def refused_for(cells_in):
 )
 def test_shipped_matrices_have_expected_cells_and_runs(name, cells, runs, tmp_path):
     listed = cells_of(name, tmp_path)
-    assert (len(listed), len(list(all_runs(listed)))) == (cells, runs)
+    assert (len(listed), len(all_runs(listed))) == (cells, runs)
     assert {run.engine for run in all_runs(listed)} == {"batched"}
 
 

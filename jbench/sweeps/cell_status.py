@@ -157,10 +157,11 @@ def _measured(results: Results, device: str) -> dict[str, tuple[float | None, st
         time, steps = summary.get("wall_time"), summary.get("steps_done")
         if record.status == "finished" and here and time and steps:
             run = read_run(record.settings)
-            for free in (SEED, COST):
+            with contextlib.suppress(TypeError):  # manifests of others may hold anything
                 # The runs of a process share a core, and each records the whole time.
                 per_step = time / steps / (summary.get("together") or 1)
-                seconds.setdefault(alike(run, free), []).append(per_step)
+                for free in (SEED, COST):
+                    seconds.setdefault(alike(run, free), []).append(per_step)
     return {key: (statistics.median(s), "measured runs") for key, s in seconds.items()}
 
 

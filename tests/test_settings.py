@@ -3,8 +3,7 @@
 import pytest
 
 from jbench.settings.algorithms import algorithm_settings
-from jbench.settings.alike import alike, comparable, flatten
-from jbench.settings.recorded import Unreadable, read_run
+from jbench.settings.recorded import Unreadable, alike, comparable, flatten, read_run
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels, variant_words

@@ -8,7 +8,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import in_prose
-from jbench.settings.alike import variant
+from jbench.settings.recorded import variant
 from jbench.store import schema
 from jbench.store.parquet import to_table
 from jbench.wording import are, counted

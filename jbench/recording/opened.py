@@ -15,8 +15,7 @@ from jbench.report.data.configuration import Configuration, long_frame, with_ret
 from jbench.report.data.curves import QUANTILES, Curve
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
-from jbench.settings.alike import flatten
-from jbench.settings.recorded import Run, parse_run
+from jbench.settings.recorded import Run, flatten, parse_run
 from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
 

@@ -12,8 +12,8 @@ from jbench.names import ENCODER_KINDS, TASKS
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
 from jbench.report.data.returns import shown_representation
-from jbench.settings.alike import ENCODER_VARIANT
 from jbench.settings.base import settings_hash
+from jbench.settings.recorded import ENCODER_VARIANT
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 

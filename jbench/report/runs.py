@@ -14,8 +14,7 @@ from jbench.report.data.build import divergence
 from jbench.report.data.configuration import ID, OWN, with_returns
 from jbench.report.data.returns import FILE, clean, display_name, shown_representation
 from jbench.report.data.sources import Source
-from jbench.settings.alike import flatten
-from jbench.settings.recorded import parse_run
+from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import value_text
 

@@ -1,9 +1,9 @@
 """Hyperparameters of the four algorithms, with stable-baselines3's names.
 
-"Table 1" is the paper's; where it gives no value, the paper used the defaults of stable-baselines 2
-(section 5, Table 1), which differ from those of stable-baselines3. "Script" is the authors'
-training script, which runs stable-baselines 2 and differs from Table 1; `docs/agents.md` lists the
-differences.
+The defaults of the classes are the published settings. "Table 1" is the paper's; where it gives no
+value, the paper used the defaults of stable-baselines 2 (section 5, Table 1), which differ from
+those of stable-baselines3. "Script" is the authors' training script, which runs stable-baselines 2
+and differs from Table 1; `docs/agents.md` lists the differences.
 """
 
 from typing import Any, Literal, Self
@@ -13,7 +13,6 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, model_validator
 from jbench.errors import RequestError
 from jbench.names import TASKS, Base
 from jbench.settings.base import Count, Settings, omissible, settings_with
-from jbench.settings.bases import CHANGES, SCRIPT
 
 Initialization = Literal["fan-in", "glorot"]
 Noise = Literal["none", "normal", "ornstein-uhlenbeck"]
@@ -37,10 +36,7 @@ class AlgorithmSettings(Settings):
 
 
 class OffPolicySettings(AlgorithmSettings):
-    """Settings of DDPG, TD3, SAC and the rules of other packages: replay buffer and action noise.
-
-    Rules of other packages have these defaults, those of SAC in stable-baselines3.
-    """
+    """Settings of DDPG, TD3, SAC and rules of other packages; the defaults are those of SAC."""
 
     buffer_size: Count = Field(1_000_000, description="transitions; Table 1")
     learning_starts: NonNegativeInt = Field(100, description="control steps until the first update")
@@ -55,8 +51,7 @@ class OffPolicySettings(AlgorithmSettings):
     noise_dt: float = Field(0.01, gt=0, description="s; stable-baselines 2")
     mirror: bool = omissible(
         False,
-        description="whether half of each minibatch are mirror images of transitions, x to -x and "
-        "the action negated; ours",
+        description="whether half of each minibatch is mirrored, x to -x and the action; ours",
     )
 
     @property
@@ -133,7 +128,6 @@ class TD3Settings(DeterministicSettings):
     learning_starts: NonNegativeInt = Field(10_000, description="Table 1")
     train_freq: Count = Field(1000, description="Table 1")
     gradient_steps: Count = Field(1000, description="Table 1")
-    tau: float = Field(0.005, gt=0, le=1, description="stable-baselines 2")
     action_noise: Noise = "normal"
     policy_delay: Count = Field(2, description="stable-baselines 2")
     target_policy_noise: float = Field(0.2, ge=0, description="stable-baselines 2")
@@ -143,10 +137,6 @@ class TD3Settings(DeterministicSettings):
 class SACSettings(OffPolicySettings):
     """SAC with a learned entropy coefficient (Haarnoja et al., 2018)."""
 
-    learning_starts: NonNegativeInt = Field(100, description="stable-baselines 2")
-    train_freq: Count = Field(1, description="stable-baselines 2")
-    gradient_steps: Count = Field(1, description="stable-baselines 2")
-    tau: float = Field(0.005, gt=0, le=1, description="stable-baselines 2")
     action_noise: Noise = "normal"
     ent_coef: NonNegativeFloat | Literal["auto"] = Field("auto", description="stable-baselines 2")
     target_entropy: float | Literal["auto"] = Field(
@@ -165,8 +155,7 @@ class PPOSettings(AlgorithmSettings):
     n_epochs: Count = Field(4, description="stable-baselines 2")
     gae_lambda: float = Field(0.95, ge=0, le=1, description="stable-baselines 2")
     clip_range: float = Field(0.2, gt=0, description="stable-baselines 2 (script: 0.1)")
-    # stable-baselines 2 clips the value function like the policy by default.
-    clip_range_vf: float | None = Field(0.2, gt=0, description="stable-baselines 2")
+    clip_range_vf: float | None = Field(0.2, gt=0, description="as clip_range; stable-baselines 2")
     normalize_advantage: bool = Field(True, description="stable-baselines 2")
     ent_coef: float = Field(0.01, ge=0, description="Table 1")
     vf_coef: float = Field(0.5, ge=0, description="stable-baselines 2 (script: 0.25)")
@@ -181,10 +170,7 @@ class PPOSettings(AlgorithmSettings):
     )
 
     def rollout_steps(self, environments: int) -> int:
-        """Returns the control steps of each environment between updates.
-
-        The number of transitions does not depend on the number of environments.
-        """
+        """Returns the control steps of each environment between updates, `n_steps` if `n_envs`."""
         return max(1, self.n_steps * self.n_envs // environments)
 
 
@@ -197,6 +183,49 @@ SETTINGS: dict[str, type[AlgorithmSettings]] = {
 
 ALGORITHMS = tuple(SETTINGS)
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
+
+SCRIPT: dict[str, dict[str, Any]] = {
+    "ddpg": {
+        **{"initialization": "glorot", "action_layer": 1},
+        **{"last_layer_bound": 3e-3, "gradients_first": True},
+    },
+    "ppo": {
+        "n_steps": 32,  # 256 over 8 environments
+        "batch_size": 64,  # 4 minibatches
+        **{"clip_range": 0.1, "clip_range_vf": 0.1, "value_loss": "max", "shared_layers": True},
+        "vf_coef": 0.25,  # stable-baselines 2: 0.5 of half the squared error
+    },
+    # The first update is at step 10,000, not one episode later.
+    "td3": {"initialization": "glorot", "learning_starts": 9_999},
+}
+
+_EVERY_STEP = {"uniform_warmup": True, "train_freq": 1, "gradient_steps": 1, "tau": 0.005}
+_PPO = {"n_epochs": 10, "clip_range_vf": None}
+_SAC = {"target_entropy": "auto"}  # minus the number of actions
+_SUITE = {**_EVERY_STEP, "hidden_layers": [256, 256], "learning_starts": 1_000, "noise_mean": 0.0}
+
+CHANGES: dict[Base, dict[str, dict[str, Any]]] = {
+    "published": {},
+    "script": SCRIPT,
+    # Defaults of stable-baselines3 2.9 that differ and are not in Table 1.
+    "sb3": {
+        "ddpg": {**_EVERY_STEP, "learning_starts": 100},
+        "ppo": {**_PPO, "batch_size": 256},  # Table 1's
+        "sac": _SAC,
+    },
+    # Other robots: stable-baselines3's defaults, but off policy with two layers of 256 units and
+    # 1,000 random steps.
+    "suite": {
+        "ddpg": {**_SUITE, "learning_rate": 1e-3, "action_noise": "normal", "noise_sigma": 0.1},
+        "ppo": {
+            **{**_PPO, "hidden_layers": [64, 64], "batch_size": 64},
+            **{"learning_rate": 3e-4, "ent_coef": 0.0},
+        },
+        "sac": {**_SUITE, **_SAC, "learning_rate": 3e-4, "action_noise": "none"},
+        "td3": {**_SUITE, "learning_rate": 1e-3, "noise_sigma": 0.1},
+    },
+}
+"""Sources of hyperparameters: in what each differs from the published ones, by algorithm."""
 
 
 def default_base(task: str, base: Base | None = None) -> Base:

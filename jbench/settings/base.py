@@ -134,16 +134,22 @@ def settings_with(
 def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: str) -> RequestError:
     """Returns an error whose message names the first invalid setting; see `settings_with`."""
     # An unknown name explains the other errors: it was meant to be another one.
-    errors = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
-    first, location = errors[0], [str(part) for part in errors[0]["loc"]]
+    first = min(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
+    *tables, name = [str(part) for part in first["loc"]] or [""]
     if first["type"] == "extra_forbidden":
-        return _unknown(location, kind, whose, what)
+        for table in tables:
+            kind, whose = kind.model_fields[table].annotation, f"[{table}]"  # type: ignore[assignment]
+        names = sorted(field.title or key for key, field in kind.model_fields.items())
+        close = closest(name, names)
+        hint = f"did you mean {close}? It" if close else "it"
+        has = ", ".join(names) or "none"
+        return RequestError(f"{whose} has no {what} {name}; {hint} has {has}.")
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, RequestError):
         return cause
-    field = kind.model_fields.get(".".join(location))
+    field = None if tables else kind.model_fields.get(name)
     # A title is the name that users know the field by.
-    named = field.title if field is not None and field.title else ".".join(location)
+    named = field.title if field is not None and field.title else ".".join([*tables, name])
     if first["type"] == "missing":
         return RequestError(f"the {what} {named} of {whose} is missing: give it a value.")
     message = first["msg"].rstrip(".")
@@ -153,13 +159,3 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: st
         message = f"it is a table: write [{named}] and its keys below it"
     subject = f"{named} of {whose} can't be {first['input']!r}: " if named else ""
     return RequestError(f"{subject}{message}.")
-
-
-def _unknown(location: list[str], kind: type[BaseModel], whose: str, what: str) -> RequestError:
-    *tables, name = location
-    for table in tables:
-        kind, whose = kind.model_fields[table].annotation, f"[{table}]"  # type: ignore[assignment]
-    names = sorted(field.title or key for key, field in kind.model_fields.items())
-    close = closest(name, names)
-    hint = f"did you mean {close}? It" if close else "it"
-    return RequestError(f"{whose} has no {what} {name}; {hint} has {', '.join(names) or 'none'}.")

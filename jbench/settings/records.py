@@ -1,12 +1,12 @@
 """Settings of everything but runs: datasets, evaluations, recorded loops and imported curves."""
 
 import re
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from jbench.names import EPISODE_STEPS, FULL, MAX_COUNT, OFE, ImportFormat, ReturnsName, TimeLimit
-from jbench.settings.base import Count, Seed, Settings, in_id, omissible
+from jbench.settings.base import Count, Seed, Settings, in_id, omissible, typed
 
 
 class Specs(Settings):
@@ -126,13 +126,11 @@ LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 
 
 class LabeledSettings(Settings):
-    """Base class of the settings of recorded training loops and of imported learning curves."""
+    """Base class of the settings of runs and of imported learning curves."""
 
     task: str
-    algo: str = Field(description="label of the algorithm, such as cleanrl-td3")
-    representation: str = Field(
-        FULL, description="label of what the agent observes: full, or one such as dae12"
-    )
+    algo: str = Field(description="name of the algorithm, such as td3, or a label")
+    representation: str = Field(FULL, description="what the agent observes: full, or such as dae12")
     seed: Seed
 
     @field_validator("task", "algo", "representation")
@@ -149,39 +147,57 @@ class LabeledSettings(Settings):
     @property
     def id(self) -> str:
         """The id, such as face_direction/cleanrl-td3/full/s03-1f9a2c4e."""
-        return f"{in_id(self.task)}/{self.algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+        task, algo = in_id(self.task), in_id(self.algo)
+        return f"{task}/{algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+
+
+class TrainedSettings(LabeledSettings):
+    """Base class of the settings of runs: what all of them record."""
+
+    specs: Specs | None = omissible(None, description="of a task of another robot")
+    encoder: str | None = Field(None, description="id of the encoder")
+    steps: Count = typed(
+        5_000_000,
+        unit="control steps",
+        description="number of control steps of each run, over all environments, such as 100k or "
+        "5e6",
+    )
+    time_limit: TimeLimit = Field(
+        "bootstrap",
+        description="treat the time limit as a truncation (bootstrap) or as terminal (terminal)",
+    )
+    evaluate_every: Count = typed(
+        None,
+        unit="control steps",
+        description="control steps between evaluations (default: a tenth of --steps, in whole "
+        "thousands, at most 50,000)",
+    )
+    evaluate_episodes: int = typed(
+        10, ge=0, le=MAX_COUNT, description="episodes per evaluation (0 disables it)"
+    )
+    hyperparameters: dict[str, Any] = Field(description="of the algorithm: JSON values by name")
 
 
 EXTERNAL: Literal["external"] = "external"
 """The engine of these runs."""
 
 
-class ExternalSettings(LabeledSettings):
+class ExternalSettings(TrainedSettings):
     """Settings that identify a run that `jbench.record` writes.
 
     jbench knows neither the algorithm nor its hyperparameters: both are recorded as given.
     """
 
-    encoder: str | None = Field(None, description="id of the encoder")
-    steps: Count = Field(description="control steps over all environments")
+    robots: ClassVar[int] = 1
+
     engine: Literal["external"] = EXTERNAL
-    time_limit: TimeLimit = "bootstrap"
-    evaluate_every: Count = Field(description="control steps between evaluations")
-    evaluate_episodes: int = Field(ge=0, le=MAX_COUNT, description="episodes in an evaluation")
-    hyperparameters: dict[str, Any] = Field(description="JSON values by name")
     augment: Seed | None = omissible(None, description="seed of the augmented robot")
-    specs: Specs | None = omissible(None, description="of a task of another robot")
 
     @model_validator(mode="after")
     def _is_of_the_jitterbug(self) -> Self:
         if self.specs is not None and self.augment is not None:
             raise ValueError(f"{self.task} has no augmented robots: leave augment out")
         return self
-
-    @property
-    def robots(self) -> int:
-        """Number of robots that are trained on in sequence."""
-        return 1
 
 
 class ImportSettings(LabeledSettings):

@@ -3,34 +3,22 @@
 from collections.abc import Iterator
 from typing import Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from jbench.names import EPISODE_STEPS, FULL, MAX_COUNT, OFE, Engine, Precision, TimeLimit, kind_in
+from jbench.names import EPISODE_STEPS, OFE, Engine, Precision, kind_in
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
-from jbench.settings.base import Count, Seed, Settings, in_id, omissible, typed, validated
-from jbench.settings.records import LABEL, OFESettings, Specs
+from jbench.settings.base import Seed, omissible, validated
+from jbench.settings.records import LABEL, OFESettings, TrainedSettings
 
 
-class RunSettings(Settings):
+class RunSettings(TrainedSettings):
     """Settings that identify a run.
 
-    To add a setting, add a field with a description: unless `RESOLVED` has its name, it is an
-    option of `jbench train` and a key of a sweep, both called by its title if it has one. Make it
+    To add a setting, add a field with a description: unless `TYPED` leaves it out, it is an option
+    of `jbench train` and a key of a sweep, both called by its title if it has one. Make it
     omissible, so that existing runs keep their ids.
     """
 
-    task: str
-    specs: Specs | None = omissible(None, description="of a task of another robot")
-    algo: str
-    representation: str = Field(FULL, description="full, an encoder's such as dae12, or ofe12")
-    encoder: str | None = Field(None, description="id of the encoder")
-    seed: Seed
-    steps: Count = typed(
-        5_000_000,
-        unit="control steps",
-        description="number of control steps of each run, over all environments, such as 100k or "
-        "5e6",
-    )
     engine: Engine = Field(
         "batched",
         json_schema_extra={"typed": None},
@@ -40,20 +28,6 @@ class RunSettings(Settings):
     package: str | None = omissible(
         None, description="distribution of an agent or an update rule that is not jbench's"
     )
-    time_limit: TimeLimit = Field(
-        "bootstrap",
-        description="treat the time limit as a truncation (bootstrap) or as terminal (terminal)",
-    )
-    evaluate_every: Count = typed(
-        None,
-        unit="control steps",
-        description="control steps between evaluations (default: a tenth of --steps, in whole "
-        "thousands, at most 50,000)",
-    )
-    evaluate_episodes: int = typed(
-        10, ge=0, le=MAX_COUNT, description="episodes per evaluation (0 disables it)"
-    )
-    hyperparameters: dict[str, Any] = Field(description="settings of the algorithm")
     augment: Seed | None = omissible(
         None, description="seed of an augmented robot, or of the first of several"
     )
@@ -89,10 +63,11 @@ class RunSettings(Settings):
 
     @field_validator("algo")
     @classmethod
-    def _fits_into_an_id(cls, algo: str) -> str:
-        if not LABEL.fullmatch(algo.replace(":", ".", 1)):
+    def _fits_into_an_id(cls, label: str, info: ValidationInfo) -> str:
+        """Replaces the check of labels: the algorithm may be MODULE:CLASS, and tasks are found."""
+        if not LABEL.fullmatch(label.replace(":", ".", 1)):
             raise ValueError(f"choose {', '.join(SETTINGS)}, or the name of an installed agent")
-        return algo
+        return label
 
     @model_validator(mode="after")
     def _is_possible(self) -> Self:
@@ -162,12 +137,6 @@ class RunSettings(Settings):
             )
 
     @property
-    def id(self) -> str:
-        """The run's id, such as face_direction/ddpg/dae12/s03-1f9a2c4e."""
-        task, algo = in_id(self.task), in_id(self.algo)
-        return f"{task}/{algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
-
-    @property
     def is_ours(self) -> bool:
         """Whether the algorithm is one of jbench's own; of others, only the names are checked."""
         return self.algo in SETTINGS
@@ -213,11 +182,8 @@ class RunSettings(Settings):
         return min(done * self.robots // self.steps, self.robots - 1)
 
 
-RESOLVED = {
-    *("task", "specs", "algo", "package", "hyperparameters", "seed"),
-    *("representation", "encoder", "encoder_draws", "ofe"),
-}
-"""Fields that follow from what users type; the others are typed as they are."""
-
-TYPED = tuple(name for name in RunSettings.model_fields if name not in RESOLVED)
-"""Fields that are options of `jbench train` and keys of a sweep."""
+_RESOLVED = """
+task specs algo package hyperparameters seed representation encoder encoder_draws ofe
+"""
+TYPED = tuple(name for name in RunSettings.model_fields if name not in _RESOLVED.split())
+"""Fields that are options of `jbench train` and keys of a sweep; the others follow from these."""

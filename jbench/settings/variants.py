@@ -7,13 +7,11 @@ from collections.abc import Callable, Collection, Mapping
 from functools import cache
 from typing import Any
 
-from jbench.settings.algorithms import SETTINGS, algorithm_settings
-from jbench.settings.alike import COMPARED, VARIANT, Flat, alike, flatten
-from jbench.settings.bases import CHANGES
-from jbench.settings.recorded import Run
+from jbench.settings.algorithms import CHANGES, SETTINGS, algorithm_settings
+from jbench.settings.recorded import COMPARED, VARIANT, Flat, Run, alike, flatten
 from jbench.settings.run import RunSettings
 
-_HYPERPARAMETERS = "hyperparameters"
+_TABLE = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
 # Settings that a name on all tasks leaves out.
@@ -46,18 +44,19 @@ def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
     if jitterbug and len(jitterbug) < len(settings):  # their defaults are others
         others = {v: run for v, run in settings.items() if v not in jitterbug}
         return variant_words(jitterbug) | variant_words(others)
-    groups: dict[str, list[str]] = {}
+    groups: dict[str, dict[str, Run]] = {}
     for variant, run in settings.items():
-        groups.setdefault(alike(run, _SAME_NAME), []).append(variant)
-    first = {variants[0]: variants for variants in groups.values()}
-    words = _labels({name: settings[name] for name in first}, _word, _SAME_NAME, always_named=True)
+        groups.setdefault(alike(run, _SAME_NAME), {})[variant] = run
+    first = dict(next(iter(group.items())) for group in groups.values())
+    words = _labels(first, _word, _SAME_NAME, always_named=True)
     named: dict[str, str] = {}
-    for name, variants in first.items():
-        for task in dict.fromkeys(settings[variant].task for variant in variants):
+    for variant, group in zip(first, groups.values(), strict=True):
+        for task in dict.fromkeys(run.task for run in group.values()):
             # Those of one task differ in their evaluations or encoders.
-            same_task = {v: settings[v] for v in variants if settings[v].task == task}
-            more = _labels(same_task, _word)
-            named |= {v: ", ".join(filter(None, (words[name], text))) for v, text in more.items()}
+            more = _labels({v: run for v, run in group.items() if run.task == task}, _word)
+            named |= {
+                v: ", ".join(filter(None, (words[variant], text))) for v, text in more.items()
+            }
     return named
 
 
@@ -112,10 +111,10 @@ def _labels(
 def _with_base(flat: Flat) -> Flat:
     """Returns settings of a run with the name of their base, or as changes of `published`."""
     algo = flat.get(("algo",))
-    if algo not in SETTINGS or not any(path[0] == _HYPERPARAMETERS for path in flat):
+    given = {path: value for path, value in flat.items() if path[0] == _TABLE}
+    if algo not in SETTINGS or not given:
         return flat
     bases = _bases(algo)
-    given = {path: value for path, value in flat.items() if path[0] == _HYPERPARAMETERS}
     base = next((name for name, values in bases.items() if values == given), "published")
     changes = given if base == "published" else bases["published"]
     return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in given} | changes
@@ -124,12 +123,8 @@ def _with_base(flat: Flat) -> Flat:
 @cache
 def _bases(algo: str) -> dict[str, Flat]:
     omitted = SETTINGS[algo].omitted()
-    return {
-        base: flatten({_HYPERPARAMETERS: omitted | values.model_dump(mode="json")})
-        for base, algorithms in CHANGES.items()
-        if base == "published" or algo in algorithms
-        for values in [algorithm_settings(algo, base)]
-    }
+    bases = (base for base in CHANGES if base == "published" or algo in CHANGES[base])
+    return {b: flatten({_TABLE: omitted | algorithm_settings(algo, b).values}) for b in bases}
 
 
 def _text(value: Any) -> str:

@@ -12,8 +12,7 @@ import pyarrow as pa
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.returns import final_evaluation, final_return
-from jbench.settings.alike import variant
-from jbench.settings.recorded import Run, Unreadable, read_run
+from jbench.settings.recorded import Run, Unreadable, read_run, variant
 from jbench.settings.variants import variant_words
 from jbench.store import schema
 from jbench.store.database import Results

@@ -11,8 +11,7 @@ import torch
 
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
-from jbench.settings.alike import COST, SEED, alike
-from jbench.settings.recorded import read_run
+from jbench.settings.recorded import COST, SEED, alike, read_run
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task, find_task
 from jbench.store import Results

@@ -17,7 +17,7 @@ from jbench.names import kind_in, known
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.verdicts import BASELINES
 from jbench.returns import final_return
-from jbench.settings.alike import SEED, alike, with_implied
+from jbench.settings.recorded import SEED, alike, with_implied
 from jbench.settings.run import RunSettings
 from jbench.statistics import FloatArray
 from jbench.statistics.sequential import BLOCK, ERROR_RATE

@@ -16,7 +16,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from jbench.settings.alike import SEED, alike
+from jbench.settings.recorded import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Results, locks

@@ -16,8 +16,7 @@ from jbench.agents.engine import SeedState
 from jbench.agents.environments import Environments, Generators
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import SavedNetwork
-from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
-from jbench.settings.bases import SCRIPT
+from jbench.settings.algorithms import ALGORITHMS, SCRIPT, algorithm_settings
 from jbench.settings.records import OFESettings
 from jbench.tasks.gym import JitterbugEnv
 from tests.training.small_runs import TanhEncoder

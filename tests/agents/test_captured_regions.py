@@ -25,8 +25,7 @@ from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Generators
-from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
-from jbench.settings.bases import SCRIPT
+from jbench.settings.algorithms import ALGORITHMS, SCRIPT, algorithm_settings
 from tests.agents.small_rules import TQC
 from tests.agents.test_batched_engine import (
     FEW,

@@ -8,8 +8,7 @@ import torch
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.ppo import Minibatch
 from jbench.agents.batched.replay import Batch
-from jbench.settings.algorithms import algorithm_settings
-from jbench.settings.bases import SCRIPT
+from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from tests.agents.batched_oracle import SIZE, build_learner, build_settings, linear_layers
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO

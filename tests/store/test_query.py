@@ -5,7 +5,7 @@ import json
 import pyarrow as pa
 import pytest
 
-from jbench.settings.alike import variant
+from jbench.settings.recorded import variant
 from jbench.store import query, schema
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed
 from tests.store.test_damage import truncate

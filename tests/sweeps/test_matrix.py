@@ -9,7 +9,7 @@ from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.names import SWEEPS, TASKS
 from jbench.settings.algorithms import ALGORITHMS
-from jbench.settings.alike import SEED, alike, variant
+from jbench.settings.recorded import SEED, alike, variant
 from jbench.settings.run import TYPED, RunSettings
 from jbench.store import Results
 from jbench.store.shipped import shipped

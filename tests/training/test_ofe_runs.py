@@ -9,7 +9,7 @@ from jbench.errors import RequestError
 from jbench.policies.find import find_policy
 from jbench.policies.network import SavedNetwork
 from jbench.policies.saved import load_agent
-from jbench.settings.alike import comparable
+from jbench.settings.recorded import comparable
 from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels

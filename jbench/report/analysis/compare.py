@@ -11,7 +11,7 @@ from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores
 from jbench.report.analysis.tasks import Range, ranges, strata, together
 from jbench.report.data.configuration import Configuration, Configurations
 from jbench.report.data.returns import FILE, KINDS
-from jbench.settings.alike import comparable
+from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 

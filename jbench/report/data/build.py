@@ -16,8 +16,7 @@ from jbench.names import ReturnsName
 from jbench.report.data.configuration import IMPORTED, KEY, OWN, Configuration, paper_order
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, FILE, TRAINING
-from jbench.settings.alike import comparable
-from jbench.settings.recorded import parse_run
+from jbench.settings.recorded import comparable, parse_run
 from jbench.settings.variants import variant_words
 from jbench.statistics import FloatArray, IntArray
 from jbench.statistics.bootstrap import MIN_SEEDS

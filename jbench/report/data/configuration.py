@@ -19,7 +19,7 @@ from jbench.report.data.returns import (
 )
 from jbench.report.request import WINDOW
 from jbench.settings.algorithms import ALGORITHMS
-from jbench.settings.alike import comparable
+from jbench.settings.recorded import comparable
 from jbench.statistics import IntArray
 
 OWN, IMPORTED = "own", "imported"

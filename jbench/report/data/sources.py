@@ -17,8 +17,7 @@ from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper
 from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
 from jbench.report.data.returns import FILE, shown_representation
 from jbench.report.request import Request, setting
-from jbench.settings.alike import flatten
-from jbench.settings.recorded import parse_run
+from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
 from jbench.store import Results, query, schema

@@ -14,7 +14,7 @@ import numpy as np
 
 from jbench.errors import WorkError
 from jbench.names import PHYSICS_STEPS
-from jbench.tasks import augmented, model
+from jbench.tasks import model, robots
 
 CONTROL_STEPS = 100  # of random torque: 1 s
 THREADS = 2
@@ -39,10 +39,10 @@ class Trial(NamedTuple):
 def attempt(seed: int, vary_masses: bool) -> Trial:
     """Simulates the robot of a seed."""
     try:
-        morphology = augmented.draw(seed, vary_masses=vary_masses)
+        morphology = robots.draw(seed, vary_masses=vary_masses)
     except WorkError:
         return Trial(-1)
-    robot = augmented.build(morphology)
+    robot = robots.build(morphology)
     data = mujoco.MjData(robot)
     model.place(data, np.array([1.0, 0, 0, 0]))
     floor, touches = robot.geom("floor").id, 0
@@ -51,7 +51,7 @@ def attempt(seed: int, vary_masses: bool) -> Trial:
         mujoco.mj_step(robot, data, nstep=PHYSICS_STEPS)
         touches += sum(floor not in contact.geom for contact in data.contact)
     warnings = int(data.warning.number.sum())
-    return Trial(morphology.redraws, augmented.standing_reward(robot), warnings, touches)
+    return Trial(morphology.redraws, robots.standing_reward(robot), warnings, touches)
 
 
 def main() -> None:

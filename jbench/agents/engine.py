@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,6 @@ from torch import Tensor
 
 from jbench.agents.divergence import Divergence
 from jbench.agents.environments import Environments, StepResult
-from jbench.closing import Closing
 from jbench.policies.network import SavedNetwork
 
 AfterStep = Callable[[NDArray[np.float64] | None], bool]
@@ -29,7 +29,7 @@ class SeedState(NamedTuple):
     scalars: dict[str, Any]  # everything else, serialisable as JSON
 
 
-class Engine(Closing):
+class Engine(AbstractContextManager["Engine"]):
     """Trains several seeds side by side; each learns what it would learn alone.
 
     Use it as a context manager: it holds threads. `control_steps` and `updates` (None if unknown)
@@ -47,7 +47,7 @@ class Engine(Closing):
         self.diverged: dict[int, Divergence] = {}
         self._rollout_steps, self._collected = rollout_steps, 0
 
-    def close(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Ends the threads."""
         self.environments.close()
 

@@ -10,7 +10,6 @@ from numpy.random import PCG64, Generator, SeedSequence
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.closing import Closing
 from jbench.encoders import Encoder, action_signs
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import Worlds, find_task
@@ -59,10 +58,10 @@ class StepResult(NamedTuple):
     episode_returns: NDArray[np.float64] | None  # (seeds, environments); None within the episodes
 
 
-class Environments(Closing):
+class Environments:
     """Seeds x environments robots of a task, reset together.
 
-    Use it as a context manager: it holds threads. The current inputs of the agents, `observations`,
+    Close them in the end: they hold threads. The current inputs of the agents, `observations`,
     are (seeds, environments, size), float32; `steps` are those of the current episode.
     """
 

@@ -2,7 +2,6 @@
 
 from jbench.simulation.find import find_task
 from jbench.simulation.robots import Robots
-from jbench.simulation.rollout import Act, ControlStep, rollout
-from jbench.simulation.task import Task, Worlds
+from jbench.simulation.task import Act, ControlStep, Task, Worlds, rollout
 
 __all__ = ["Act", "ControlStep", "Robots", "Task", "Worlds", "find_task", "rollout"]

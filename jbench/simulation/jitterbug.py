@@ -52,9 +52,6 @@ class JitterbugWorlds(Worlds):
         self._task, self._robots = task, Robots(model, count, threads)
         self.target = Target(np.zeros((count, 3)), np.zeros(count))
 
-    def close(self) -> None:
-        """Does nothing: the threads end with the object."""
-
     def reset(
         self, generators: Sequence[Generator], yaw: float | None = None
     ) -> NDArray[np.float32]:

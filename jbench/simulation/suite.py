@@ -5,6 +5,7 @@ observation and reward are Python, so threads would be slower. The only state is
 episode, since many tasks write random targets into their model at each reset.
 """
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -15,12 +16,22 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS
 from jbench.settings.records import Specs
-from jbench.simulation.task import Task, Worlds, WorldsState, model_hash
+from jbench.simulation.task import Task, Worlds, WorldsState
 
 Make = Callable[[int], Any]  # returns a new `dm_env.Environment` with this seed
 
 _ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
 _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
+
+# Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
+# a later version might add.
+_PHYSICAL = """
+body_parentid body_pos body_quat body_mass body_inertia body_ipos jnt_type jnt_axis jnt_pos
+jnt_range jnt_stiffness dof_damping dof_armature dof_frictionloss geom_type geom_size geom_pos
+geom_quat geom_friction geom_contype geom_conaffinity site_pos tendon_stiffness tendon_damping
+actuator_gear actuator_gainprm actuator_biasprm actuator_ctrlrange actuator_forcerange
+"""
+_OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
 
 
 class DmTask(Task):
@@ -55,7 +66,7 @@ class DmTask(Task):
         timestep = getattr(environment, "control_timestep", None)
         self.control_timestep = float(timestep()) if callable(timestep) else None
         self.specs = Specs(
-            model=model_hash(environment),
+            model=_model_hash(environment),
             parts=list(self.parts),
             sizes=list(self.parts.values()),
             action_minimum=self._minimum.tolist(),
@@ -214,3 +225,20 @@ class DmWorlds(Worlds):
 def _close(environment: Any) -> None:
     if callable(close := getattr(environment, "close", None)):
         close()
+
+
+def _model_hash(environment: Any) -> str | None:
+    """Returns the SHA-256 of the physical parameters of an environment's MuJoCo model, if any.
+
+    They are rounded to six digits, so that other versions of MuJoCo compile the same model.
+    """
+    model = getattr(getattr(environment, "physics", None), "model", None)
+    if model is None:
+        return None
+    digest = hashlib.sha256()
+    for holder, names in ((model, _PHYSICAL.split()), (model.opt, _OPTIONS)):
+        for name in names:
+            values = np.atleast_1d(np.asarray(getattr(holder, name), np.float64)) + 0.0
+            text = " ".join(f"{value:.6g}" for value in values.ravel())
+            digest.update(f"{name} {values.shape} {text}\n".encode())
+    return digest.hexdigest()

@@ -1,38 +1,43 @@
-"""The interface of a task: what engine, datasets, encoders and evaluations know of a robot."""
+"""The interface of a task: what engine, datasets, encoders and evaluations know of a robot.
 
-import hashlib
+Also rollouts of a policy in several worlds, and the path of a robot in an episode.
+"""
+
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from jbench.closing import Closing
+from jbench.names import EPISODE_STEPS
 from jbench.settings.records import Specs
+
+Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]
+"""Returns actions (worlds, action_size) for observations (worlds, dim(O))."""
+
+PATH_EVERY = 20
+"""Control steps between two points of a path: 0.2 s, in which the hand-written policies move up to
+6 cm, the distance between two feet. A whole episode has 51 points."""
 
 WorldsState = dict[str, NDArray[Any]]
 """What restores some worlds: arrays by name, each with a row per world."""
 
 
-# Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
-# a later version might add.
-_PHYSICAL = """
-body_parentid body_pos body_quat body_mass body_inertia body_ipos jnt_type jnt_axis jnt_pos
-jnt_range jnt_stiffness dof_damping dof_armature dof_frictionloss geom_type geom_size geom_pos
-geom_quat geom_friction geom_contype geom_conaffinity site_pos tendon_stiffness tendon_damping
-actuator_gear actuator_gainprm actuator_biasprm actuator_ctrlrange actuator_forcerange
-"""
-_OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
-
-
-class Worlds(Closing):
+class Worlds(AbstractContextManager["Worlds"]):
     """Robots of one task in separate worlds, stepped together; their episodes begin together.
 
     A world's numbers depend neither on the other worlds nor on the number of threads. Use it as a
     context manager: it may hold threads.
     """
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Releases what the worlds hold: nothing by default, since threads end with the object."""
 
     @abstractmethod
     def reset(self, generators: Sequence[Generator]) -> NDArray[np.float32]:
@@ -109,18 +114,26 @@ class Task(Protocol):
         """
 
 
-def model_hash(environment: Any) -> str | None:
-    """Returns the SHA-256 of the physical parameters of an environment's MuJoCo model, if any.
+class ControlStep(NamedTuple):
+    """A control step of all worlds."""
 
-    They are rounded to six digits, so that other versions of MuJoCo compile the same model.
-    """
-    model = getattr(getattr(environment, "physics", None), "model", None)
-    if model is None:
-        return None
-    digest = hashlib.sha256()
-    for holder, names in ((model, _PHYSICAL.split()), (model.opt, _OPTIONS)):
-        for name in names:
-            values = np.atleast_1d(np.asarray(getattr(holder, name), np.float64)) + 0.0
-            text = " ".join(f"{value:.6g}" for value in values.ravel())
-            digest.update(f"{name} {values.shape} {text}\n".encode())
-    return digest.hexdigest()
+    observations: NDArray[np.float32]  # (worlds, dim(O)) before the action, float32
+    actions: NDArray[np.floating]  # (worlds, action_size) of the policy
+    rewards: NDArray[np.floating]  # (worlds,) of the state after the action
+    next_observations: NDArray[np.float32]  # (worlds, dim(O)) of that state, float32
+
+
+def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iterator[ControlStep]:
+    """Yields the control steps of an episode in each world, from what `worlds.reset` returned."""
+    for _ in range(EPISODE_STEPS):
+        actions = np.asarray(act(observations))
+        next_observations, rewards = worlds.step(actions)
+        yield ControlStep(observations, actions, rewards, next_observations)
+        observations = next_observations
+
+
+class Path(NamedTuple):
+    """Path of a robot in an episode."""
+
+    points: NDArray[np.float32]  # (n, 3) x, y (m), heading (rad) every `PATH_EVERY` steps
+    target: dict[str, float]  # its random numbers: "x" and "y" (m), "yaw" (rad), or some of them

@@ -10,7 +10,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Act, Worlds, find_task, rollout
-from jbench.simulation.rollout import PATH_EVERY, Path
+from jbench.simulation.task import PATH_EVERY, Path
 from jbench.tasks import resets
 
 FINAL_EPISODES = 100

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
 from jbench.settings.base import Settings
-from jbench.simulation.rollout import PATH_EVERY, Path
+from jbench.simulation.task import PATH_EVERY, Path
 from jbench.store import Record, schema
 
 POLICY_EVALUATION = "policy_evaluation"

@@ -1,5 +1,6 @@
 """An agent of stable-baselines3, or of a class with its interface, trained by its own loop."""
 
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
@@ -9,14 +10,13 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from jbench.agents import sb3
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.agents.engine import AfterStep
-from jbench.closing import Closing
 from jbench.encoders import Encoder, on_observations
 from jbench.policies.network import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.training.environment import RobotSequence
 
 
-class SB3Engine(Closing):
+class SB3Engine(AbstractContextManager["SB3Engine"]):
     """Has the interface of `Engine` for one seed, except for its state: such a run starts over."""
 
     is_resumable, keeps_policy_exactly = False, True
@@ -40,7 +40,7 @@ class SB3Engine(Closing):
         made: int = self._agent._n_updates
         return made
 
-    def close(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Closes the environments."""
         if (env := self._agent.get_env()) is not None:
             env.close()

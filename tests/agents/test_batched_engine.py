@@ -1,6 +1,7 @@
 """Tests of engines: independent seeds, resuming, and agreement with stable-baselines3."""
 
 import json
+from contextlib import closing
 from types import SimpleNamespace
 
 import numpy as np
@@ -224,8 +225,10 @@ def test_environments_equal_gymnasium_environment():
             env.np_random = generator
     envs = plain[0]
     seen = [env.reset()[0] for env in envs]
-    with Environments(
-        "move_to_pose", (3, 4), 2, episode_steps=LENGTH, threads=2, augment=robots.__getitem__
+    with closing(
+        Environments(
+            "move_to_pose", (3, 4), 2, episode_steps=LENGTH, threads=2, augment=robots.__getitem__
+        )
     ) as environments:
         np.testing.assert_array_equal(environments.observations.reshape(4, -1), seen)
         returns = np.zeros(4)

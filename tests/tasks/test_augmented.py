@@ -9,9 +9,8 @@ import pytest
 
 from jbench.errors import WorkError
 from jbench.names import PHYSICS_STEPS
-from jbench.tasks import augmented, model
-from jbench.tasks.augmented import LEGS, Morphology
-from jbench.tasks.robots import load_model
+from jbench.tasks import model, robots
+from jbench.tasks.robots import LEGS, Morphology, load_model
 
 NONE = (0.0, 0.0, 0.0)
 
@@ -33,8 +32,8 @@ def plain(robot):
 def draws():
     """300 morphologies as drawn, without the check that the robots stand."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(augmented, "is_usable", lambda morphology: True)
-        return [augmented.draw.__wrapped__(seed, vary_masses=True) for seed in range(300)]
+        patch.setattr(robots, "is_usable", lambda morphology: True)
+        return [robots.draw.__wrapped__(seed, vary_masses=True) for seed in range(300)]
 
 
 def ends(robot, geom):
@@ -47,7 +46,7 @@ def ends(robot, geom):
 
 
 def test_model_without_shifts_equals_plain_robot(general):
-    robot, parts = augmented.build(Morphology(0)), ("body_", "jnt_", "dof_", "geom_", "actuator_")
+    robot, parts = robots.build(Morphology(0)), ("body_", "jnt_", "dof_", "geom_", "actuator_")
     for field in [name for name in dir(general) if name.startswith(parts)]:
         found, expected = getattr(robot, field), getattr(general, field)
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15, err_msg=field)
@@ -61,7 +60,7 @@ def test_model_without_shifts_equals_plain_robot(general):
     [(1, (2.62, -2.88)), (2, (-2.62, -3.48)), (3, (2.02, -3.48)), (4, (-2.02, -2.88))],
 )
 def test_axes_of_shoulder_and_elbow_follow_knee(leg, axis):
-    robot = augmented.build(Morphology(seed=0, knees=only(leg, (0.003, 0.002, -0.001))))
+    robot = robots.build(Morphology(seed=0, knees=only(leg, (0.003, 0.002, -0.001))))
     for joint in ("shoulder", "elbow"):
         found = robot.joint(f"leg{leg}_{joint}").axis
         np.testing.assert_allclose(found, (*(axis / np.linalg.norm(axis)), 0), atol=1e-12)
@@ -71,7 +70,7 @@ def test_axes_of_shoulder_and_elbow_follow_knee(leg, axis):
 def test_moved_knee_and_foot_move_all_attached_parts_and_no_other_leg(plain, leg):
     shift, step = np.array((0.003, -0.002, 0.001)), np.array((0.001, 0.002, 0.003))
     moved = {"knees": only(leg, tuple(shift)), "feet": only(leg, tuple(step))}
-    robot = augmented.build(Morphology(seed=0, **moved))
+    robot = robots.build(Morphology(seed=0, **moved))
     knee = np.array(KNEES[leg]) / 100 + shift
     (upper_knee, hip), (foot, lower_knee) = (
         ends(robot, f"leg{leg}_{part}") for part in ("upper", "lower")
@@ -92,7 +91,7 @@ def test_moved_knee_and_foot_move_all_attached_parts_and_no_other_leg(plain, leg
 
 
 def test_motor_mass_is_moved_and_resized(plain):
-    robot = augmented.build(
+    robot = robots.build(
         Morphology(0, mass=(0.001, -0.0005, 0.002), mass_semi_axes=(0.001, -0.001, 0.0005))
     )
     np.testing.assert_allclose(robot.geom("mass").pos, (0.0053, -0.0045, 0.028), atol=1e-12)
@@ -103,7 +102,7 @@ def test_motor_mass_is_moved_and_resized(plain):
 
 
 def test_densities_change_masses_of_their_parts(plain):
-    robot = augmented.build(
+    robot = robots.build(
         Morphology(0, torso_upper_density=11.5, torso_lower_density=-70, default_density=770)
     )
     # Volumes by hand: boxes of 11 x 12 x 22 and 16 x 12 x 16 mm.
@@ -120,7 +119,7 @@ def test_densities_change_masses_of_their_parts(plain):
 
 
 def test_gear_changes_torque():
-    robot = augmented.build(Morphology(0, gear=0.001))
+    robot = robots.build(Morphology(0, gear=0.001))
     data = mujoco.MjData(robot)
     data.ctrl[0] = 1
     mujoco.mj_forward(robot, data)
@@ -161,16 +160,16 @@ def test_motor_mass_shift_is_truncated_normal(draws):
 
 
 def test_seed_determines_morphology():
-    first = augmented.draw(3)
-    augmented.draw.cache_clear()
-    assert augmented.draw(3) == first
+    first = robots.draw(3)
+    robots.draw.cache_clear()
+    assert robots.draw(3) == first
     assert first.seed == 3
-    assert augmented.draw(4).knees != first.knees
+    assert robots.draw(4).knees != first.knees
 
 
 def test_masses_vary_only_with_vary_masses():
-    morphology = augmented.draw(5)
-    varied = augmented.draw(5, vary_masses=True)
+    morphology = robots.draw(5)
+    varied = robots.draw(5, vary_masses=True)
     names = ("torso_upper_density", "torso_lower_density", "default_density", "gear")
     assert [getattr(morphology, name) for name in names] == [0] * 4
     assert all(getattr(varied, name) for name in names)
@@ -183,7 +182,7 @@ def test_masses_vary_only_with_vary_masses():
 )
 def test_robot_stands_and_steps_without_warning(seed, vary_masses):
     robot = load_model(seed, vary_masses=vary_masses)
-    assert augmented.standing_reward(robot) > 0.9
+    assert robots.standing_reward(robot) > 0.9
     data = mujoco.MjData(robot)
     model.place(data, np.array([1.0, 0, 0, 0]))
     for control in np.random.default_rng(seed).uniform(-1, 1, 100):
@@ -203,8 +202,8 @@ def test_robot_stands_and_steps_without_warning(seed, vary_masses):
     ],
 )
 def test_robot_that_cannot_compile_or_stand_is_not_usable(name, value):
-    assert augmented.is_usable(Morphology(0))
-    assert not augmented.is_usable(Morphology(0, **{name: value}))
+    assert robots.is_usable(Morphology(0))
+    assert not robots.is_usable(Morphology(0, **{name: value}))
 
 
 def test_unusable_draw_is_redrawn_and_counted(monkeypatch):
@@ -214,9 +213,9 @@ def test_unusable_draw_is_redrawn_and_counted(monkeypatch):
         refused.append(morphology)
         return len(refused) == 3
 
-    first = augmented.draw(7)
-    monkeypatch.setattr(augmented, "is_usable", third_time)
-    third = augmented.draw.__wrapped__(7)
+    first = robots.draw(7)
+    monkeypatch.setattr(robots, "is_usable", third_time)
+    third = robots.draw.__wrapped__(7)
     assert refused[0] == first
     assert third.redraws == 2
     assert (third, third.seed) == (refused[2], 7)
@@ -224,6 +223,6 @@ def test_unusable_draw_is_redrawn_and_counted(monkeypatch):
 
 
 def test_seed_without_usable_robot_is_error(monkeypatch):
-    monkeypatch.setattr(augmented, "is_usable", lambda morphology: False)
+    monkeypatch.setattr(robots, "is_usable", lambda morphology: False)
     with pytest.raises(WorkError, match="101 draws of seed 7 stands"):
-        augmented.draw.__wrapped__(7)
+        robots.draw.__wrapped__(7)

@@ -14,7 +14,7 @@ from dm_env import specs
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.tasks import augmented, features, rewards
+from jbench.tasks import features, rewards, robots
 from jbench.tasks.geometry import Target
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.robots import load_model
@@ -151,7 +151,7 @@ def final_positions(env):
 @pytest.mark.parametrize(
     "make",
     [
-        augmented.draw,
+        robots.draw,
         load_model,
         lambda seed: JitterbugEnv("face_direction", augment=seed),
         lambda seed: gymnasium.make("AugmentedJitterbug/MoveToPose-v0", augment=seed),

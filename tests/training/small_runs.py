@@ -1,6 +1,5 @@
 """Settings of short runs, and readers of their rows."""
 
-import importlib
 import itertools
 from collections import Counter
 
@@ -15,6 +14,7 @@ from jbench.registration import environment_id, register_environments
 from jbench.settings import run
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
+from jbench.simulation import task as worlds
 from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.training import engines, log, repeat, status
@@ -27,8 +27,7 @@ EPISODE = 50
 def shorten_episodes(set_attribute=setattr, steps=EPISODE):
     """Makes the episodes of training, of evaluations and of Gymnasium's environments shorter."""
     # Each module has its own constant for the length.
-    rollout = importlib.import_module("jbench.simulation.rollout")  # the package exports a function
-    for module in (engines, evaluate, log, repeat, request, rollout, run, status):
+    for module in (engines, evaluate, log, repeat, request, run, status, worlds):
         set_attribute(module, "EPISODE_STEPS", steps)
     register_environments()
     for task, augmented in itertools.product(TASKS, (False, True)):

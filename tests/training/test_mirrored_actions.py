@@ -1,6 +1,7 @@
 """Tests that every robot gets the actions that an encoder has mirrored: in training, evaluations,
 saved and exported policies, Gymnasium's environment, and recorded runs."""
 
+from contextlib import closing
 from types import SimpleNamespace
 
 import gymnasium
@@ -60,9 +61,9 @@ def environments(*encoders):
 def test_robots_in_training_get_negated_actions_where_target_is_on_right():
     random = np.random.default_rng(0)
     with (
-        environments(None, None) as robots,
-        environments(
-            planar_encoder(TASK, PlanarReduction), planar_encoder(TASK, PlanarMirror)
+        closing(environments(None, None)) as robots,
+        closing(
+            environments(planar_encoder(TASK, PlanarReduction), planar_encoder(TASK, PlanarMirror))
         ) as agents,
     ):
         signs = []
@@ -119,7 +120,7 @@ def test_wrapped_environment_negates_actions_where_target_is_on_right(policy):
 
 
 def test_agent_of_other_package_acts_for_robot(policy):
-    with plugin_engine_of(encoder=policy.agent.encoder) as engine, engine.environments:
+    with plugin_engine_of(encoder=policy.agent.encoder) as engine:
         images = mirrored(TASK, policy.observations)
         actions = engine.act(policy.observations[None])
         assert np.abs(actions).max() > 0.1

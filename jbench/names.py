@@ -146,11 +146,6 @@ def kind_in(representation: str) -> str:
     return representation.rstrip("0123456789") if match is None else match["kind"]
 
 
-def number_in_name(digits: str) -> int:
-    """Returns the number of digits as in dae12, at most 10^9; Python refuses to read thousands."""
-    return int(digits) if len(digits) < 10 else 10**9
-
-
 MAX_SEED = 2**63 - 1
 """The database stores seeds as signed 64-bit integers."""
 

@@ -9,24 +9,13 @@ _STATE = ("position", "velocity", "motor_position", "motor_velocity")
 class TaskSpec:
     """One of the five tasks as data (paper, section 4.2).
 
-    `rewards` are the names of the terms whose product is the reward. The target is at the origin
-    with yaw 0 unless they are drawn.
+    `rewards` are the names of the terms whose product is the reward, and `target` those of the
+    target's numbers that are drawn, in order: x and y (m), and yaw (rad). The others are 0.
     """
 
     features: tuple[str, ...]
     rewards: tuple[str, ...]
-    draws_position: bool = False
-    draws_yaw: bool = False
-
-    @property
-    def rewards_position(self) -> bool:
-        """Whether the reward depends on the robot's position."""
-        return not {"near", "away"}.isdisjoint(self.rewards)
-
-    @property
-    def target_numbers(self) -> tuple[str, ...]:
-        """The numbers of a target that are random, in order: x and y (m), and yaw (rad)."""
-        return ("x", "y") * self.draws_position + ("yaw",) * self.draws_yaw
+    target: tuple[str, ...] = ()
 
 
 _ANGLE, _TARGET = "angle_to_target", "target_in_jitterbug_frame"
@@ -34,15 +23,13 @@ _ANGLE, _TARGET = "angle_to_target", "target_in_jitterbug_frame"
 TASK_SPECS = {
     # "away" is what is left of 1 by "near", the target being at the origin.
     "move_from_origin": TaskSpec(_STATE, ("away", "upright")),
-    "face_direction": TaskSpec((*_STATE, _ANGLE), ("heading", "upright"), draws_yaw=True),
+    "face_direction": TaskSpec((*_STATE, _ANGLE), ("heading", "upright"), ("yaw",)),
     "move_in_direction": TaskSpec(
-        (*_STATE, _ANGLE, "speed_in_target_frame"), ("speed", "upright"), draws_yaw=True
+        (*_STATE, _ANGLE, "speed_in_target_frame"), ("speed", "upright"), ("yaw",)
     ),
-    "move_to_position": TaskSpec((*_STATE, _TARGET), ("near", "upright"), draws_position=True),
+    "move_to_position": TaskSpec((*_STATE, _TARGET), ("near", "upright"), ("x", "y")),
     "move_to_pose": TaskSpec(
-        *((*_STATE, _TARGET, _ANGLE), ("near", "heading", "upright")),
-        draws_position=True,
-        draws_yaw=True,
+        (*_STATE, _TARGET, _ANGLE), ("near", "heading", "upright"), ("x", "y", "yaw")
     ),
 }
 """The five tasks in the paper's order of increasing difficulty."""

@@ -44,7 +44,7 @@ def evaluate(
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     output = Output(json)
     database, policy, task = _find(results, policy, policy_option, task, "face_direction")
-    if target_yaw is not None and task in TASK_SPECS and not TASK_SPECS[task].draws_yaw:
+    if target_yaw is not None and task in TASK_SPECS and "yaw" not in TASK_SPECS[task].target:
         raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
     settings = validated(
         EvaluationSettings,

@@ -17,7 +17,7 @@ from jbench import plugins
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.encoders.states import split_episodes
 from jbench.errors import RequestError, WorkError
-from jbench.names import ENCODER_KINDS, EPISODE_STEPS, OFE, REPRESENTATION, known, number_in_name
+from jbench.names import ENCODER_KINDS, EPISODE_STEPS, OFE, REPRESENTATION, known
 from jbench.settings.base import Seed, Settings, in_id, settings_hash, settings_with, validated
 
 _WHAT = "kind of encoder"
@@ -170,7 +170,7 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
     scales = {option: match[option] for option in _SCALES if match and match[option]}
     latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
     if match and match["latents"]:
-        latents = number_in_name(match["latents"])
+        latents = int(match["latents"][:10])  # Python refuses to read thousands
     problem = _wrong_size(kind, task, latents)
     if problem is None:
         return EncoderSettings(kind=kind, task=task, dataset="any", latents=latents, options=scales)

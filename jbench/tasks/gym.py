@@ -193,9 +193,9 @@ def outcome(
     """
     values = features.features(task, state, target)
     info = {}
-    if TASK_SPECS[task].target_numbers:
+    if TASK_SPECS[task].target:
         info["target"] = resets.target_numbers(task, target)
-    if TASK_SPECS[task].rewards_position:
+    if not {"near", "away"}.isdisjoint(TASK_SPECS[task].rewards):
         info["distance"] = distance_to_target(state, target)
     angle = None
     if "angle_to_target" in values:

@@ -45,23 +45,28 @@ def draw_quaternion(random: Random) -> NDArray[np.float64]:
 
 def draw_target(task: str, random: Random) -> Target:
     """Draws the target of an episode of a task: position (3,) and yaw ()."""
-    spec = TASK_SPECS[task]
+    drawn = TASK_SPECS[task].target
     bearing, radius, yaw = 0.0, 0.0, 0.0
-    if spec.draws_position:
+    if "x" in drawn:
         bearing = random.uniform(0, 2 * math.pi)
         radius = random.uniform(*_TARGET_RADIUS)
-    if spec.draws_yaw:
+    if "yaw" in drawn:
         yaw = random.uniform(0, 2 * math.pi)
     position = np.array([radius * math.cos(bearing), radius * math.sin(bearing), TARGET_HEIGHT])
     return Target(position, np.float64(yaw))
 
 
 def target_numbers(task: str, target: Target) -> Array:
-    """Returns the (..., n) random numbers of targets, see `TaskSpec.target_numbers`."""
-    spec = TASK_SPECS[task]
-    position = target.position[..., : 2 * spec.draws_position]
-    yaw = np.asarray(target.yaw)[..., None][..., : int(spec.draws_yaw)]
-    return np.concatenate([position, yaw], axis=-1)
+    """Returns the (..., n) random numbers of targets, see `TaskSpec.target`."""
+    yaw = np.asarray(target.yaw)[..., None]
+    return np.concatenate([target.position[..., :2], yaw], axis=-1)[..., _drawn(task)]
+
+
+def _drawn(task: str) -> slice:
+    """Returns where the random numbers of a task's targets are among x, y and yaw."""
+    names = TASK_SPECS[task].target
+    first = 0 if "x" in names else 2
+    return slice(first, first + len(names))
 
 
 def option_target(
@@ -81,7 +86,7 @@ def option_target(
         raise RequestError(f"reset has no option {', '.join(unknown)}; it has target.")
     if not options:
         return None
-    numbers, names = options["target"], TASK_SPECS[task].target_numbers
+    numbers, names = options["target"], TASK_SPECS[task].target
     if not names:
         raise RequestError(f"{task} has no target to choose: leave out the option target.")
     shapes = [(len(names),)] if count is None else [(len(names),), (count, len(names))]
@@ -94,8 +99,8 @@ def option_target(
             f"The target of {task} is an array ({', '.join(names)}) of finite numbers, of shape "
             f"{in_prose(map(str, shapes))}, not {numbers!r}."
         )
-    chosen = np.broadcast_to(chosen, shapes[-1])
-    by_name = dict(zip(names, np.moveaxis(chosen, -1, 0), strict=True))
-    zero = np.zeros(chosen.shape[:-1])
-    x, y, yaw = (by_name.get(name, zero) for name in ("x", "y", "yaw"))
-    return Target(np.stack([x, y, zero + TARGET_HEIGHT], axis=-1), np.array(yaw))
+    position = np.zeros((*shapes[-1][:-1], 3))
+    position[..., _drawn(task)] = chosen
+    yaw = np.array(position[..., 2])
+    position[..., 2] = TARGET_HEIGHT
+    return Target(position, yaw)

@@ -10,7 +10,7 @@ from jbench.devices import find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, OFE, known, number_in_name
+from jbench.names import EPISODE_STEPS, OFE, known
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.base import settings_with, validated
 from jbench.settings.records import OFESettings
@@ -126,7 +126,7 @@ def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
         raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
     for option in options:
         known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
-    return settings_with(OFESettings, name, {**options, "units": number_in_name(match[1])})
+    return settings_with(OFESettings, name, {**options, "units": int(match[1][:10])})
 
 
 def training_device(

@@ -109,7 +109,7 @@ def encoded(task, state, target):
 
 def at_origin(task, target):
     """The target of a task: at the origin, unless the task draws its position."""
-    if TASK_SPECS[task].draws_position:
+    if "x" in TASK_SPECS[task].target:
         return target
     return target._replace(position=np.array([0, 0, geometry.TARGET_HEIGHT]))
 

@@ -86,7 +86,7 @@ class PlanarReduction(Fitted):
         if "target_in_jitterbug_frame" in by_name:
             way = _tilted(length, a, b, by_name["target_in_jitterbug_frame"])
             numbers |= by_axis("target", way[:2])
-        elif TASK_SPECS[task].rewards_position:
+        elif "away" in TASK_SPECS[task].rewards:
             way = rotated_in_plane(cosine, -sine, -position[..., 0], -position[..., 1])
             numbers |= by_axis("target", way)
         if "angle_to_target" in by_name:
@@ -108,7 +108,7 @@ class PlanarReduction(Fitted):
             return [numbers.get(f"{name}_{axis}", zero) for axis in "xyz"]
 
         *way, _ = vector("target")
-        home = [zero, zero] if TASK_SPECS[task].draws_position else [-part for part in way]
+        home = [zero, zero] if "x" in TASK_SPECS[task].target else [-part for part in way]
         place = [numbers.get(axis, part) for axis, part in zip("xy", home, strict=True)]
         cosine, sine = numbers.get("cosine", zero + 1), numbers.get("sine", zero)
         length = xp.sqrt(xp.clip(cosine * cosine + sine * sine, 1e-12, None))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from jbench.cores import cores
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, in_prose
-from jbench.simulation.robots import Robots
+from jbench.simulation.jitterbug import Robots
 from jbench.tasks import resets
 from jbench.tasks.geometry import State, Target
 from jbench.tasks.gym import JitterbugEnv, outcome

@@ -31,12 +31,9 @@ def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:
 def read_state(
     qpos: NDArray[np.float64], qvel: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> State:
-    """Returns the tasks' `State`, a copy, of a batch of robots.
+    """Returns the tasks' `State`, a copy, of robots with these joint positions and velocities.
 
-    Args:
-        qpos: (..., 16) joint positions.
-        qvel: (..., 15) joint velocities.
-        offset: (3,) the torso's center of mass, from `torso_offset`.
+    They are (..., 16) and (..., 15); `offset` is the torso's center of mass, by `torso_offset`.
     """
     position, velocity = qpos[..., :7].copy(), qvel[..., :6].copy()
     return State(

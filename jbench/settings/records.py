@@ -1,7 +1,7 @@
 """Settings of everything but runs: datasets, evaluations, recorded loops and imported curves."""
 
 import re
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -131,7 +131,8 @@ class LabeledSettings(Settings):
     task: str
     algo: str = Field(description="name of the algorithm, such as td3, or a label")
     representation: str = Field(FULL, description="what the agent observes: full, or such as dae12")
-    seed: Seed
+    if TYPE_CHECKING:
+        seed: Seed  # a field of the subclasses, in the order of each
 
     @field_validator("task", "algo", "representation")
     @classmethod
@@ -156,6 +157,7 @@ class TrainedSettings(LabeledSettings):
 
     specs: Specs | None = omissible(None, description="of a task of another robot")
     encoder: str | None = Field(None, description="id of the encoder")
+    seed: Seed
     steps: Count = typed(
         5_000_000,
         unit="control steps",
@@ -176,6 +178,15 @@ class TrainedSettings(LabeledSettings):
         10, ge=0, le=MAX_COUNT, description="episodes per evaluation (0 disables it)"
     )
     hyperparameters: dict[str, Any] = Field(description="of the algorithm: JSON values by name")
+    augment: Seed | None = omissible(
+        None, description="seed of an augmented robot, or of the first of several"
+    )
+
+    @model_validator(mode="after")
+    def _has_the_robot(self) -> Self:
+        if self.specs is not None and self.augment is not None:
+            raise ValueError(f"{self.task} has no augmented robots: leave them out")
+        return self
 
 
 EXTERNAL: Literal["external"] = "external"
@@ -189,20 +200,13 @@ class ExternalSettings(TrainedSettings):
     """
 
     robots: ClassVar[int] = 1
-
     engine: Literal["external"] = EXTERNAL
-    augment: Seed | None = omissible(None, description="seed of the augmented robot")
-
-    @model_validator(mode="after")
-    def _is_of_the_jitterbug(self) -> Self:
-        if self.specs is not None and self.augment is not None:
-            raise ValueError(f"{self.task} has no augmented robots: leave augment out")
-        return self
 
 
 class ImportSettings(LabeledSettings):
     """Settings that identify an import: the content of its files and how they were read."""
 
+    seed: Seed
     format: ImportFormat
     returns: ReturnsName
     files: list[str] = Field(min_length=1, description="SHA-256 of each file")

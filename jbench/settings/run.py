@@ -7,7 +7,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from jbench.names import EPISODE_STEPS, OFE, Engine, Precision, kind_in
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
-from jbench.settings.base import Seed, omissible, validated
+from jbench.settings.base import omissible, validated
 from jbench.settings.records import LABEL, OFESettings, TrainedSettings
 
 
@@ -19,6 +19,9 @@ class RunSettings(TrainedSettings):
     omissible, so that existing runs keep their ids.
     """
 
+    robots: int = omissible(
+        1, ge=1, description="number of augmented robots to train on in sequence, from --augment on"
+    )
     engine: Engine = Field(
         "batched",
         json_schema_extra={"typed": None},
@@ -27,12 +30,6 @@ class RunSettings(TrainedSettings):
     )
     package: str | None = omissible(
         None, description="distribution of an agent or an update rule that is not jbench's"
-    )
-    augment: Seed | None = omissible(
-        None, description="seed of an augmented robot, or of the first of several"
-    )
-    robots: int = omissible(
-        1, ge=1, description="number of augmented robots to train on in sequence, from --augment on"
     )
     precision: Precision = omissible(
         "float32",
@@ -82,8 +79,6 @@ class RunSettings(TrainedSettings):
             _ = self.algorithm  # which checks the hyperparameters
         elif self.engine == "sb3" and ":" not in self.algo:
             yield f"the engine {self.engine} has no {self.algo}"
-        if self.specs is not None and self.augment is not None:
-            yield f"{self.task} has no augmented robots: leave augment and robots out"
         if self.specs is not None and self.hyperparameters.get("mirror"):
             yield f"no mirror image is known of {self.task}: mirror must be false"
         if self.engine != "batched" and self.precision != "float32":

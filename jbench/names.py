@@ -13,7 +13,7 @@ _Name = TypeVar("_Name", bound=str)
 
 TASKS = tuple(TASK_SPECS)
 
-_KINDS = """
+_ROWS = """
 dae autoencoders:DenoisingAutoencoder latents of a denoising autoencoder
 dae-yaw autoencoders:DenoisingAutoencoderWithYawRate the same with the yaw rate as a latent
 ae autoencoders:Autoencoder latents of an autoencoder
@@ -34,15 +34,15 @@ inverse predictive:InverseModel latents that predict the action
 dmd linear:DynamicModes directions of a linear model of the dynamics
 contrastive predictive:Contrastive latents that tell the future of a state from others
 random-features linear:RandomFeatures tanh of random directions
-"""  # kind, module:class, and meaning
-_ROWS = [row.split(" ", 2) for row in _KINDS.strip().splitlines()]
+"""
+_KINDS = [row.split(" ", 2) for row in _ROWS.strip().splitlines()]  # name, module:class, meaning
 
-ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, path, _ in _ROWS}
+ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, path, _ in _KINDS}
 """Built-in kinds of encoders and their classes; other packages may add kinds."""
 
 MEANINGS = {
     "full": "the observation of the task",
-    **{kind: meaning for kind, _, meaning in _ROWS},
+    **{kind: meaning for kind, _, meaning in _KINDS},
     "-observation": "inputs on the observation's scale",
     "-sd": "inputs scaled to unit variance",
     "-whitened": "latents whitened",
@@ -99,16 +99,13 @@ LOGGERS: tuple[LoggerName, ...] = get_args(LoggerName)
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 
-HEURISTIC = "heuristic"
-"""The hand-written policies of all tasks."""
+HEURISTIC = "heuristic"  # the hand-written policies of all tasks
 
 POLICIES = (HEURISTIC, "random", "constant")
 """Policies of jbench that are not trained; constant:U is a constant command."""
 
 RESULTS = "results"
-
-REFERENCE = "reference"
-"""Value of `--results` for the results shipped with jbench."""
+REFERENCE = "reference"  # value of `--results` for the results shipped with jbench
 
 POLICY_NAMES = (
     f"{HEURISTIC}, random, constant:U with U in [-1, 1], the id of a run, {REFERENCE}/ID of a run "
@@ -122,15 +119,9 @@ def is_reference(path: Path) -> bool:
     return path == Path(REFERENCE) and not path.exists()
 
 
-FULL = "full"
-"""Representation of an agent that observes the full state, without an encoder."""
-
-NO_ENCODER = ("none", FULL)
-"""Values of `--encoder` for an agent without an encoder."""
-
-OFE = "ofe"
-"""Prefix of the representation of an agent whose features are learned online, such as ofe12."""
-
+FULL = "full"  # representation of an agent without an encoder
+NO_ENCODER = ("none", FULL)  # values of `--encoder` for such an agent
+OFE = "ofe"  # prefix of the representation if features are learned with the agent, such as ofe12
 
 REPRESENTATION = re.compile(
     r"(?P<kind>[a-z][a-z0-9-]*?):?(?P<latents>[0-9]+)?"
@@ -146,11 +137,8 @@ def kind_in(representation: str) -> str:
     return representation.rstrip("0123456789") if match is None else match["kind"]
 
 
-MAX_SEED = 2**63 - 1
-"""The database stores seeds as signed 64-bit integers."""
-
-MAX_COUNT = 10**15
-"""The largest number of control steps that users may type."""
+MAX_SEED = 2**63 - 1  # the database stores seeds as signed 64-bit integers
+MAX_COUNT = 10**15  # the largest number of control steps that users may type
 
 CHECKPOINT_EVERY = 60.0
 """Minimum seconds between two checkpoints of a run; a kill loses at most this and one episode."""
@@ -158,14 +146,10 @@ CHECKPOINT_EVERY = 60.0
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 """Environment of a process that trains: with more threads, sums are rounded differently."""
 
-EPISODE_STEPS = 1000
-"""Control steps in an episode, in every environment (paper, section 4.1)."""
-
-CONTROL_TIMESTEP = 0.01
-"""Seconds of simulated time in a control step (paper, section 4.1)."""
-
-PHYSICS_STEPS = 50
-"""Physics steps of 0.2 ms in a control step; the action is held constant (paper, section 4.1)."""
+# Of all tasks of the Jitterbug (paper, section 4.1); episodes of other robots are as long.
+EPISODE_STEPS = 1000  # control steps
+CONTROL_TIMESTEP = 0.01  # simulated seconds in a control step
+PHYSICS_STEPS = 50  # in a control step, of 0.2 ms; the action is held constant
 
 
 def evaluation_interval(steps: int) -> int:

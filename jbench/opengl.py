@@ -12,16 +12,13 @@ from functools import cache
 
 from jbench.errors import RequestError
 
+# Values of MUJOCO_GL: those that disable rendering, and the backends by window system, offscreen on
+# a GPU or by Mesa, and offscreen by Mesa on the CPU.
 OFF = ("disable", "disabled", "off", "false", "0")
-"""Values of MUJOCO_GL that disable rendering."""
-
 BACKENDS = ("glfw", "egl", "osmesa")
-"""Window system; offscreen on a GPU or by Mesa; offscreen by Mesa on the CPU."""
-
 _GLFW_ALIASES = ("enable", "enabled", "on", "true", "1")
 
-# Generous, for a busy machine or a driver that is loaded for the first time.
-_PROBE_SECONDS = 120
+_PROBE_SECONDS = 120  # generous, for a busy machine or a driver that is loaded for the first time
 
 # Prints the brightness at the center of a white ball, in a child process, because a broken driver
 # ends the process.

@@ -59,9 +59,7 @@ class OFESettings(Settings):
         return [self.units // layers + (i < self.units % layers) for i in range(layers)]
 
 
-JITTERBUG = "jitterbug"
-"""Robot of a dataset that serves all five tasks."""
-
+JITTERBUG = "jitterbug"  # robot of a dataset that serves all five tasks
 
 _AUGMENT = "seed of an augmented robot (default: the plain robot)"
 
@@ -189,8 +187,7 @@ class TrainedSettings(LabeledSettings):
         return self
 
 
-EXTERNAL: Literal["external"] = "external"
-"""The engine of these runs."""
+EXTERNAL: Literal["external"] = "external"  # the engine of these runs
 
 
 class ExternalSettings(TrainedSettings):

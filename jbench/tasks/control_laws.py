@@ -24,8 +24,7 @@ Array = NDArray[np.float64]
 Plane = NDArray[np.complex128]
 """Vectors in the plane of the floor as complex numbers: forward + 1j left, or x + 1j y."""
 
-_TORSO_OFFSET = (0.0, 0.006008, -0.011055)
-"""Center of mass of the torso in its own frame (m): `model.torso_offset`."""
+_TORSO_OFFSET = (0.0, 0.006008, -0.011055)  # center of mass of the torso: `model.torso_offset` (m)
 
 
 class Motion(NamedTuple):

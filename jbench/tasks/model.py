@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 from jbench.tasks.geometry import State, center_of_mass_velocity, motor_angle
 
 REST_HEIGHT = 0.035  # height of the torso's frame at the start of an episode (m)
-
-UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-"""Orientation (w, x, y, z) of the robot's rest pose, facing -y."""
-
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])  # orientation (w, x, y, z) of the rest pose, facing -y
 MOTOR = -1  # index of the motor joint in qpos and in qvel
 
 

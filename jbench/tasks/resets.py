@@ -12,8 +12,7 @@ from jbench.names import in_prose
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.geometry import TARGET_HEIGHT, Array, Target
 
-Random = np.random.Generator | np.random.RandomState
-"""A random generator; dm_control uses `RandomState`."""
+Random = np.random.Generator | np.random.RandomState  # dm_control uses the latter
 
 _MAX_TILT = 0.025  # x and y components of the rotation axis, whose z component is 1
 _TARGET_RADIUS = (0.05, 0.2)  # m

@@ -18,7 +18,7 @@ from jbench.simulation.task import Task, Worlds, WorldsState
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks import model as robot
 from jbench.tasks import resets
-from jbench.tasks.features import FEATURES, feature_labels, observation
+from jbench.tasks.features import FEATURES, observation
 from jbench.tasks.geometry import State, Target, heading
 from jbench.tasks.rewards import reward, upright_reward
 from jbench.tasks.robots import load_model
@@ -129,7 +129,8 @@ class JitterbugTask(Task):
     @property
     def labels(self) -> list[str]:
         """A name for each value of an observation, such as `position_x`."""
-        return feature_labels(self.name)
+        names = ((part, axis) for part in self.parts for axis in FEATURES[part].axes)
+        return [f"{part}_{axis}" if axis else part for part, axis in names]
 
     def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> "JitterbugWorlds":
         """Returns new worlds; see `Task.worlds`."""

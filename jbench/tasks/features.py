@@ -92,12 +92,6 @@ def by_dimension(task: str, attribute: str) -> list[Any]:
     return list(itertools.chain.from_iterable(values))
 
 
-def feature_labels(task: str) -> list[str]:
-    """Returns a name for each dimension of a task's observation."""
-    names = ((name, axis) for name in TASK_SPECS[task].features for axis in FEATURES[name].axes)
-    return [f"{name}_{axis}" if axis else name for name, axis in names]
-
-
 def observation(task: str, state: State, target: Target) -> Array:
     """Returns the (..., dim(O)) observation of a task, each feature's range mapped to [-1, 1].
 

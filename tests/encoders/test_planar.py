@@ -15,9 +15,9 @@ from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarMirror, Pl
 from jbench.encoders.predictions import predictions
 from jbench.encoders.training import fitted
 from jbench.names import TASKS
+from jbench.simulation import find_task
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks import features, geometry, model
-from jbench.tasks.features import feature_labels
 from jbench.tasks.geometry import State, Target
 from jbench.tasks.robots import load_model
 from tests.encoders.encoder_data import (
@@ -148,7 +148,7 @@ def test_observation_is_reconstructed_up_to_planar_motion(task, found):
     scaling, _ = weights_of(task)
     half_width, _ = scaling.half_width_and_center()
     difference = (rebuilt - expected) * half_width
-    labels = feature_labels(task)
+    labels = find_task(task).labels
     if "angle_to_target" in labels:
         # An angle at the end of its range, observed in units of pi.
         at = labels.index("angle_to_target")

@@ -14,8 +14,8 @@ from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import WorkError
+from jbench.simulation import find_task
 from jbench.store import Results, schema
-from jbench.tasks.features import feature_labels
 from tests.encoders.encoder_data import (
     CHEAP,
     make_dataset,
@@ -154,7 +154,7 @@ def test_each_epoch_and_feature_has_row(trained):
     epochs, features = rows(trained.record), rows(trained.record, "encoder_features")
     assert epochs["epoch"].tolist() == [1, 2, 3, 4]
     assert features["index"].tolist() == list(range(16))
-    assert features["feature"].tolist() == feature_labels("face_direction")
+    assert features["feature"].tolist() == find_task("face_direction").labels
     errors = rows(trained.record, "encoder_errors")
     for table in (epochs, features, errors):
         assert set(table["encoder"]) == {trained.record.id}
@@ -178,7 +178,7 @@ def test_loaded_encoder_equals_trained_network_and_is_described(trained):
     np.testing.assert_allclose(encoder.encode(observations), hidden, atol=1e-5)
     assert (description["kind"], description["task"]) == ("dae", "face_direction")
     assert description["options"] == DenoisingAutoencoder(**CHEAP | {"epochs": 4}).model_dump()
-    assert description["features"] == feature_labels("face_direction")
+    assert description["features"] == find_task("face_direction").labels
     np.testing.assert_array_equal(np.float32(description["minimum"]), observations.min(axis=0))
     np.testing.assert_array_equal(np.float32(description["maximum"]), observations.max(axis=0))
 

@@ -9,8 +9,8 @@ from hypothesis import assume, example, given
 from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
+from jbench.simulation import find_task
 from jbench.tasks import features, geometry, model, rewards
-from jbench.tasks.features import feature_labels
 from jbench.tasks.geometry import State, Target
 from tests.tasks.robot_states import (
     FEATURES,
@@ -127,7 +127,7 @@ def test_state_of_splits_mujoco_state():
 
 @pytest.mark.parametrize("task", TASKS)
 def test_every_dimension_has_label_starting_with_feature(task):
-    labels = feature_labels(task)
+    labels = find_task(task).labels
     owners = [name for name, size in FEATURES[task].items() for _ in range(size)]
     assert len(set(labels)) == len(labels)
     assert all(label.startswith(owner) for label, owner in zip(labels, owners, strict=True))

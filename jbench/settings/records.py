@@ -159,8 +159,7 @@ class TrainedSettings(LabeledSettings):
     steps: Count = typed(
         5_000_000,
         unit="control steps",
-        description="number of control steps of each run, over all environments, such as 100k or "
-        "5e6",
+        description="control steps of each run, over all environments, such as 100k or 5e6",
     )
     time_limit: TimeLimit = Field(
         "bootstrap",

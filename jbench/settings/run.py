@@ -44,9 +44,7 @@ class RunSettings(TrainedSettings):
     )
     ofe: OFESettings | None = omissible(None, description="features learned with the agent")
     encoder_draws: str | None = omissible(
-        None,
-        description="if each seed has an encoder trained with that seed: the hash of the encoders' "
-        "settings without their seeds",
+        None, description="hash of the encoders' settings without seeds, if each seed has its own"
     )
 
     @model_validator(mode="before")

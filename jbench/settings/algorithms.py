@@ -36,7 +36,7 @@ class AlgorithmSettings(Settings):
 
 
 class OffPolicySettings(AlgorithmSettings):
-    """Settings of DDPG, TD3, SAC and rules of other packages; the defaults are those of SAC."""
+    """Settings of DDPG, TD3, SAC and rules of other packages; defaults: stable-baselines3's SAC."""
 
     buffer_size: Count = Field(1_000_000, description="transitions; Table 1")
     learning_starts: NonNegativeInt = Field(100, description="control steps until the first update")

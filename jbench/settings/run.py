@@ -1,6 +1,5 @@
 """The settings of a run: one agent, one task, one seed."""
 
-from collections.abc import Iterator
 from typing import Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -66,27 +65,22 @@ class RunSettings(TrainedSettings):
 
     @model_validator(mode="after")
     def _is_possible(self) -> Self:
-        for sentence in (*self._contradictions(), *self._contradictions_of_features()):
-            raise ValueError(sentence)
-        return self
-
-    def _contradictions(self) -> Iterator[str]:
         if self.is_ours:
             if self.engine == "plugin":
-                yield f"{self.algo} has the engine batched or sb3, not plugin"
+                raise ValueError(f"{self.algo} has the engine batched or sb3, not plugin")
             _ = self.algorithm  # which checks the hyperparameters
         elif self.engine == "sb3" and ":" not in self.algo:
-            yield f"the engine {self.engine} has no {self.algo}"
+            raise ValueError(f"the engine {self.engine} has no {self.algo}")
         if self.specs is not None and self.hyperparameters.get("mirror"):
-            yield f"no mirror image is known of {self.task}: mirror must be false"
+            raise ValueError(f"no mirror image is known of {self.task}: mirror must be false")
         if self.engine != "batched" and self.precision != "float32":
-            yield "precision is a setting of the batched engine"
+            raise ValueError("precision is a setting of the batched engine")
         if self.engine == "sb3" and self.is_ours:
             if self.parallel is not None:
-                yield "environments is a setting of the batched engine"
+                raise ValueError("environments is a setting of the batched engine")
             unknown = set(self.hyperparameters) & set(SETTINGS[self.algo].omitted())
             if unknown:
-                yield (
+                raise ValueError(
                     f"stable-baselines3 has no {', '.join(sorted(unknown))}: choose the batched "
                     "engine, or settings other than the script's"
                 )
@@ -94,40 +88,45 @@ class RunSettings(TrainedSettings):
         # bfloat16; the layers of other packages' rules are torch's own.
         if self.precision == "bfloat16" and (self.algo == "ppo" or not self.is_ours):
             name = self.algo.upper() if self.is_ours else self.algo
-            yield f"{name} does not learn in bfloat16: precision must be float32"
+            raise ValueError(f"{name} does not learn in bfloat16: precision must be float32")
         least = self.robots * self.environments * EPISODE_STEPS
         if self.robots > 1 and self.steps % least:
             up = (self.steps // least + 1) * least
             count = self.environments
             where = f" in each of {count} environments" if count > 1 else ""
-            yield (
+            raise ValueError(
                 f"{self.robots} robots can't share {self.steps} steps equally, in episodes of "
                 f"{EPISODE_STEPS} control steps{where}: steps must be {up}, or another multiple of "
                 f"{least}"
             )
+        return self
 
-    def _contradictions_of_features(self) -> Iterator[str]:
+    @model_validator(mode="after")
+    def _has_possible_features(self) -> Self:
         name = self.representation
         if self.ofe is None:
             if kind_in(name) == OFE:
-                yield f"{name} needs the settings of its features, ofe"
-            return
+                raise ValueError(f"{name} needs the settings of its features, ofe")
+            return self
         if name != self.ofe.representation:
-            yield f"{self.ofe.units} learned features are called {self.ofe.representation}"
+            raise ValueError(
+                f"{self.ofe.units} learned features are called {self.ofe.representation}"
+            )
         if self.engine != "batched" or not self.is_ours or self.algo == "ppo":
             # PPO keeps no transitions to learn features from.
             other = "stable-baselines3" if self.engine == "sb3" else self.algo
-            yield (
+            raise ValueError(
                 f"{name} is for DDPG, TD3 and SAC of the batched engine, not for {other}; choose "
                 "td3, or another representation"
             )
         if self.encoder is not None:
-            yield f"{name} learns from observations: it can't have an encoder, too"
+            raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
         if self.hyperparameters.get("action_layer"):
-            yield (
+            raise ValueError(
                 f"{name} gives the critic features of observation and action: action_layer must "
                 "be 0"
             )
+        return self
 
     @property
     def is_ours(self) -> bool:

@@ -29,7 +29,7 @@ from dm_control import suite
 from numpy.typing import NDArray
 
 import jbench.tasks  # noqa: F401 - adds the domain to the suite
-from jbench.commands.output import Output
+from jbench.commands import output
 from jbench.datasets import collect
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.settings.records import DatasetSettings
@@ -187,7 +187,7 @@ def show(found: dict[str, NDArray[np.float64]], threads: int) -> None:
         )
     rates = ("control steps/s", "physics steps/s")
     ratios = ("rate / baseline", "CPU per step / baseline", "rate / plain dm_control")
-    Output().table(f"{threads} threads; medians of rounds", ("", *rates, *ratios), rows)
+    output.table(f"{threads} threads; medians of rounds", ("", *rates, *ratios), rows)
 
 
 def peak_memory(steps: int, threads: int) -> tuple[float, float]:

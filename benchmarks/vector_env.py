@@ -20,7 +20,7 @@ from gymnasium.vector import AsyncVectorEnv
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
 import jbench.tasks  # noqa: F401 - registers the environments
-from jbench.commands.output import Output
+from jbench.commands import output
 from jbench.cores import cores
 
 ID = "Jitterbug/MoveToPose-v0"
@@ -117,7 +117,7 @@ def main() -> None:
         )
     title = f"{arguments.envs} environments, {cores()} cores; medians of {arguments.rounds} rounds"
     header = ("", "control steps/s", "of SyncVectorEnv's", "processor time of a step (us)")
-    Output().table(title, header, rows)
+    output.table(title, header, rows)
 
 
 if __name__ == "__main__":

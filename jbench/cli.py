@@ -15,7 +15,6 @@ from jbench import __version__, names
 from jbench.commands import (
     catalog,
     checking,
-    data,
     demo,
     encoders,
     export,
@@ -24,10 +23,10 @@ from jbench.commands import (
     report,
     results,
     runs,
-    sweep,
     train,
 )
 from jbench.errors import RequestError, WorkError
+from jbench.settings.algorithms import SETTINGS
 
 app = typer.Typer(
     name="jbench",
@@ -74,14 +73,16 @@ class _Command(TyperCommand):
                 parameter.metavar = parameter.opts[0].rpartition("-")[2].upper()
 
 
+_DAE = "Train the paper's denoising autoencoder on a dataset."
+
 _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "Experiment": {
         "demo --results demo-results": demo.demo,
-        "collect --steps 100k": data.collect,
+        "collect --steps 100k": catalog.collect,
         "train-dae --task face_direction --latent 12": encoders.train_encoder,
         "train-encoder --kind pca --latent 12": encoders.train_encoder,
         "train --algo td3 --encoder dae12 --seeds 0-4 --steps 1M": train.train,
-        "sweep question --dry-run": sweep.sweep,
+        "sweep question --dry-run": train.sweep,
         "report --results reference --claims": report.report,
     },
     "Policies": {
@@ -93,7 +94,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "Lists": {
         "algorithms td3": catalog.algorithms,
         "tasks dmc:cheetah-run": catalog.tasks,
-        "datasets": data.datasets,
+        "datasets": catalog.datasets,
         "runs --algo td3 --status finished": runs.runs,
         "tail --algo td3 --last 10": runs.tail,
         "query 'SELECT run, count(*) FROM episodes GROUP BY run'": results.query,
@@ -111,14 +112,11 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
 }
 """Each command by an example, which begins with its name, by the headings of the help."""
 
-_HELP = {"train-dae": "Train the paper's denoising autoencoder on a dataset."}
-"""Help of commands that are others with their defaults."""
-
 for heading, commands in _COMMANDS.items():
     for example, command in commands.items():
         name, epilog = example.split()[0], f"Example: jbench {example}"
         add = partial(app.command, cls=_Command, epilog=epilog, rich_help_panel=heading)
-        add(name, help=_HELP.get(name))(command)
+        add(name, help=_DAE if name == "train-dae" else None)(command)
         if name == "train":
             add("train-agent", hidden=True)(command)  # as older versions called it
 
@@ -128,43 +126,43 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Most commands render nothing; without this, a machine without a display gets a warning.
     os.environ.setdefault("MUJOCO_GL", "disable")
     arguments = sys.argv[1:] if arguments is None else arguments
-    as_json, output.Output.has_document = "--json" in arguments, False
+    output.is_json, output.has_document = "--json" in arguments, False
     try:
         answer = app(arguments, prog_name="jbench", standalone_mode=False)
-        # typer returns this on Ctrl-C.
-        if answer == 128 + signal.SIGINT:
+        if answer == 128 + signal.SIGINT:  # as typer answers Ctrl-C
             raise KeyboardInterrupt
         sys.stdout.flush()
         return answer if isinstance(answer, int) else 0
     except typer.TyperException as error:
-        return _failed(_refusal(error, arguments), 2, as_json)
+        return _failed(_refusal(error, arguments), 2)
     except (RequestError, WorkError) as error:
-        return _failed(str(error), error.exit_code, as_json)
+        return _failed(str(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         with contextlib.suppress(OSError):
             sentence = "Stopped. The same command continues from the last commit, if any."
             print(sentence, file=sys.stderr, flush=True)
         return 1
-    except BrokenPipeError:
-        return 0
-    except SystemExit as end:
+    except (BrokenPipeError, SystemExit) as end:
         # typer and rich exit with 1 when the reader closes the pipe, as `head` does.
-        if not isinstance(end.__context__, BrokenPipeError):
+        if BrokenPipeError not in (type(end), type(end.__context__)):
             raise
         return 0
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
-        return _failed(f"the system reports: {error.strerror or error}{where}.", 1, as_json)
+        return _failed(f"the system reports: {error.strerror or error}{where}.", 1)
     finally:
-        _discard_unwritten()
+        for stream in filter(None, (sys.__stdout__, sys.__stderr__)):
+            try:
+                stream.flush()
+            except OSError:  # else Python fails to write the rest when it exits
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 _ELSEWHERE = {
     **{"encoders": "query 'FROM encoders'", "list": "runs", "ls": "runs", "plot": "report"},
     **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in names.ENCODER_KINDS},
-    **{"--n-envs": "--environments", "--num-envs": "--environments", "--env": "--task"},
-    **{"--timesteps": "--steps", "--total-timesteps": "--steps"},
-    **{"--lr": "--set learning_rate=VALUE"},
+    **{"--n-envs": "--environments", "--num-envs": "--environments", "--timesteps": "--steps"},
+    **{"--env": "--task", "--total-timesteps": "--steps", "--lr": "--set learning_rate=VALUE"},
 }
 """Commands and options that users may look for, and what to type instead."""
 
@@ -177,18 +175,12 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
         verb = next(iter(arguments), "")
         if verb in _ELSEWHERE:
             message = f"No such command '{verb}'; type jbench {_ELSEWHERE[verb]} instead"
-        if all(verb != command.name for command in app.registered_commands):
-            help_ = "jbench --help lists the commands."
-            return f"{message}{'' if message.endswith('?') else ';'} {help_}"
     else:
-        from jbench.settings.algorithms import SETTINGS
-
         verb, option = context.info_name, getattr(error, "option_name", "")
         name = option.removeprefix("--").replace("-", "_")
         is_setting = any(name in settings.model_fields for settings in SETTINGS.values())
         instead = _ELSEWHERE.get(option, f"--set {name}=VALUE" if is_setting else "")
-        options = [text for parameter in context.command.params for text in parameter.opts]
-        if instead.partition(" ")[0] in options:
+        if any(instead.partition(" ")[0] in p.opts for p in context.command.params):
             message = f"No such option: {option}; type {instead} instead"
         elif verb == "report" and "unexpected extra argument" in message:
             message += ": type --curves FILE, or --results DIR"
@@ -197,24 +189,17 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
         missing = [opts[0] for opts in required if typed.isdisjoint(opts)]
         if message.startswith("Missing option") and len(missing) > 1:
             message = f"Missing options {names.in_prose(missing, 'and')}"
-    help_ = f"jbench {verb} --help lists the options and shows an example."
+    help_ = "jbench --help lists the commands."
+    if any(verb == command.name for command in app.registered_commands):
+        help_ = f"jbench {verb} --help lists the options and shows an example."
     return f"{message}{'' if message.endswith('?') else ';'} {help_}"
 
 
-def _failed(sentence: str, exit_code: int, as_json: bool) -> int:
+def _failed(sentence: str, exit_code: int) -> int:
     """Prints an error, also as the JSON document if none was printed; returns the exit code."""
     with contextlib.suppress(OSError, WorkError):
-        if as_json and not output.Output.has_document:
-            output.Output(as_json=True).document({"error": sentence})
+        if not output.has_document:
+            output.document({"error": sentence})
     with contextlib.suppress(OSError):
         print(output.printable(f"Error: {sentence}"), file=sys.stderr, flush=True)
     return exit_code
-
-
-def _discard_unwritten() -> None:
-    """Discards output that can't be written; otherwise Python fails when it exits."""
-    for stream in filter(None, (sys.__stdout__, sys.__stderr__)):
-        try:
-            stream.flush()
-        except OSError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

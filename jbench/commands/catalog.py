@@ -1,18 +1,21 @@
-"""Commands that list what is installed: algorithms, tasks."""
+"""Commands that list algorithms, tasks and datasets, and collect, which makes a dataset."""
 
 import importlib.util
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from json import dumps
+from pathlib import Path
 from typing import Any
 
 from typer import Argument
 
 from jbench import names, task_specs
-from jbench.commands import completion, options
-from jbench.commands.output import Output
+from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.settings.algorithms import ALGORITHMS
-from jbench.wording import counted
+from jbench.settings.records import DatasetSettings
+from jbench.wording import counted, progress_text, with_results
+
+_Entry = dict[str, Any]
 
 
 def algorithms(
@@ -23,7 +26,7 @@ def algorithms(
     from jbench import plugins
     from jbench.agents import algorithms as known
 
-    def describe(algorithm: str) -> dict[str, Any]:
+    def describe(algorithm: str) -> _Entry:
         ours = algorithm in ALGORITHMS
         code = plugins.made_with("jbench") if ours else known.algorithm_provenance(algorithm)
         return {
@@ -36,7 +39,6 @@ def algorithms(
             ],
         }
 
-    output = Output(json)
     if name is not None:
         entry = describe(name)
         rows = [(s["name"], _text(s["default"]), s["description"]) for s in entry["settings"]]
@@ -44,34 +46,33 @@ def algorithms(
         output.table(title, ("setting", "default", "meaning"), rows)
         output.document({"algorithms": [entry], "broken": []})
         return
-
     columns = {"--algo": "name", "engine": "engine", "package": "package", "settings": "settings"}
     hint = "jbench algorithms NAME explains the settings of one; --set changes them."
-    _list("algorithm", (*ALGORITHMS, *known.installed()), describe, columns, hint, output)
+    _list("algorithm", (*ALGORITHMS, *known.installed()), describe, columns, hint)
 
 
 def tasks(
     name: str | None = Argument(
         None,
         help="Only this task, or MODULE:NAME, with the parts of its observation.",
-        autocompletion=completion.complete_tasks,
+        autocompletion=options.complete_tasks,
     ),
     json: bool = options.JSON,
 ) -> None:
     """List the installed tasks with the sizes of observation and action."""
     from jbench.simulation.find import checked_task, find_task, installed_tasks
 
-    def describe(task_name: str) -> dict[str, Any]:
+    columns = {"--task": "name", "observation": "observation_size", "actions": "action_size"}
+    columns["control timestep (s)"] = "control_timestep"
+
+    def describe(task_name: str) -> _Entry:
         task = find_task(task_name)
         return {
             "name": task_name,
-            "observation_size": task.observation_size,
-            "action_size": task.action_size,
-            "control_timestep": task.control_timestep,
+            **{name: getattr(task, name) for name in columns.values() if name != "name"},
             "parts": dict(task.parts),
         }
 
-    output = Output(json)
     if name is not None:
         checked_task(name)
         entry = describe(name)
@@ -80,19 +81,77 @@ def tasks(
         output.document({"tasks": [entry], "broken": []})
         return
     suite = task_specs.SUITE_TASKS if importlib.util.find_spec("dm_control") else ()
-    columns = {"--task": "name", "observation": "observation_size", "actions": "action_size"}
-    columns["control timestep (s)"] = "control_timestep"
     hint = "jbench tasks NAME shows the parts of an observation, and tries the task."
-    _list("task", (*names.TASKS, *installed_tasks(), *suite), describe, columns, hint, output)
+    _list("task", (*names.TASKS, *installed_tasks(), *suite), describe, columns, hint)
+
+
+@options.with_settings(DatasetSettings, "steps", "seed", "augment")
+def collect(
+    task: str | None = options.some_task(
+        None, help="Task of another robot (default: the Jitterbug, for its five tasks)."
+    ),
+    threads: int = options.THREADS,
+    results: Path = options.RESULTS,
+    json: bool = options.JSON,
+    **chosen: Any,
+) -> None:
+    """Collect a dataset of random actions, of the Jitterbug or another robot."""
+    from jbench.datasets import collect as collect_dataset
+    from jbench.settings.base import validated
+    from jbench.simulation.find import checked_task, dataset_robot, find_task
+
+    database = parsing.results_to_write(results)
+    robot = {} if task is None else dataset_robot(find_task(task))
+    settings = validated(DatasetSettings, "the dataset", **robot, **chosen)
+    before = database.find("dataset", settings.id)
+    if before is None and robot:
+        checked_task(settings.robot)
+    elif before is not None and before.status == "finished":
+        output.say(f"The dataset {settings.id} is already finished; nothing to do.")
+    with output.progress("collect", settings.steps, "control steps") as progress:
+        record = collect_dataset(settings, database, threads, progress)
+    option, tasks = (f" --task {task}", "") if robot else ("", ", for all five tasks")
+    output.say(
+        f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
+        f"{record.path}{tasks}. Next: {with_results(f'jbench train-dae{option}', results)}"
+    )
+    output.document(output.described(record, bytes=record.size))
+
+
+def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) -> None:
+    """List datasets."""
+    from jbench.datasets.reader import list_datasets
+
+    listed, problems = list_datasets(parsing.existing_results(results))
+    rows, entries = [], []
+    for dataset in listed:
+        record, settings = dataset.record, dataset.settings
+        steps = dataset.episodes * names.EPISODE_STEPS
+        robot = "plain" if settings.specs is None else settings.robot
+        more = {"status": record.status, "steps": steps, "bytes": record.size}
+        entries.append(output.described(record, **more))
+        row = {
+            "dataset": record.id,
+            "status": record.status,
+            "steps": progress_text(steps, settings.steps),
+            "robot": robot if settings.augment is None else f"--augment {settings.augment}",
+            "MB": f"{record.size / 1e6:.1f}",
+            "last written (UTC)": record.manifest.updated[:16].replace("T", " "),
+        }
+        rows.append(row)
+    if rows:
+        title = f"{counted(len(rows), 'dataset')} in {results}"
+        output.table(title, list(rows[0]), [list(row.values()) for row in rows])
+    elif not problems:
+        to_write = Path(names.RESULTS) if names.is_reference(results) else results
+        small = with_results("jbench collect --steps 100000", to_write)
+        output.say(f"No datasets in {results}; {small} makes a small one.")
+    output.document({"datasets": entries, "problems": problems})
+    output.warn_of_damage(problems)
 
 
 def _list(
-    noun: str,
-    listed: Iterable[str],
-    describe: Callable[[str], dict[str, Any]],
-    columns: Mapping[str, str],
-    hint: str,
-    output: Output,
+    noun: str, listed: Iterable[str], describe: Callable[[str], _Entry], columns: _Entry, hint: str
 ) -> None:
     """Prints a table of what is installed; raises a WorkError if some of it can't be used."""
     entries, broken = [], []

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import completion, options, parsing
-from jbench.commands.output import Output, tally
+from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.wording import counted, with_results
 
@@ -36,9 +35,8 @@ def verify(
         os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
     from jbench.store.verify import verify as check
 
-    output, database = Output(json), parsing.existing_results(results)
-    progress = partial(output.progress, "verify", unit="folders")
-    checked = check(database, threads, progress)
+    database = parsing.existing_results(results)
+    checked = check(database, threads, partial(output.progress, "verify", unit="folders"))
     for (kind, id), flaws in groupby(checked.findings, lambda flaw: (flaw.kind, flaw.id)):
         output.say(f"{kind} {id}")
         for flaw in flaws:
@@ -46,18 +44,13 @@ def verify(
     output.say(
         f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
         f"{checked.bytes / 1e6:,.1f} MB: "
-        f"{tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
+        f"{output.tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
     )
-    repeated = _reevaluate_all(database, output) if reevaluate else []
-    output.document(
-        {
-            "records": checked.records,
-            "files": checked.files,
-            "bytes": checked.bytes,
-            "findings": [{**flaw._asdict(), "path": str(flaw.path)} for flaw in checked.findings],
-            **({"reevaluations": [part._asdict() for part in repeated]} if reevaluate else {}),
-        }
-    )
+    repeated = _reevaluate_all(database) if reevaluate else []
+    document = checked._asdict() | {"findings": [flaw._asdict() for flaw in checked.findings]}
+    if reevaluate:
+        document["reevaluations"] = [part._asdict() for part in repeated]
+    output.document(document)
     if any(fault.sort != "foreign" for fault in checked.faults):
         raise WorkError(
             f"Some results are damaged or left over; {with_results('jbench repair', results)} sets "
@@ -67,15 +60,13 @@ def verify(
         raise WorkError("Some results can't be checked; see above. The others can still be used.")
     compared = [part for part in repeated if part.control_steps is not None]
     if different := sum(part.verdict == "different" for part in compared):
-        raise WorkError(
-            f"{different} of {len(compared)} repeated runs have other returns than recorded; "
-            "see above."
-        )
+        count = f"{different} of {len(compared)} repeated runs"
+        raise WorkError(f"{count} have other returns than recorded; see above.")
     if reevaluate and not compared:
         raise WorkError("No run could be compared with its last evaluation.")
 
 
-def _reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
+def _reevaluate_all(database: "Results") -> list["Repeated"]:
     """Repeats the last evaluation of every finished, intact run; prints those that aren't equal."""
     from jbench.store.provenance import describe_changes
     from jbench.training.repeat import changes_since, reevaluate
@@ -97,7 +88,9 @@ def _reevaluate_all(database: "Results", output: Output) -> list["Repeated"]:
     if without := len(outcomes) - len(verdicts):
         left_out = counted(without, "finished run")
         output.say(f"Left out {left_out} without a saved policy; --json lists them.")
-    output.say(f"Repeated the last evaluations of finished runs: {tally(verdicts) or 'none'}.")
+    output.say(
+        f"Repeated the last evaluations of finished runs: {output.tally(verdicts) or 'none'}."
+    )
     return outcomes
 
 
@@ -106,7 +99,7 @@ def reproduce(
         ...,
         metavar="RUN",
         help="Id of a run or its beginning, or reference/ID of a run that is shipped with jbench.",
-        autocompletion=completion.complete_policies,
+        autocompletion=options.complete_policies,
     ),
     episodes: int | None = Option(
         None,
@@ -126,16 +119,13 @@ def reproduce(
     from jbench.store.shipped import shipped_results
     from jbench.training.repeat import changes_since, default_episodes, reevaluate, retrain
 
-    output = Output(json)
     # A shipped run needs no results directory.
-    is_shipped = run.startswith(SHIPPED)
-    database = shipped_results() if is_shipped else parsing.existing_results(results)
+    database = shipped_results() if run.startswith(SHIPPED) else parsing.existing_results(results)
     record = database.find("run", database.complete_id("run", run.removeprefix(SHIPPED)))
     if record is None:
         runs = with_results("jbench runs", database.name)
         raise RequestError(f"There is no run {run} in {database.name}; {runs} lists them.")
-    if episodes is None:
-        episodes = default_episodes(record)
+    episodes = default_episodes(record) if episodes is None else episodes
     evaluation = reevaluate(database, record) if record.status == "finished" else None
     retraining = None
     if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
@@ -147,8 +137,8 @@ def reproduce(
             retraining = retrain(database, record, episodes, progress)
     changed = changes_since(record)
     unfinished = f"not repeated; the run is {record.status}."
-    output.say(f"run {record.id}\n  evaluation: {_sentence(evaluation, unfinished)}")
-    output.say(f"  training: {_sentence(retraining, 'not repeated.')}")
+    output.say(f"run {record.id}\n  evaluation: {_sentence(evaluation) or unfinished}")
+    output.say(f"  training: {_sentence(retraining) or 'not repeated.'}")
     if changed:
         output.say(f"  Since the run began, {describe_changes(changed)}.")
     parts = {"evaluation": evaluation, "training": retraining}
@@ -164,13 +154,9 @@ def reproduce(
         raise WorkError(f"Nothing of {record.id} could be compared; type --episodes 1 or more.")
 
 
-def _sentence(part: "Repeated | None", otherwise: str) -> str:
-    if part is None:
-        return otherwise
-    if part.verdict != "equal":
-        return f"{part.verdict}. {part.reason}"
-    episodes = counted(len(part.recorded), "episode")
-    return (
-        f"equal. The returns of {episodes}, up to control step {part.control_steps:,}, are the "
-        f"recorded ones. {part.reason}"
-    ).rstrip()
+def _sentence(part: "Repeated | None") -> str:
+    if part is None or part.verdict != "equal":
+        return f"{part.verdict}. {part.reason}" if part else ""
+    returns = f"returns of {counted(len(part.recorded), 'episode')}"
+    until = f"up to control step {part.control_steps:,}"
+    return f"equal. The {returns}, {until}, are the recorded ones. {part.reason}".rstrip()

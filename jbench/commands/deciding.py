@@ -3,8 +3,7 @@
 from collections.abc import Callable, Container, Sequence
 from typing import Any
 
-from jbench.commands.output import Output
-from jbench.commands.training import check_failures
+from jbench.commands import output
 from jbench.errors import RequestError
 from jbench.report.analysis.claims import MARGIN
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
@@ -13,7 +12,7 @@ from jbench.sweeps import deciding
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.matrix import read_comparisons
 from jbench.training.status import failures_among, run_statuses
-from jbench.wording import counted, with_results
+from jbench.wording import counted
 
 
 def seeds_to_compare(matrix: str, max_seeds: int) -> list[int]:
@@ -31,16 +30,25 @@ def decide(
     results: Results,
     max_seeds: int,
     train: Callable[[Sequence[Cell]], object] | None,
-    output: Output,
-) -> None:
-    """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
+) -> tuple[dict[str, Any], int]:
+    """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next.
+
+    Returns the JSON document, and the number of runs that the last analysis lacked.
+    """
     chosen = deciding.comparisons(cells, read_comparisons(matrix), claims, max_seeds)
-    output.say(_introduction(chosen, max_seeds))
+    shares = [comparison.share for comparison in chosen]
+    rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
+    output.say(
+        f"Final returns are compared after each {BLOCK} seeds, up to {max_seeds}. Of all "
+        f"{len(chosen)} decisions together one or more are wrong with a probability of at most "
+        f"{ERROR_RATE:.0%}: {' to '.join(rates)} for each comparison, and more after others have "
+        "found a difference."
+    )
     tried = set[str]()
     while True:  # an interim analysis of all comparisons
         reached = deciding.outcomes(chosen, results)
         needed_next = deciding.next_cells(reached, tried)
-        _show_outcomes(reached, tried, output)
+        _show_outcomes(reached, tried)
         if not needed_next or train is None:
             break
         tried |= {run.id for run in all_runs(needed_next)}
@@ -50,53 +58,23 @@ def decide(
         configurations = counted(len(needed_next), "configuration")
         output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
     statuses = run_statuses((run for outcome in reached for run in outcome.needed), results)
-    failures = failures_among(statuses)
-    output.document(
-        {
-            "matrix": matrix,
-            "comparisons": [_described(outcome) for outcome in reached],
-            "needed": needed,
-            "failures": failures,
-        }
-    )
-    if train is not None:
-        check_failures(failures, len(statuses))
-        output.say(f"Next: {with_results('jbench report', results.name)}")
+    document = {"comparisons": [_described(outcome) for outcome in reached], "needed": needed}
+    return {**document, "failures": failures_among(statuses)}, len(statuses)
 
 
-def _introduction(chosen: Sequence[deciding.MatrixComparison], max_seeds: int) -> str:
-    shares = [comparison.share for comparison in chosen]
-    rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
-    return (
-        f"Final returns are compared after each {BLOCK} seeds, up to {max_seeds}. Of all "
-        f"{len(chosen)} decisions together one or more are wrong with a probability of at most "
-        f"{ERROR_RATE:.0%}: {' to '.join(rates)} for each comparison, and more after others have "
-        "found a difference."
-    )
+_VERDICTS = {"larger": "higher", "smaller": "lower", "equal": f"similar, within {MARGIN:g}"}
 
 
-_VERDICTS = {
-    "larger": "higher",
-    "smaller": "lower",
-    "equal": f"similar, within {MARGIN:g}",
-    "undecided": "undecided",
-}
-
-
-def _show_outcomes(
-    reached: Sequence[deciding.MatrixComparison], tried: Container[str], output: Output
-) -> None:
+def _show_outcomes(reached: Sequence[deciding.MatrixComparison], tried: Container[str]) -> None:
     """Prints each comparison's decision; runs with the tried ids were trained, finished or not."""
     rows = []
     for outcome in reached:
-        decision, verdict = outcome.decision, _VERDICTS[outcome.decision.verdict]
-        left = [run.id for run in outcome.needed if run.id in tried]
-        if left:
+        decision = outcome.decision
+        verdict = _VERDICTS.get(decision.verdict, "undecided")
+        if left := [run.id for run in outcome.needed if run.id in tried]:
             verdict += f": {left[0]} is not finished"
-        difference, interval = "", ""
-        if decision.seeds:
-            difference = f"{decision.difference:+.0f}"
-            interval = f"[{decision.low:+.0f}, {decision.high:+.0f}]"
+        difference = f"{decision.difference:+.0f}" if decision.seeds else ""
+        interval = f"[{decision.low:+.0f}, {decision.high:+.0f}]" if decision.seeds else ""
         name, spent = outcome.name, f"{decision.spent:.2%}"
         rows.append((name, verdict, decision.seeds, difference, interval, spent))
     decided = sum(outcome.decision.verdict != "undecided" for outcome in reached)

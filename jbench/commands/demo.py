@@ -4,16 +4,10 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import typer
-from typer import Option
+from typer import Exit, Option
 
-from jbench.commands import parsing
-from jbench.commands.output import Output
-
-if TYPE_CHECKING:
-    from jbench.store import Results
+from jbench.commands import output, parsing
 
 # Smaller networks and batches, and fewer random first steps than the paper's TD3, so that it learns
 # in minutes.
@@ -31,46 +25,6 @@ COMMANDS = (
     "report --window 5",
 )
 """The commands of the demo, without `jbench` and `--results`."""
-
-
-def demo(
-    results: Path = Option(
-        Path("demo-results"), parser=parsing.path, metavar="DIR", help="Results directory."
-    ),
-) -> None:
-    """Run the whole pipeline on a small scale, in minutes.
-
-    It collects a dataset, trains an encoder and agents, and writes a report.
-    """
-    output, database = Output(), parsing.results_to_write(results)
-    output.say(
-        "jbench demo: TD3 on face_direction, on the full observation and on 14 latents of an\n"
-        "autoencoder; networks of [128, 128] instead of the paper's [350, 250], 20,000 steps "
-        "instead of 5,000,000."
-    )
-    for command in COMMANDS:
-        _run([*command.split(), "--results", str(results)], output)
-    _show_curves(database, output)
-    output.say(
-        f"Open {results / 'report' / 'index.html'} in a browser. The paper's experiment on one "
-        "task takes days:\n"
-        "  jbench collect && jbench train-dae && jbench train --encoder dae12 && jbench report"
-    )
-
-
-def _run(arguments: list[str], output: Output) -> None:
-    """Runs a command as if it was typed alone; what it prints is printed only if it fails."""
-    output.say(f"$ {shlex.join(['jbench', *arguments])}")
-    command = [sys.executable, "-m", "jbench", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        said, _ = process.communicate()
-    finally:
-        process.wait()  # after Ctrl-C, which stops it as well
-    if process.returncode:
-        output.say(said.rstrip())
-        raise typer.Exit(process.returncode)
-
 
 _CURVES = """
     WITH means AS (
@@ -91,12 +45,45 @@ _CURVES = """
 """
 
 
-def _show_curves(results: "Results", output: Output) -> None:
+def demo(
+    results: Path = Option(
+        Path("demo-results"), parser=parsing.path, metavar="DIR", help="Results directory."
+    ),
+) -> None:
+    """Run the whole pipeline on a small scale, in minutes.
+
+    It collects a dataset, trains an encoder and agents, and writes a report.
+    """
     from jbench.commands.progress import sparkline
     from jbench.store.query import query_results
 
-    curves, _ = query_results(results, _CURVES)
+    database = parsing.results_to_write(results)
+    output.say(
+        "jbench demo: TD3 on face_direction, on the full observation and on 14 latents of an\n"
+        "autoencoder; networks of [128, 128] instead of the paper's [350, 250], 20,000 steps "
+        "instead of 5,000,000."
+    )
+    for command in COMMANDS:
+        arguments = [*command.split(), "--results", str(results)]
+        output.say(f"$ {shlex.join(['jbench', *arguments])}")
+        # What it prints is printed only if it fails.
+        process = subprocess.Popen(
+            [sys.executable, "-m", "jbench", *arguments], stdout=subprocess.PIPE, text=True
+        )
+        try:
+            said, _ = process.communicate()
+        finally:
+            process.wait()  # after Ctrl-C, which stops it as well
+        if process.returncode:
+            output.say(said.rstrip())
+            raise Exit(process.returncode)
+    curves, _ = query_results(database, _CURVES)
     curves["learning curve"] = curves["learning curve"].map(sparkline)
     if len(curves):
         title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
         output.frame(title, curves)
+    output.say(
+        f"Open {results / 'report' / 'index.html'} in a browser. The paper's experiment on one "
+        "task takes days:\n"
+        "  jbench collect && jbench train-dae && jbench train --encoder dae12 && jbench report"
+    )

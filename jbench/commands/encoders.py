@@ -1,6 +1,7 @@
 """The commands train-encoder and train-dae, which is the same with another help."""
 
 from collections.abc import Sequence
+from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from typer import Option
 
 from jbench import names
-from jbench.commands import options, parsing
-from jbench.commands.output import Output, described
+from jbench.commands import options, output, parsing
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def train_encoder(
     from jbench.devices import find_device
     from jbench.encoders.states import States
 
-    output, database = Output(json), parsing.results_to_write(results)
+    database = parsing.results_to_write(results)
     train_on = find_device(device)
     typed = {"noise": noise, "horizon": horizon, "epochs": epochs, "batch": batch}
     typed |= {"learning_rate": learning_rate}
@@ -86,31 +86,29 @@ def train_encoder(
     _planned(kind, given, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
     planned = _planned(kind, given, latent, tasks, seeds, source)
-    records, states = [], None
-    for settings in planned:
-        if states is None or (states.task, states.seed) != (settings.task, settings.seed):
-            scale = given.get("scale", "dataset")
-            states = States(source, settings.task, settings.seed, scale=scale)
-        records.append(_train_one(settings, states, database, train_on, output))
+    read = lru_cache(1)(partial(States, source, scale=given.get("scale", "dataset")))
+    records = [
+        _train_one(settings, read(settings.task, settings.seed), database, train_on)
+        for settings in planned
+    ]
     for record in records if verbose else ():
-        _show_errors(record, output)
-    show_explained(records, output)
+        _show_errors(record)
+    show_explained(records)
     first = planned[0]
     draws = " --encoder-seeds each" if planned[-1].seed != first.seed else ""
     trial = " --algo td3 --steps 20k --seeds 0-1" if source.episodes < _TRIAL else ""
     command = f"jbench train --task {first.task} --encoder {first.representation}{draws}{trial}"
     output.say(f"Next: {with_results(command, results)}")
-    output.document({"encoders": [described(record) for record in records]})
+    output.document({"encoders": [output.described(record) for record in records]})
 
 
 def _train_one(
-    settings: "EncoderSettings",
-    states: "States",
-    database: "Results",
-    device: "torch.device",
-    output: Output,
+    settings: "EncoderSettings", states: "States", database: "Results", device: "torch.device"
 ) -> "Record":
+    from jbench.encoders.kind import Learned
+    from jbench.encoders.kinds.predictive import Predictive
     from jbench.encoders.loop import CHECKPOINT
+    from jbench.encoders.registry import find_kind
     from jbench.encoders.training import train_encoder
 
     epochs = settings.options.get("epochs")
@@ -130,25 +128,15 @@ def _train_one(
             f"Encoder {settings.id}: {counted(settings.latents, 'latent')} of {states.size} "
             f"features, from {settings.dataset}{passes}."
         )
-    _warn_of_error(record, output)
-    return record
-
-
-def _warn_of_error(record: "Record", output: Output) -> None:
-    """Warns if an encoder that learns to reconstruct states explains far less than PCA."""
-    from jbench.encoders.kind import Learned
-    from jbench.encoders.kinds.predictive import Predictive
-    from jbench.encoders.registry import find_kind
-
-    kind, (errors,) = find_kind(record.settings["kind"]), record.read("encoder_errors").to_pylist()
+    kind, (errors,) = find_kind(settings.kind), record.read("encoder_errors").to_pylist()
     explained, pca = errors["test_explained"], errors["pca_explained"]
     reconstructs = issubclass(kind, Learned) and not issubclass(kind, Predictive)
     if reconstructs and explained < pca - _FAR_LESS:
         output.warn(
             f"{record.id} explains {explained:.3f} of the variance and PCA of the same size "
-            f"{pca:.3f}; train it longer, with --epochs of more than "
-            f"{record.settings['options']['epochs']:,}, or on more steps."
+            f"{pca:.3f}; train it longer, with --epochs of more than {epochs:,}, or on more steps."
         )
+    return record
 
 
 def _planned(
@@ -175,7 +163,7 @@ def _planned(
         possible = {kind: list(latent_sizes(kind, task)) for kind in known}
         only = {kind: sizes for kind, sizes in possible.items() if len(sizes) == 1}
         if latent is not None and len(only) == len(known):
-            only = {}
+            only.clear()
         for seed, kind in product(seeds, known):
             options = options_with_epochs(kind, typed, source.episodes, seed) if source else typed
             dataset = source.id if source else "any"
@@ -195,7 +183,7 @@ _ERRORS = {
 }
 
 
-def _show_errors(record: "Record", output: Output) -> None:
+def _show_errors(record: "Record") -> None:
     for name, title in _ERRORS.items():
         frame = record.read(name).to_pandas().drop(columns=["encoder", "index"], errors="ignore")
         if len(frame):
@@ -207,7 +195,7 @@ def _show_errors(record: "Record", output: Output) -> None:
         output.say(f"{record.id}: singular values of the dynamics {shown}.")
 
 
-def show_explained(records: Sequence["Record"], output: Output) -> None:
+def show_explained(records: Sequence["Record"]) -> None:
     """Prints what encoders explain and predict: a sentence on a single one, a table of several."""
     texts = []
     for record in records:

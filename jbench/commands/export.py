@@ -7,8 +7,7 @@ from typing import Literal
 from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import completion, options, parsing
-from jbench.commands.output import Output
+from jbench.commands import options, output, parsing
 from jbench.commands.policies import database_and_policy
 from jbench.errors import RequestError
 from jbench.wording import counted, repair_hint
@@ -27,7 +26,7 @@ def export(
         None,
         metavar="RUN",
         help="Id of a run, to export its policy (default: export a dataset, or --curves).",
-        autocompletion=completion.complete_policies,
+        autocompletion=options.complete_policies,
     ),
     dataset: str | None = options.DATASET,
     task: str | None = options.some_task(
@@ -72,20 +71,17 @@ def export(
         if value is not None and option not in _OPTIONS[what]:
             has = names.in_prose(_OPTIONS[what], "and")
             raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")
-    output = Output(json)
     if curves is not None:
-        _curves(curves, returns or "evaluation", task, results, output)
+        _curves(curves, returns or "evaluation", task, results)
     elif what == "minari":
-        _dataset(dataset, task, out, results, output)
+        _dataset(dataset, task, out, results)
     elif run is None:
         raise RequestError("--format onnx exports the policy of a run; type jbench export RUN.")
     else:
-        _policy(run, inputs, out, results, output)
+        _policy(run, inputs, out, results)
 
 
-def _curves(
-    file: Path, returns: names.ReturnsName, task: str | None, results: Path, output: Output
-) -> None:
+def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: Path) -> None:
     import pandas as pd
 
     from jbench.importing.curve_file import to_json
@@ -115,13 +111,11 @@ def _curves(
         f"Exported the {returns} returns of {counted(len(curves), 'run')} to {file}: task, method, "
         "seed, million_steps and return."
     )
-    output.document(
-        {"path": str(file), "returns": returns, "runs": len(curves), "points": len(points)}
-    )
+    output.document({"path": file, "returns": returns, "runs": len(curves), "points": len(points)})
     output.warn_of_damage(read.problems, repair_hint(database.name))
 
 
-def _policy(run: str, inputs: str | None, out: Path | None, results: Path, output: Output) -> None:
+def _policy(run: str, inputs: str | None, out: Path | None, results: Path) -> None:
     for package in ("onnx", "onnxscript"):
         if importlib.util.find_spec(package) is None:
             raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
@@ -143,13 +137,11 @@ def _policy(run: str, inputs: str | None, out: Path | None, results: Path, outpu
         f"Exported the policy of {id} for {agent.task}: {size / 1e3:.0f} kB in {path}. Its input "
         f"is {what}; its actions differ from the policy's by at most {difference:.1g}."
     )
-    document = {"run": id, "task": agent.task, "path": str(path)}
+    document = {"run": id, "task": agent.task, "path": path}
     output.document({**document, "bytes": size, "difference": difference})
 
 
-def _dataset(
-    dataset: str | None, task: str | None, out: Path | None, results: Path, output: Output
-) -> None:
+def _dataset(dataset: str | None, task: str | None, out: Path | None, results: Path) -> None:
     from jbench.datasets import find_dataset
     from jbench.datasets.export import export_minari
     from jbench.settings.records import JITTERBUG
@@ -164,5 +156,5 @@ def _dataset(
         f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "
         f'loads it by minari.load_dataset("{done.id}").'
     )
-    place = {"path": str(done.path), "minari_id": done.id}
-    output.document({"dataset": source.id, "task": task, **place})
+    document = {"dataset": source.id, "task": task, "path": done.path, "minari_id": done.id}
+    output.document(document)

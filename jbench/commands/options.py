@@ -1,9 +1,11 @@
-"""Options: those that several commands share, and those made from the fields of a class."""
+"""Shared options, options made from the fields of a class, and values that the shell offers."""
 
+import importlib.metadata
 import inspect
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
+from glob import escape, glob
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -11,12 +13,12 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from jbench import names, task_specs
-from jbench.commands import completion, parsing
+from jbench.commands import parsing
 from jbench.cores import cores
-from jbench.settings.algorithms import ALGORITHMS
+from jbench.settings.algorithms import ALGORITHMS, SETTINGS
 from jbench.settings.base import typed_default
 
 _Verb = Callable[..., None]
@@ -29,11 +31,15 @@ def with_settings(kind: type, *chosen: str, main: Sequence[str] = ()) -> Callabl
     description, default and unit. Parameters that are not `main` ones, those of the command
     included, are listed as "Advanced" by the help, unless `main` is empty.
     """
-    fields = _fields(kind)
+    if issubclass(kind, BaseModel):
+        fields = kind.model_fields
+    else:
+        hints, read = get_type_hints(kind, include_extras=True), FieldInfo.from_annotated_attribute
+        fields = {name: read(hint, getattr(kind, name, ...)) for name, hint in hints.items()}
 
     def decorate(command: _Verb) -> _Verb:
         signature = inspect.signature(command, eval_str=True)
-        typed = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        *typed, _ = signature.parameters.values()  # the last one takes the chosen fields
         parameters = [*typed, *(_parameter(name, fields[name]) for name in chosen)]
         for i, parameter in enumerate(parameters):
             if main and parameter.name not in main:
@@ -46,35 +52,24 @@ def with_settings(kind: type, *chosen: str, main: Sequence[str] = ()) -> Callabl
     return decorate
 
 
-def _fields(kind: type) -> dict[str, FieldInfo]:
-    if issubclass(kind, BaseModel):
-        return kind.model_fields
-    hints = get_type_hints(kind, include_extras=True)
-    return {
-        name: FieldInfo.from_annotated_attribute(hint, getattr(kind, name, ...))
-        for name, hint in hints.items()
-    }
-
-
 def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
-    default, help = typed_default(field), str(field.description)
+    default, help, type_ = typed_default(field), str(field.description), _plain(field.annotation)
+    extra = field.json_schema_extra
+    unit = extra.get("unit") if isinstance(extra, dict) else None
     if default is PydanticUndefined:  # it must be typed
         default = ...
-    extra, type_ = field.json_schema_extra, _plain(field.annotation)
-    unit = extra.get("unit") if isinstance(extra, dict) else None
+    elif default is None:
+        type_ |= None
+    elif unit:
+        default = f"{default:_}"
     option = Option(
-        f"{default:_}" if unit and default is not None else default,
+        default,
         f"--{(field.title or name).replace('_', '-')}",
         help=f"{help[0].upper()}{help[1:]}.",
         metavar=str(unit).split()[-1].upper() if unit else None,
         parser=parsing.count if unit else None,
     )
-    return inspect.Parameter(
-        name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=option,
-        annotation=type_ | None if default is None else type_,
-    )
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=type_)
 
 
 def _plain(annotation: Any) -> Any:
@@ -83,12 +78,52 @@ def _plain(annotation: Any) -> Any:
     return _plain(get_args(annotation)[0]) if wrapped else annotation
 
 
+def complete_tasks() -> list[str]:
+    """Offers all tasks that have names; typer leaves out those without the typed beginning."""
+    points = importlib.metadata.entry_points(group=task_specs.TASK_GROUP)
+    return [*names.TASKS, *sorted(point.name for point in points), *task_specs.SUITE_TASKS]
+
+
+def complete_policies(context: Context) -> list[str]:
+    """Offers hand-written policies, runs of --results, and shipped policies."""
+    shipped = [f"{names.REFERENCE}/{id}" for id in _ids(names.REFERENCE, "run", "policy*.json")]
+    return [names.HEURISTIC, "random", "constant:1", *shipped, *_ids(context, "run")]
+
+
+def complete_encoders(context: Context, incomplete: str) -> list[str]:
+    """Offers the representations of the encoders in --results, and their ids after a slash."""
+    ids = _ids(context, "encoder")
+    representations = sorted({id.split("/")[1] for id in ids if id.count("/") > 1})
+    return ids if "/" in incomplete else ["none", *representations]
+
+
+def _directories(incomplete: str) -> list[str]:
+    directories = (name for name in glob(f"{escape(incomplete)}*") if Path(name).is_dir())
+    return [names.REFERENCE, *sorted(directories)]
+
+
+def _hyperparameters(context: Context) -> list[str]:
+    settings = SETTINGS.get(context.params.get("algo") or "ddpg")
+    return [f"{name}=" for name in getattr(settings, "model_fields", ())]
+
+
+def _ids(where: Context | str, kind: str, file: str = "manifest.json") -> list[str]:
+    """Returns the ids of records with a file in a directory, or in --results; it need not exist."""
+    typed = where if isinstance(where, str) else where.params.get("results") or names.RESULTS
+    results = Path(typed)
+    if names.is_reference(results):
+        results = Path(__file__).parents[1] / names.REFERENCE
+    root = results / f"{kind}s"
+    return sorted(path.parent.relative_to(root).as_posix() for path in root.rglob(file))
+
+
 _results = partial(Option, Path(names.RESULTS), "--results", parser=parsing.path, metavar="DIR")
 RESULTS = _results(help="Results directory.")
 READ_RESULTS = _results(
     help=f"Results directory ({names.REFERENCE}: the results shipped with jbench).",
-    autocompletion=completion.complete_results,
+    autocompletion=_directories,
 )
+# `cli.main` looks for it before the command begins.
 JSON = Option(False, "--json", help="Print one JSON document to stdout, everything else to stderr.")
 CSV = Option(False, "--csv", help="Print CSV to standard output.")
 DRY_RUN = Option(False, "--dry-run", help="Show the runs' status and the time left; train nothing.")
@@ -117,7 +152,7 @@ SET = Option(
     "--set",
     metavar="NAME=VALUE",
     help="Set a hyperparameter, or an option of a kind of encoder; repeatable.",
-    autocompletion=completion.complete_settings,
+    autocompletion=_hyperparameters,
 )
 JOBS = Option(
     0,
@@ -135,9 +170,11 @@ FINAL_EPISODES = Option(
 )
 AUGMENT = Option(None, min=0, help="Seed of an augmented robot (default: the plain robot).")
 DATASET = Option(
-    None, help="Id of the dataset (default: newest).", autocompletion=completion.complete_datasets
+    None,
+    help="Id of the dataset (default: newest).",
+    autocompletion=lambda ctx: _ids(ctx, "dataset"),
 )
-some_task = partial(Option, autocompletion=completion.complete_tasks)
+some_task = partial(Option, autocompletion=complete_tasks)
 _task = partial(
     some_task,
     help=f"Task: {', '.join(names.TASKS)}, {task_specs.SUITE}DOMAIN-TASK of dm_control's suite, "
@@ -159,13 +196,7 @@ POLICY = Argument(
     None,
     metavar="POLICY",
     help=f"Policy: {names.POLICY_NAMES} (default: {names.HEURISTIC}).",
-    autocompletion=completion.complete_policies,
+    autocompletion=complete_policies,
 )
 OLD_POLICY = Option(None, "--policy", hidden=True)
 """How POLICY was typed in older versions."""
-CAMERA = Option(
-    None,
-    help=f"Camera: {', '.join(names.CAMERAS)} (default: tracking), or one of another robot's model "
-    "(default: its first).",
-    autocompletion=lambda: names.CAMERAS,
-)

@@ -1,4 +1,4 @@
-"""Terminal output of the commands: text, tables, progress, or one JSON document."""
+"""The terminal: text, tables and progress for people, or one JSON document for a program."""
 
 import re
 import shutil
@@ -6,7 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from jbench.errors import WorkError
 from jbench.wording import are, counted, json_text
@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 
 _MAX_TERMINAL_LINES = 3  # of a row whose words don't fit side by side
 _NUMBER = re.compile(r"[-+]?[\d,.]+(e[-+]?\d+)?|nan|[-+]?inf|")
+
+is_json = False
+"""Whether `--json` was typed, so that what people read is printed to standard error."""
+
+has_document = False
+"""Whether the command has written to standard output with `raw`."""
 
 
 @contextmanager
@@ -31,111 +37,108 @@ def _writing() -> Iterator[None]:
         raise WorkError(f"The output can't be written ({error.strerror}).") from None
 
 
-class Output:
-    """Standard output for people, or for a program, with everything else on standard error."""
+@_writing()
+def say(text: str) -> None:
+    """Prints a line for people."""
+    print(printable(text), file=sys.stderr if is_json else sys.stdout, flush=True)
 
-    has_document: ClassVar[bool] = False
-    """Whether the command has written to standard output with `raw`; reset before each command."""
 
-    def __init__(self, as_json: bool = False) -> None:
-        self.as_json = as_json
+@_writing()
+def warn(text: str) -> None:
+    """Prints a line about something wrong that does not end the work."""
+    print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
 
-    def say(self, text: str) -> None:
-        """Prints a line for people."""
-        with _writing():
-            print(printable(text), file=sys.stderr if self.as_json else sys.stdout, flush=True)
 
-    def warn(self, text: str) -> None:
-        """Prints a line about something wrong that does not end the work."""
-        with _writing():
-            print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
+@_writing()
+def table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Prints a table for people; no word is broken, and numbers are aligned to the right.
 
-    def table(self, title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Prints a table for people; no word is broken, and numbers are aligned to the right.
+    A cell that is None is empty, and floats that are not whole have six digits.
+    """
+    from rich import box
+    from rich.cells import cell_len
+    from rich.console import Console
+    from rich.measure import Measurement
+    from rich.table import Table
+    from rich.text import Text
 
-        A cell that is None is empty, and floats that are not whole have six digits.
-        """
-        from rich import box
-        from rich.cells import cell_len
-        from rich.console import Console
-        from rich.measure import Measurement
-        from rich.table import Table
-        from rich.text import Text
+    # A pipe has no width but that of COLUMNS: use one that holds most tables.
+    width = shutil.get_terminal_size((200, 24)).columns
+    console = Console(file=sys.stderr if is_json else sys.stdout, width=width)
+    cells = [[printable(_short(cell)) for cell in row] for row in rows]
+    grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for name, *column in zip(header, *cells, strict=True):
+        grid.add_column(
+            Text(name),
+            justify="right" if all(map(_NUMBER.fullmatch, column)) else "left",
+            min_width=max(map(cell_len, " ".join((name, *column)).split()), default=0),
+            # Only columns of several words are narrowed.
+            no_wrap=all(len(cell.split()) < 2 for cell in column),
+        )
+    for row in cells:
+        grid.add_row(*map(Text, row))
+    widths = Measurement.get(console, console.options.update(max_width=10**6), grid)
+    if widths.minimum > width:
+        if widths.maximum <= _MAX_TERMINAL_LINES * width or not cells:
+            console.width = widths.maximum  # the terminal wraps the lines
+        else:
+            grid = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
+            grid.add_column(no_wrap=True, style="bold")
+            grid.add_column(overflow="fold")
+            for row in cells:
+                for pair in zip(header, row, strict=True):
+                    grid.add_row(*map(Text, pair))
+                grid.add_section()
+    console.print(Text(title, style="bold"), soft_wrap=True)
+    console.print(grid)
 
-        # A pipe has no width but that of COLUMNS: use one that holds most tables.
-        width = shutil.get_terminal_size((200, 24)).columns
-        console = Console(file=sys.stderr if self.as_json else sys.stdout, width=width)
-        cells = [[printable(_short(cell)) for cell in row] for row in rows]
-        table = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-        for name, *column in zip(header, *cells, strict=True):
-            table.add_column(
-                Text(name),
-                justify="right" if all(map(_NUMBER.fullmatch, column)) else "left",
-                min_width=max(map(cell_len, " ".join((name, *column)).split()), default=0),
-                # Only columns of several words are narrowed.
-                no_wrap=all(len(cell.split()) < 2 for cell in column),
-            )
-        for row in cells:
-            table.add_row(*map(Text, row))
-        widths = Measurement.get(console, console.options.update(max_width=10**6), table)
-        if widths.minimum > width:
-            if widths.maximum <= _MAX_TERMINAL_LINES * width or not cells:
-                console.width = widths.maximum  # the terminal wraps the lines
-            else:
-                table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
-                table.add_column(no_wrap=True, style="bold")
-                table.add_column(overflow="fold")
-                for row in cells:
-                    for pair in zip(header, row, strict=True):
-                        table.add_row(*map(Text, pair))
-                    table.add_section()
-        with _writing():
-            console.print(Text(title, style="bold"), soft_wrap=True)
-            console.print(table)
 
-    def frame(self, title: str, frame: "pd.DataFrame") -> None:
-        """Prints a frame for people."""
-        cells = frame.astype(object).where(frame.notna(), None)
-        self.table(title, list(map(str, frame.columns)), cells.to_numpy())
+def frame(title: str, frame: "pd.DataFrame") -> None:
+    """Prints a frame for people."""
+    cells = frame.astype(object).where(frame.notna(), None)
+    table(title, list(map(str, frame.columns)), cells.to_numpy())
 
-    def warn_of_damage(self, problems: Sequence[str], advice: str = "") -> None:
-        """Prints a warning for each damaged record, and then raises a WorkError with advice."""
-        for problem in problems:
-            self.warn(problem)
-        if problems:
-            count = f"{counted(len(problems), 'record')} {are(len(problems))}"
-            raise WorkError(f"{count} damaged and left out; see above. {advice}".rstrip())
 
-    def document(self, content: dict[str, Any]) -> None:
-        """Prints the JSON document if `--json` was given; see `json_text`."""
-        if self.as_json:
-            self.raw(f"{json_text(content)}\n")
+def warn_of_damage(problems: Sequence[str], advice: str = "") -> None:
+    """Prints a warning for each damaged record, and then raises a WorkError with advice."""
+    for problem in problems:
+        warn(problem)
+    if problems:
+        count = f"{counted(len(problems), 'record')} {are(len(problems))}"
+        raise WorkError(f"{count} damaged and left out; see above. {advice}".rstrip())
 
-    def raw(self, text: str) -> None:
-        """Writes text to standard output unchanged."""
-        Output.has_document = True
-        with _writing():
-            print(text, end="", flush=True)
 
-    @contextmanager
-    def progress(
-        self, what: str, total: int, unit: str, then: str = ""
-    ) -> Iterator[Callable[[int], None]]:
-        """Shows progress on standard error inside the `with` block; nothing if the total is 0.
+def document(content: dict[str, Any]) -> None:
+    """Prints the JSON document if `--json` was typed; see `json_text`."""
+    if is_json:
+        raw(f"{json_text(content)}\n")
 
-        Yields a function that shows how much is done. `then` is what is done after that, before the
-        block ends.
-        """
-        if not total:
-            yield lambda done: None
-            return
-        from jbench.commands.meters import Meters
 
-        with Meters() as meters:
-            task = meters.add_task(what, total=total, unit=unit)
-            yield lambda done: meters.show_done(
-                task, done, description=f"{what}, {then}" if then and done >= total else what
-            )
+@_writing()
+def raw(text: str) -> None:
+    """Writes text to standard output unchanged."""
+    global has_document
+    has_document = True
+    print(text, end="", flush=True)
+
+
+@contextmanager
+def progress(what: str, total: int, unit: str, then: str = "") -> Iterator[Callable[[int], None]]:
+    """Shows progress on standard error inside the `with` block; nothing if the total is 0.
+
+    Yields a function that shows how much is done. `then` is what is done after that, before the
+    block ends.
+    """
+    if not total:
+        yield lambda done: None
+        return
+    from jbench.commands.progress import Meters
+
+    with Meters() as meters:
+        task = meters.add_task(what, total=total, unit=unit)
+        yield lambda done: meters.show_done(
+            task, done, description=f"{what}, {then}" if then and done >= total else what
+        )
 
 
 def printable(text: str) -> str:
@@ -156,10 +159,5 @@ def tally(words: Iterable[str]) -> str:
 
 def described(record: "Record", **more: Any) -> dict[str, Any]:
     """Returns the entry of a record in a command's JSON document."""
-    return {
-        "id": record.id,
-        "path": str(record.path),
-        "settings": record.settings,
-        "summary": record.manifest.summary,
-        **more,
-    }
+    entry = {"id": record.id, "path": record.path, "settings": record.settings}
+    return {**entry, "summary": record.manifest.summary, **more}

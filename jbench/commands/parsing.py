@@ -109,13 +109,9 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
             raise RequestError(
                 f"--set {assignment}: type each setting once, as NAME=VALUE, like --set tau=0.005."
             )
-        overrides[name] = _setting(text)
+        overrides[name] = text
+        # JSON comes before a list without brackets, and that before plain text.
+        for written in (f"[{text}]", text) if "," in text else (text,):
+            with contextlib.suppress(ValueError):  # also of thousands of digits
+                overrides[name] = json.loads(written)
     return overrides
-
-
-def _setting(text: str) -> Any:
-    """Returns a value that is typed as JSON, as a list without brackets, or as plain text."""
-    for written in (text, f"[{text}]") if "," in text else (text,):
-        with contextlib.suppress(ValueError):  # also of thousands of digits
-            return json.loads(written)
-    return text

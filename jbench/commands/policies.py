@@ -7,16 +7,13 @@ from typing import TYPE_CHECKING, Any
 from typer import Option
 
 from jbench import names
-from jbench.commands import options, parsing
-from jbench.commands.output import Output, described
+from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
 from jbench.settings.records import EvaluationSettings
 from jbench.wording import counted
 
 if TYPE_CHECKING:
     from jbench.store import Results
-
-_TAILS = 10  # episodes from which on the 10th and the 90th percentile say something
 
 _POSE_SEED = Option(0, min=0, help="Random seed of the pose and the target.")
 
@@ -42,8 +39,8 @@ def evaluate(
 
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
-    output = Output(json)
-    database, policy, task = _find(results, policy, policy_option, task, "face_direction")
+    database, policy, task = _find(results, policy, policy_option, task, chosen["augment"])
+    task = task or "face_direction"
     if target_yaw is not None and task in TASK_SPECS and "yaw" not in TASK_SPECS[task].target:
         raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
     settings = validated(
@@ -59,19 +56,17 @@ def evaluate(
     before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
-    _say_other_robot(output, database, policy, settings.augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
         record = run_episodes(settings, database, threads, progress, policy)
     returns, summary = record.read("policy_episodes")["episode_return"], record.manifest.summary
-    tails = f" [10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}]"
+    tails = f" [10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}]" if len(returns) > 9 else ""
     mean, worst = returns.to_numpy().mean(), returns.to_numpy().min()
     output.say(
-        f"{task}, {policy}: median return {summary['median']:.0f}"
-        f"{tails if len(returns) >= _TAILS else ''}, mean {mean:.0f}, worst {worst:.0f}, over "
-        f"{counted(len(returns), 'episode')}; saved in {record.path}"
+        f"{task}, {policy}: median return {summary['median']:.0f}{tails}, mean {mean:.0f}, "
+        f"worst {worst:.0f}, over {counted(len(returns), 'episode')}; saved in {record.path}"
     )
-    output.document(described(record))
+    output.document(output.described(record))
 
 
 def render(
@@ -81,7 +76,12 @@ def render(
         Path("jitterbug.mp4"), help="File: FILE.mp4, FILE.gif, or FILE.png (a strip of frames)."
     ),
     task: str | None = options.POLICY_TASK,
-    camera: str | None = options.CAMERA,
+    camera: str | None = Option(
+        None,
+        help=f"Camera: {', '.join(names.CAMERAS)} (default: tracking), or one of another robot's "
+        "model (default: its first).",
+        autocompletion=lambda: names.CAMERAS,
+    ),
     seed: int = _POSE_SEED,
     steps: int = Option(names.EPISODE_STEPS, min=1, max=names.EPISODE_STEPS, help="Control steps."),
     augment: int | None = options.AUGMENT,
@@ -96,14 +96,12 @@ def render(
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import default_size, render_to_file
 
-    output = Output(json)
-    width, height = default_size(out)
-    database, policy, task = _find(results, policy, policy_option, task, "move_to_pose")
+    database, policy, task = _find(results, policy, policy_option, task, augment)
+    task = task or "move_to_pose"
     if camera is not None and task in names.TASKS:
         names.known("camera", camera, names.CAMERAS)
-    scene = Scene(task, seed, camera, width, height, augment)
+    scene = Scene(task, seed, camera, *default_size(out), augment)
     runner = find_policy(database, policy, task, seed)
-    _say_other_robot(output, database, policy, augment)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
         last = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
     output.say(f"{out}: {last.time:.1f} s, return {last.episode_return:.0f}")
@@ -126,16 +124,20 @@ def view(
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer
 
-    database, policy, task = _find(results, policy, policy_option, task, "move_to_pose")
+    database, policy, task = _find(results, policy, policy_option, task, augment)
+    task = task or "move_to_pose"
     runner = find_policy(database, policy, task, seed)
-    _say_other_robot(Output(), database, policy, augment)
     steps = open_viewer(runner, Scene(task, seed, augment=augment))
-    Output().say(f"Watched {steps} control steps.")
+    output.say(f"Watched {steps} control steps.")
 
 
 def _find(
-    results: Path, policy: str | None, option: str | None, task: str | None, default: str
-) -> tuple["Results", str, str]:
+    results: Path, policy: str | None, option: str | None, task: str | None, augment: int | None
+) -> tuple["Results", str, str | None]:
+    """Returns the results, the policy's full name, and the task that was typed or trained on.
+
+    Prints a note if the robot is not one that the agent was trained on.
+    """
     from jbench.policies.find import find_run, full_name
     from jbench.simulation.find import checked_task
 
@@ -144,10 +146,21 @@ def _find(
         raise RequestError(f"Two policies, {policy} and {option}: type one.")
     database, name = database_and_policy(results, *(typed or [names.HEURISTIC]))
     name = full_name(database, name)
-    if task is not None:
-        return database, name, checked_task(task).name
     run = find_run(database, name)
-    return database, name, default if run is None or run.task is None else run.task
+    if task is not None:
+        task = checked_task(task).name
+    elif run is not None:
+        task = run.task
+    if run is not None and isinstance(run.augment, int):
+        seeds = range(run.augment, run.augment + run.robots)
+        if augment not in seeds:
+            there = "the plain robot" if augment is None else f"the augmented robot {augment}"
+            trained = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
+            output.say(
+                f"Note: {name} was trained on augmented robot {trained}, but this is {there}; "
+                f"type --augment {seeds[-1]} for its {'' if len(seeds) == 1 else 'last '}robot."
+            )
+    return database, name, task
 
 
 def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
@@ -158,20 +171,3 @@ def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
         return parsing.results_to_write(results), policy
     is_run = "/" in policy and not policy.startswith(SHIPPED)
     return parsing.results_to_write(Path(names.RESULTS)), f"{SHIPPED}{policy}" if is_run else policy
-
-
-def _say_other_robot(output: Output, database: "Results", policy: str, augment: int | None) -> None:
-    """Prints a note if the robot is not one that the agent was trained on."""
-    from jbench.policies.find import find_run
-
-    run = find_run(database, policy)
-    if run is None or not isinstance(run.augment, int):
-        return
-    seeds = range(run.augment, run.augment + run.robots)
-    if augment not in seeds:
-        there = "the plain robot" if augment is None else f"the augmented robot {augment}"
-        trained = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
-        output.say(
-            f"Note: {policy} was trained on augmented robot {trained}, but this is {there}; "
-            f"type --augment {seeds[-1]} for its {'' if len(seeds) == 1 else 'last '}robot."
-        )

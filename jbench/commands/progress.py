@@ -1,19 +1,22 @@
-"""Progress of a sweep: what is being made, and the processes that train."""
+"""Progress of long work: a live line for each part of it on a terminal, plain lines elsewhere."""
 
 import itertools
-from collections.abc import Sequence
+import sys
+import time
+from collections.abc import Iterable, Sequence
 from functools import cache
 from statistics import fmean
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rich.progress import TaskID
+from rich.console import Console
+from rich.progress import BarColumn, Progress, Task, TaskID
+from rich.table import Column, Table
+from rich.text import Text
 
-from jbench.commands.meters import Meters
-from jbench.commands.output import Output
 from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
 from jbench.training.events import Event
-from jbench.wording import counted
+from jbench.wording import counted, duration
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,22 +26,78 @@ _SPARKLINE = 16  # characters
 _BARS = "▁▂▃▄▅▆▇█"
 
 
-class TrainingView(Meters):
-    """Shows the events of a sweep: sentences, what is being made, and processes that train."""
+class Meters(Progress):
+    """Shows on standard error how much of each task is done, its speed and the time left."""
 
-    def __init__(self, output: Output) -> None:
-        super().__init__(plain_every=60, alone=False)
-        self._output = output
+    _plain_every = 10  # s between the lines that are printed without a terminal
+    _alone = (
+        True  # whether there is a single task, which has a bar, and a plain line when it is done
+    )
+
+    def __init__(self) -> None:
+        self._printed = time.monotonic()
+        super().__init__(
+            console=Console(stderr=True),
+            refresh_per_second=2,
+            speed_estimate_period=600,
+            # Lines printed meanwhile appear above the live ones, unless stdout is a pipe.
+            redirect_stdout=sys.stdout.isatty(),
+            disable=not sys.stderr.isatty(),
+        )
+
+    def make_tasks_table(self, tasks: Iterable[Task]) -> Table:
+        """Returns a row for each task, whose numbers are never cut."""
+        bars = [BarColumn(bar_width=16)] if self._alone else []
+        fixed = [Column(no_wrap=True) for _ in ("done", "speed")]
+        table = Table.grid(*(Column() for _ in ("name", *bars)), *fixed, padding=(0, 1))
+        for task in tasks:
+            name, *cells = map(Text, _cells(task))
+            table.add_row(name, *(bar(task) for bar in bars), *cells)
+        return table
+
+    def show_done(self, id: TaskID, done: int, **fields: Any) -> None:
+        """Shows how much of a task is done, with its description and other fields."""
+        (task,) = (task for task in self.tasks if task.id == id)
+        was_finished = task.finished
+        self.update(id, completed=done, **fields)
+        is_due = time.monotonic() - self._printed >= self._plain_every
+        if is_due or (self._alone and task.finished and not was_finished):
+            self.print_lines()
+
+    def print_lines(self) -> None:
+        """Prints a plain line for each task if there is no terminal."""
+        self._printed = time.monotonic()
+        for name, *cells in map(_cells, self.tasks) if self.disable else ():
+            print(f"{name}: {', '.join(filter(None, cells))}", file=sys.stderr, flush=True)
+
+
+def _cells(task: Task) -> tuple[str, ...]:
+    """Returns what is done, how much, how fast, the time left, and what else there is to say."""
+    total, speed, left = task.total or 0, task.speed, task.time_remaining
+    running = speed is not None and left is not None and not task.finished
+    return (
+        task.description,
+        f"{task.completed:,.0f} of {total:,.0f} {task.fields['unit']}",
+        (f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s") if speed and running else "",
+        f"{duration(left)} left" if left and running else "",
+        task.fields.get("more", ""),
+    )
+
+
+class TrainingView(Meters):
+    """Shows the events of a sweep: what is being made, and the processes that train."""
+
+    _plain_every, _alone = 60, False
+
+    def __init__(self) -> None:
+        super().__init__()
         self._making: dict[str, TaskID] = {}
         self._processes: dict[str, _Process] = {}
 
     def show(self, event: Event) -> None:
-        """Shows an event of a sweep."""
-        if event.kind == "note":
-            self._output.say(event.text)
-        elif event.kind == "warning":
-            self._output.warn(event.text)
-        elif event.kind == "progress":
+        """Shows an event of a sweep that is no sentence."""
+        steps = sum(run.last_step for run in event.runs)
+        if event.kind == "progress":
             if event.text not in self._making:
                 task = self.add_task(event.text, total=event.total, unit=event.unit)
                 self._making[event.text] = task
@@ -48,11 +107,9 @@ class TrainingView(Meters):
                 self.remove_task(task)
             self._runs, self._ended = {run.id: run for run in event.runs}, set[str]()
             self._done = dict.fromkeys(self._runs, 0)
-            steps = sum(run.last_step for run in event.runs)
             self._all = self.add_task(self._count_ended(), total=steps, unit="steps")
         elif event.kind == "started":
             process = _Process(event.runs)
-            steps = sum(run.last_step for run in event.runs)
             process.task = self.add_task(process.name, total=steps, unit="steps")
             self._processes |= {run.id: process for run in event.runs}
         elif event.kind == "ended":
@@ -91,15 +148,12 @@ class _Process:
 
     def __init__(self, runs: Sequence[RunSettings]) -> None:
         self.runs, self.returns, self.curve = runs, dict[str, float](), list[float]()
-        self._configurations = len({(run.task, run.representation) for run in runs})
-
-    @property
-    def name(self) -> str:
-        """The configuration and the seeds, or the number of configurations."""
-        run, seeds = self.runs[0], ",".join(str(run.seed) for run in self.runs)
-        if self._configurations > 1:
-            return f"{run.algo} {len(self.runs)} runs of {self._configurations} configurations"
-        return f"{run.task} {run.algo} {run.representation} seed {seeds}"
+        run, seeds = runs[0], ",".join(str(run.seed) for run in runs)
+        self.name = f"{run.task} {run.algo} {run.representation} seed {seeds}"
+        configurations = len({(run.task, run.representation) for run in runs})
+        self._alike = configurations == 1
+        if not self._alike:
+            self.name = f"{run.algo} {len(runs)} runs of {configurations} configurations"
 
     def learned(self, steps: int) -> str:
         """Returns a sparkline, the newest returns, and the published one at as many steps."""
@@ -109,8 +163,8 @@ class _Process:
         text = " ".join(f"{value:.0f}" for value in values)
         if len(values) > _MAX_RETURNS:
             text = f"mean {fmean(values):.0f} [{min(values):.0f}, {max(values):.0f}]"
-        same = self._configurations == 1
-        published = published_median(self.runs[0], steps / len(self.runs)) if same else None
+        at = steps / len(self.runs)
+        published = published_median(self.runs[0], at) if self._alike else None
         ending = "" if published is None else f" (published {published:.0f})"
         return f"{sparkline(self.curve)} training return {text}{ending}"
 

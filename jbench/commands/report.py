@@ -16,15 +16,13 @@ from typing import TYPE_CHECKING, Any
 from typer import Option
 
 from jbench import names
-from jbench.commands import options, parsing
-from jbench.commands.output import Output
+from jbench.commands import options, output, parsing
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.opengl import has_display
 from jbench.report.request import Request
 from jbench.wording import repair_hint
 
 if TYPE_CHECKING:
-    from jbench.report.frames import Frames
     from jbench.store import Results
 
 
@@ -81,7 +79,6 @@ def report(
     unread = len(sides) == 2 or curves is not None
     database = Results(results) if unread else parsing.existing_results(results)
     read = [Results(side) for side in sides] if unread else [database]
-    output = Output(json)
     if watch and (json or curves):
         other = "--json" if json else "--curves"
         raise RequestError(f"--watch and {other} exclude each other; type one of them.")
@@ -101,18 +98,13 @@ def report(
     there = Path(f"reference-{name}") if names.is_reference(results) else database.inside(name)
     out = out or (Path(f"{curves.stem}-report") if curves is not None else there)
 
-    if watch:
-        _watch([database.path, *sides], database, out, request, output)
-    else:
-        _report(database, out, request, output)
+    if not watch:
+        _report(database, out, request)
+        return
 
-
-def _watch(
-    directories: Sequence[Path], database: "Results", out: Path, request: Request, output: Output
-) -> None:
     def write(request: Request) -> None:
         try:
-            _report(database, out, request, output)
+            _report(database, out, request)
         except NothingYetError as error:
             output.say(f"Nothing to report yet: {error}")
         except WorkError as error:
@@ -121,14 +113,15 @@ def _watch(
     output.say("Watching; Ctrl-C ends it.")
     opened = False
     with contextlib.suppress(KeyboardInterrupt):
-        for _ in changes(directories):
+        for _ in changes([database.path, *sides]):
             write(request)
             opened = opened or open_page(out / "index.html")
     output.say("No longer watching; writing the last report with all its files.")
     write(dataclasses.replace(request, watched=False))
 
 
-def _report(database: "Results", out: Path, request: Request, output: Output) -> None:
+def _report(database: "Results", out: Path, request: Request) -> None:
+    from jbench.report.page import verdict_matrix
     from jbench.report.report import write_report
     from jbench.report.tables import tables
     from jbench.store.query import records
@@ -136,40 +129,28 @@ def _report(database: "Results", out: Path, request: Request, output: Output) ->
     frames, files = write_report(None if request.curves else database, out, request)
     asked = {"comparisons", "claims"}
     asked |= set() if request.compare else {"final_returns", "verdicts"}
-    for table in tables(frames):
-        if table.name in asked:
-            if table.name == "verdicts" and not request.claims:
-                output.table(table.title, *_short_verdicts(frames))
-            else:
-                output.frame(table.title, table.texts())
+    for table in (table for table in tables(frames) if table.name in asked):
+        if table.name != "verdicts" or request.claims:
+            output.frame(table.title, table.texts())
+            continue
+        matrix, rows = verdict_matrix(frames), []
+        for row in matrix["rows"]:
+            cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
+            rows.append([row["about"], row["representation"], *cells])
+        heads = product(matrix["baselines"], matrix["claims"].values())
+        header = ["", "observation", *(f"{of} against {name}" for name, of in heads)]
+        output.table(table.title, header, rows)
     for note in frames.notes:
         output.say(f"Note: {note}")
     output.say(frames.headline)
     page = out / "index.html"
     output.say(f"Wrote {len(files)} files to {page.parent}; open {page} in a browser.")
-    if output.as_json:
+    if output.is_json:
         shown = ["configurations", "verdicts", "comparisons"] + ["claims"] * request.claims
-        output.document(
-            {
-                "headline": frames.headline,
-                **{name: records(getattr(frames, name)) for name in shown},
-                "files": [str(file) for file in files],
-                "notes": frames.notes,
-                "problems": frames.problems,
-            }
-        )
+        entries = {name: records(getattr(frames, name)) for name in shown}
+        about = {"files": files, "notes": frames.notes, "problems": frames.problems}
+        output.document({"headline": frames.headline, **entries, **about})
     output.warn_of_damage(frames.problems, repair_hint(database.name))
-
-
-def _short_verdicts(frames: "Frames") -> tuple[list[str], list[list[str]]]:
-    from jbench.report.page import verdict_matrix
-
-    matrix, rows = verdict_matrix(frames), []
-    for row in matrix["rows"]:
-        said = [f"{cell['mark']} {cell['verdict']}" if cell else "" for cell in row["verdicts"]]
-        rows.append([row["about"], row["representation"], *said])
-    heads = product(matrix["baselines"], matrix["claims"].values())
-    return ["", "observation", *(f"{of} against {name}" for name, of in heads)], rows
 
 
 def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[None]:

@@ -6,8 +6,7 @@ from typing import Any
 
 from typer import Argument, Option
 
-from jbench.commands import options, parsing
-from jbench.commands.output import Output, tally
+from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.importing.request import ImportRequest
 from jbench.wording import are, counted, json_text, repair_hint, with_results
@@ -33,22 +32,19 @@ def query(
     # The paper's curves are in jbench, so results need not exist.
     needs_results = named_tables(sql) != {"published"}
     database = parsing.existing_results(results) if needs_results else Results(results)
-    output = Output(json)
     answer, problems = query_results(database, sql)
     if json:
         output.raw(f"{json_text(records(answer))}\n")
     elif as_csv:
         output.raw(to_csv(answer))
     else:
-        first = answer.head(_SHOWN).map(_cut)
+        # A long text, such as the JSON of settings, is cut so that its row stays one of the table.
+        shown = answer.head(_SHOWN).map(
+            lambda cell: cell if len(str(cell)) <= _LONGEST else f"{str(cell)[: _LONGEST - 1]}…"
+        )
         less = f", the first {_SHOWN} shown; --csv prints all" if len(answer) > _SHOWN else ""
-        output.frame(counted(len(answer), "row") + less, first)
+        output.frame(counted(len(answer), "row") + less, shown)
     output.warn_of_damage(problems, repair_hint(results))
-
-
-def _cut(cell: Any) -> Any:
-    """Cuts a long text, such as the JSON of settings, so that its row stays one of a table."""
-    return cell if len(str(cell)) <= _LONGEST else f"{str(cell)[: _LONGEST - 1]}…"
 
 
 def repair(
@@ -65,9 +61,8 @@ def repair(
     from jbench.store.verify import verify as check
 
     parsing.results_to_write(results)
-    output, database = Output(json), parsing.existing_results(results)
-    progress = partial(output.progress, "repair", unit="folders")
-    checked = check(database, threads, progress)
+    database = parsing.existing_results(results)
+    checked = check(database, threads, partial(output.progress, "repair", unit="folders"))
     done = set_aside(database, checked.findings, dry_run)
     for moved, to in done.moved:
         output.say(f"{moved} -> {to}")
@@ -77,16 +72,9 @@ def repair(
     output.say(f"{verb} {count} aside." if done.moved else "Nothing to set aside.")
     if done.commands and not dry_run:
         output.say("\n    ".join(["To make damaged records again, repeat:", *done.commands]))
-    output.document(
-        {
-            "dry_run": dry_run,
-            "moved": [{"from": str(moved), "to": str(to)} for moved, to in done.moved],
-            "left": done.left,
-            "commands": done.commands,
-        }
-    )
-    if done.left:
-        left = len(done.left)
+    moves = [{"from": moved, "to": to} for moved, to in done.moved]
+    output.document({"dry_run": dry_run} | done._asdict() | {"moved": moves})
+    if left := len(done.left):
         raise WorkError(f"{counted(left, 'problem')} {are(left)} left as before; see above.")
 
 
@@ -103,20 +91,18 @@ def merge(
     """
     from jbench.store.merge import merge as join
 
-    output, database = Output(json), parsing.results_to_write(results)
+    database = parsing.results_to_write(results)
     sources = [parsing.existing_results(other) for other in others]
     merged = join(database, sources, partial(output.progress, "merge", unit="records"))
     refused = [record for record in merged if record.outcome == "refused"]
     for record in refused:
         output.warn(f"{record.record}: {record.reason}")
-    outcomes = tally(record.outcome for record in merged) or "no records"
+    outcomes = output.tally(record.outcome for record in merged) or "no records"
     output.say(f"Merged into {results}: {outcomes}.")
     output.document({"records": [record._asdict() for record in merged]})
     if refused:
-        raise WorkError(
-            f"{counted(len(refused), 'record')} {are(len(refused))} refused, see above; the others "
-            "are merged."
-        )
+        count = f"{counted(len(refused), 'record')} {are(len(refused))}"
+        raise WorkError(f"{count} refused, see above; the others are merged.")
 
 
 @options.with_settings(
@@ -138,7 +124,7 @@ def import_(
     from jbench.importing.importer import import_curves
     from jbench.simulation import find_task
 
-    output, database = Output(json), parsing.results_to_write(results)
+    database = parsing.results_to_write(results)
     request = ImportRequest(task=find_task(task).name, **chosen)
     imported = import_curves(database, files, request)
     for curve in imported:

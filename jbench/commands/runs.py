@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from typer import Argument, Option
 
 from jbench import names
-from jbench.commands import options, parsing
-from jbench.commands.output import Output
+from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.report.request import Request
 from jbench.wording import are, counted, duration, progress_text, repair_hint
@@ -63,7 +62,6 @@ def runs(
         }
         for line in lines
     ]
-    output = Output(json)
     if rows:
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
         values = ([row[name] for name in header] for row in rows)
@@ -100,7 +98,7 @@ def tail(
     database = parsing.existing_results(results)
     typed = {"task": task, "algo": algo, "representation": representation}
     filters = parsing.run_filters(database, seed, status, **typed)
-    output, follower, problems = Output(json), Follower(database, filters), 0
+    follower, problems = Follower(database, filters), 0
     lines, is_empty = _json_lines if json else _text_lines, True
     try:
         while True:
@@ -119,8 +117,8 @@ def tail(
     except KeyboardInterrupt:
         return
     if problems:
-        verb = are(problems)
-        raise WorkError(f"{counted(problems, 'run')} {verb} damaged and left out; see above.")
+        count = f"{counted(problems, 'run')} {are(problems)}"
+        raise WorkError(f"{count} damaged and left out; see above.")
     if is_empty:
         output.say(f"No such runs in {results}.")
 
@@ -209,7 +207,7 @@ def leaderboard(
         **chosen,
     )
     ranked, problems = ranked_configurations(databases, request)
-    output, table = Output(json), leaderboard_table(ranked, request.returns)
+    table = leaderboard_table(ranked, request.returns)
     if markdown or as_csv:
         output.raw(to_markdown(table) if markdown else to_csv(ranked))
     else:

@@ -6,7 +6,7 @@ from contextlib import ExitStack, redirect_stdout
 from typing import Any, get_args
 
 from jbench import names
-from jbench.commands.output import Output
+from jbench.commands import output
 from jbench.commands.progress import TrainingView
 from jbench.errors import WorkError
 from jbench.loggers.logger import copying_rows, make_logger
@@ -16,14 +16,15 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.listing import evaluation_return
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
-from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
+from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.continuation import check_state_can_be_kept
+from jbench.training.events import Event
 from jbench.training.status import State
 from jbench.wording import counted, duration
 
 
-def check_runs(runs: Sequence[RunSettings], keep_state: bool, output: Output) -> None:
+def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
     """Checks that runs, one of each configuration, can be kept; warns of unexpected lengths."""
     if keep_state:
         check_state_can_be_kept(runs)
@@ -51,7 +52,6 @@ def train_cells(
     cells: Sequence[Cell],
     results: Results,
     make_executor: Callable[[], Executor],
-    output: Output,
     log: str | None,
     **options: Any,
 ) -> dict[str, str]:
@@ -60,15 +60,24 @@ def train_cells(
     Their rows are copied to the experiment tracker `log`, if any, whose library must be installed.
     `options` are other ones of `sweep`.
     """
+
+    def show(event: Event) -> None:
+        if event.kind == "note":
+            output.say(event.text)
+        elif event.kind == "warning":
+            output.warn(event.text)
+        else:
+            view.show(event)
+
     with ExitStack() as stack:
-        if output.as_json:  # Ray prints to standard output, which is only for the JSON document
+        if output.is_json:  # Ray prints to standard output, which is only for the JSON document
             stack.enter_context(redirect_stdout(sys.stderr))
         if log is not None:
             logger, ids = make_logger(log, results.path), {run.id for run in all_runs(cells)}
             output.say(logger.where)
             stack.enter_context(copying_rows(results, ids, logger, output.warn))
-        view = stack.enter_context(TrainingView(output))
-        return sweep(cells, results, make_executor, view.show, **options)
+        view = stack.enter_context(TrainingView())
+        return sweep(cells, results, make_executor, show, **options)
 
 
 def check_failures(failures: Sized, runs: int) -> None:
@@ -85,7 +94,7 @@ _FINAL_RETURNS = (
 )
 
 
-def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> None:
+def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     """Prints the final returns of each run in the results."""
     rows = []
     for run in runs:
@@ -102,7 +111,7 @@ def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> 
     output.table(_FINAL_RETURNS, ("run", "episodes", "training return", "evaluation return"), rows)
 
 
-def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> list[str]:
+def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
     """Prints the datasets and encoders that are made first; returns their ids."""
     missing = missing_encoders(cells, results)
     datasets = [data for data, _ in missing if not is_finished(results, "dataset", data.id)]
@@ -116,17 +125,20 @@ def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> lis
 
 
 def show_status(
-    title: str,
-    cells: Sequence[Cell],
-    results: Results,
-    jobs: int,
-    device: str,
-    output: Output,
-    times: bool,
+    title: str, cells: Sequence[Cell], results: Results, jobs: int, device: str, times: bool
 ) -> dict[str, Any]:
     """Prints how many seeds are finished, and perhaps the time left; returns it for JSON."""
     statuses = cell_statuses(cells, results, jobs, device, quick=times)
-    rows, left = [_described(status) for status in statuses], seconds_left(statuses, jobs)
+    rows, left = [], seconds_left(statuses, jobs)
+    cell_fields = ("task", "algo", "representation", "settings")
+    run_fields = ("encoder", "precision", "time_limit", "steps")
+    for status in statuses:
+        counts = status._asdict()
+        cell = counts.pop("cell")
+        row = {name: getattr(cell, name) for name in cell_fields}
+        row |= {name: getattr(cell.runs[0], name) for name in run_fields}
+        row |= {"environments": cell.runs[0].parallel, "runs": [run.id for run in cell.runs]}
+        rows.append(row | counts)
     if_varied = ("settings", "precision", "environments", "time_limit", "steps")
     varied = (name for name in if_varied if len({row[name] for row in rows}) > 1)
     header = ["task", "algo", "representation", *varied, *get_args(State)]
@@ -147,14 +159,3 @@ def show_status(
         processes = counted(jobs, "process", "processes")
         output.say(f"Time left with {processes} at a time: {time(left)}{until}.")
     return {"configurations": rows, "seconds_left": left}
-
-
-def _described(status: CellStatus) -> dict[str, Any]:
-    cell, run = status.cell, status.cell.runs[0]
-    return {
-        **{name: getattr(cell, name) for name in ("task", "algo", "representation", "settings")},
-        **{name: getattr(run, name) for name in ("encoder", "precision", "time_limit", "steps")},
-        "environments": run.parallel,
-        "runs": [run.id for run in cell.runs],
-        **{name: value for name, value in status._asdict().items() if name != "cell"},
-    }

@@ -5,7 +5,6 @@ import pyarrow as pa
 import pytest
 
 from jbench.cli import main
-from jbench.commands.output import Output
 from jbench.commands.training import show_runs
 from jbench.report.data.curves import final_returns
 from jbench.returns import final_return
@@ -38,7 +37,7 @@ def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tm
     steps = 1000.0 * (returns + 1)
     reported, _ = final_returns(returns[None], steps[None], np.array([episodes]))
     assert reported.tolist() == [mean]
-    show_runs([RUN], Results(tmp_path), Output())
+    show_runs([RUN], Results(tmp_path))
     (row,) = (line for line in capsys.readouterr().out.splitlines() if RUN.id in line)
     assert row.split()[-2:] == [str(episodes), f"{mean:.0f}"]
 
@@ -57,7 +56,7 @@ def test_evaluation_return_is_the_mean_of_the_last_evaluation(tmp_path, capsys):
     assert (line["last_return"], line["evaluation_return"]) == (7, 30)
     assert main(["runs", "--returns", "--results", str(tmp_path)]) == 0
     listed = capsys.readouterr().out
-    show_runs([RUN], Results(tmp_path), Output())
+    show_runs([RUN], Results(tmp_path))
     printed = capsys.readouterr().out
     for text in (listed, printed):
         assert text.rindex("training return") < text.rindex("evaluation return")

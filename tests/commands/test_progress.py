@@ -6,7 +6,6 @@ from contextlib import contextmanager
 import pytest
 from rich.console import Console
 
-from jbench.commands.output import Output
 from jbench.commands.progress import TrainingView, published_median, sparkline
 from jbench.training.events import Event
 from tests.sweep_matrices import runs_of_matrix, write_matrix
@@ -31,7 +30,7 @@ def episode(run, steps, episode_return):
 @contextmanager
 def trained(*processes):
     """A view during training; standard error is not a terminal."""
-    with TrainingView(Output()) as view:
+    with TrainingView() as view:
         view.show(Event("training", runs=[run for runs in processes for run in runs]))
         for runs in processes:
             view.show(Event("started", runs=runs))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jbench.commands.output import Output
+from jbench.commands import output
 
 RUN = "face_direction/td3/planar12/s00-3d410709"
 
@@ -13,7 +13,7 @@ def printed(monkeypatch, capsys):
 
     def lines(width, header, *rows):
         monkeypatch.setenv("COLUMNS", str(width))
-        Output().table("a title", header, rows)
+        output.table("a title", header, rows)
         return capsys.readouterr().out.splitlines()
 
     return lines
@@ -26,7 +26,7 @@ def test_width_of_a_pipe_is_that_of_columns(monkeypatch, capsys):
             monkeypatch.setenv("COLUMNS", columns)
         else:
             monkeypatch.delenv("COLUMNS", raising=False)
-        Output().table("a title", ["one", "two"], rows)
+        output.table("a title", ["one", "two"], rows)
         longest = max(map(len, capsys.readouterr().out.splitlines()))
         assert least <= longest <= most
 

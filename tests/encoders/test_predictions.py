@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from jbench.commands.encoders import show_explained
-from jbench.commands.output import Output
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
 from jbench.encoders.kinds.linear import DynamicModes, RandomFeatures, Scaled
@@ -103,7 +102,7 @@ def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys)
     assert problems == []
     assert tables["encoder_predictions"].num_rows == 0
     assert tables["encoders"].to_pylist()[0]["effective_rank"] is None
-    show_explained([old], Output())
+    show_explained([old])
     printed = capsys.readouterr().out
     assert "of the variance" in printed
     assert "R²" not in printed

@@ -13,8 +13,7 @@ import safetensors.numpy
 from jbench.datasets import collect
 from jbench.encoders import saved
 from jbench.encoders.registry import encoder_settings
-from jbench.policies.network import SavedNetwork, linear_layer, relu_layers
-from jbench.policies.saved import policy_files
+from jbench.policies.saved import SavedLayer, SavedNetwork, relu_layers
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
@@ -92,13 +91,15 @@ def _add_run(results, representation, seed, training, evaluation):
     ]
     record.append({"episodes": pa.Table.from_pylist(episodes, schema.EPISODES)})
     record.append({"evaluations": pa.Table.from_pylist(evaluations, schema.EVALUATIONS)})
-    record.finish({"wall_time": 120.0, "steps_done": 20_000}, policy_files(_policy(representation)))
+    record.finish({"wall_time": 120.0, "steps_done": 20_000}, _policy(representation).files())
 
 
 def _policy(representation):
     random = np.random.default_rng(1)
     linear = [
-        linear_layer(random.normal(size=shape).astype("f4"), np.zeros(shape[0], "f4"))
+        SavedLayer(
+            "linear", weight=random.normal(size=shape).astype("f4"), bias=np.zeros(shape[0], "f4")
+        )
         for shape in ((8, 16 if representation == "full" else 14), (1, 8))
     ]
     return SavedNetwork(relu_layers(linear, "tanh"))

@@ -12,7 +12,7 @@ import numpy as np
 from jbench.opengl import choose_backend
 
 if TYPE_CHECKING:
-    from jbench.policies.acting import ActingPolicy
+    from jbench.policies.find import ActingPolicy
 
 HERE = Path(__file__).parent
 

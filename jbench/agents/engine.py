@@ -12,7 +12,7 @@ from torch import Tensor
 
 from jbench.agents.divergence import Divergence
 from jbench.agents.environments import Environments, StepResult
-from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import SavedNetwork
 
 AfterStep = Callable[[NDArray[np.float64] | None], bool]
 """Called after a control step with what `Engine.learn` yields; returns whether to go on."""

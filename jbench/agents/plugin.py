@@ -106,7 +106,7 @@ class Agent(ABC):
         """Returns the deterministic policy as a module from observations (n, size) to actions.
 
         It is saved with the run. It applies layers such as Linear and Tanh one after another; see
-        `jbench.policies.copied`. None: the run is saved without its policy.
+        `jbench.policies.actors`. None: the run is saved without its policy.
         """
         return None
 

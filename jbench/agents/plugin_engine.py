@@ -16,8 +16,8 @@ from jbench.agents.environments import Environments, StepResult
 from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable, pack, unpack
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
-from jbench.policies.copied import copy_module
-from jbench.policies.network import SavedNetwork
+from jbench.policies.actors import copy_module
+from jbench.policies.saved import SavedNetwork
 from jbench.settings.base import Settings
 from jbench.store import schema
 

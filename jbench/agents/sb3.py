@@ -18,9 +18,8 @@ from torch import nn
 
 from jbench.agents.algorithms import find_class
 from jbench.errors import RequestError
-from jbench.policies.acting import normalization
-from jbench.policies.copied import UnsupportedPolicyError, copy_module
-from jbench.policies.network import SavedLayer, SavedNetwork
+from jbench.policies.actors import UnsupportedPolicyError, copy_module, normalization
+from jbench.policies.saved import SavedLayer, SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
 from jbench.store.schema import LOSSES
 
@@ -152,9 +151,9 @@ def copy_model(model: Any, *sizes: int) -> SavedNetwork:
         return network
     deviation = np.sqrt(normalized.obs_rms.var + normalized.epsilon)
     first = [
-        SavedLayer("shift", {"offset": -normalized.obs_rms.mean.astype(np.float32)}),
-        SavedLayer("scale", {"factor": (1 / deviation).astype(np.float32)}),
-        SavedLayer("clip", numbers={"low": -normalized.clip_obs, "high": normalized.clip_obs}),
+        SavedLayer("shift", offset=-normalized.obs_rms.mean.astype(np.float32)),
+        SavedLayer("scale", factor=(1 / deviation).astype(np.float32)),
+        SavedLayer("clip", low=-normalized.clip_obs, high=normalized.clip_obs),
     ]
     return SavedNetwork([*first, *network.layers])
 

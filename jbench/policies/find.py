@@ -1,19 +1,29 @@
-"""Policies by name: random, constant, heuristic, trained, or of another package."""
+"""Policies by name: random, constant, heuristic, trained, or of another package.
+
+Other packages offer policies as entry points of the group `jbench.policies`, and modules in the
+working directory as MODULE:NAME. A policy is an `Actor`, or an object with `act` and optionally
+`reset(robots)`. A class is called with the name of the task, and its object is the policy.
+"""
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
+from importlib.metadata import EntryPoint
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jbench import plugins
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, TASKS, closest
-from jbench.policies import acting
-from jbench.policies.acting import ActingPolicy, installed_policies, is_imported_policy
+from jbench.policies.actors import acting
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, sha256_start
 from jbench.settings.recorded import Run, read_run
-from jbench.simulation import find_task
+from jbench.simulation import Act, find_task
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
 from jbench.tasks.heuristics import heuristic
@@ -23,10 +33,23 @@ SHIPPED = f"{REFERENCE}/"
 
 _CONSTANT = "constant:"
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e-?\d+)?", re.ASCII | re.IGNORECASE)
+_ENTRY_POINT = re.compile(r"[a-z][a-z0-9-]*")
+_OURS = (*POLICIES, REFERENCE)
+
+
+@dataclass(frozen=True)
+class ActingPolicy:
+    """A policy: actions (robots, action_size) in [-1, 1] for observations (robots, dim(O)).
+
+    `reset` takes a number of robots, and starts an episode of each.
+    """
+
+    act: Act
+    reset: Callable[[int], object] = lambda robots: None
 
 
 def find_policy(results: Results, name: str, task: str, seed: int = 0) -> ActingPolicy:
-    """Returns a policy by name, see `POLICY_NAMES`; the seed is of the random policy.
+    """Returns a policy by its full name, see `POLICY_NAMES`; the seed is of the random policy.
 
     Raises a RequestError if there is no such policy, or it was trained on another task, and a
     WorkError if the policy of another package can't be imported.
@@ -47,11 +70,9 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
         command = _constant(name)
         return ActingPolicy(lambda observations: np.full((len(observations), size), command))
     if is_imported_policy(name):
-        return acting.imported_policy(name, task)
+        return _imported_policy(name, task)
     if is_sb3_zip(name):
         return ActingPolicy(read_sb3_zip(name, task).act)
-    if "/" not in name:
-        raise _unknown(name)
     run, agent = find_trained_agent(results, name)
     if agent.task != task:
         raise RequestError(
@@ -68,6 +89,49 @@ def _constant(name: str) -> float:
             f"{name}: a constant command lies in [-1, 1]; type constant:0.5, for example."
         )
     return float(text)
+
+
+def is_imported_policy(name: str) -> bool:
+    """Returns whether a name is that of an installed policy, or of the form MODULE:NAME."""
+    is_ours = name.partition(":")[0] in _OURS
+    return not is_ours and (plugins.is_imported(name) or name in _entry_points())
+
+
+def _entry_points() -> dict[str, EntryPoint]:
+    return plugins.offered("jbench.policies", _ENTRY_POINT, _OURS)
+
+
+def _imported_policy(name: str, task: str) -> ActingPolicy:
+    """Returns a policy of another package, whose actions are checked, after it has acted once.
+
+    Raises a RequestError if it does not exist, or its actions have the wrong shape or are not
+    finite; a WorkError if its module, its class or its actions raise an error.
+    """
+    sizes = find_task(task)
+
+    def attempt(function: Callable[[Any], Any], argument: object) -> Any:
+        try:
+            return function(argument)
+        except (RequestError, WorkError):
+            raise
+        except Exception as error:
+            raise WorkError(f"The policy {name} failed ({sentence_of_failure(error)}).") from error
+
+    points, is_module = _entry_points(), plugins.is_imported(name)
+    made = plugins.imported("policy", name) if is_module else plugins.load("policy", points[name])
+    if isinstance(made, type):
+        made = attempt(made, task)
+    actor = getattr(made, "act", made)
+
+    def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        with acting(actor, sizes.action_size) as checked:
+            actions: NDArray[np.floating] = attempt(checked, observations)
+        return actions.clip(-1, 1)
+
+    policy = ActingPolicy(act, partial(attempt, getattr(made, "reset", lambda robots: None)))
+    policy.reset(1)
+    policy.act(np.zeros((1, sizes.observation_size), np.float32))
+    return policy
 
 
 def find_trained_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
@@ -94,13 +158,9 @@ def full_name(results: Results, name: str) -> str:
         _constant(name)
     if name.partition(":")[0] in POLICIES or is_imported_policy(name):
         return name
-    raise _unknown(name)
-
-
-def shipped_policies() -> list[str]:
-    """Returns the names of all policies shipped with jbench."""
-    runs = shipped_results().scan("run")[0]
-    return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
+    close = closest(name, [*POLICIES, *_entry_points()])
+    hint = f"did you mean {close}? Choose" if close else "choose"
+    raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
 
 
 def find_run(results: Results, name: str) -> Run | None:
@@ -125,22 +185,25 @@ def policy_code(name: str) -> str | None:
         return sha256_start(name)
     if not is_imported_policy(name):
         return None
-    made_with = plugins.provenance("policy", name, installed_policies())
+    made_with = plugins.provenance("policy", name, _entry_points())
     checksum = made_with.get("source_sha256")
     return checksum[:16] if checksum else made_with.get("package")
 
 
+def shipped_policies() -> list[str]:
+    """Returns the names of all policies shipped with jbench."""
+    runs = shipped_results().scan("run")[0]
+    return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
+
+
 def _locate(results: Results, name: str) -> tuple[Results, str]:
-    if name.startswith(SHIPPED):
-        return shipped_results(), _shipped_run(name)
-    return results, results.complete_id("run", name)
-
-
-def _shipped_run(name: str) -> str:
+    """Returns the results with the run of a trained policy, and its whole id."""
+    if not name.startswith(SHIPPED):
+        return results, results.complete_id("run", name)
     names = shipped_policies()
     matches = [shipped for shipped in names if shipped.startswith(name)]
     if len(matches) == 1:
-        return matches[0].removeprefix(SHIPPED)
+        return shipped_results(), matches[0].removeprefix(SHIPPED)
     if matches:
         raise RequestError(
             f"{name} is not unique; type one of {', '.join(matches)} "
@@ -150,9 +213,3 @@ def _shipped_run(name: str) -> str:
     choices = same or sorted(get_close_matches(name, names, 3)) or names
     instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"
     raise RequestError(f"No policy is shipped as {name}; {instead}.")
-
-
-def _unknown(name: str) -> RequestError:
-    close = closest(name, [*POLICIES, *installed_policies()])
-    hint = f"did you mean {close}? Choose" if close else "choose"
-    return RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")

@@ -1,11 +1,22 @@
-"""The kept policies of runs, usable without the library that trained them."""
+"""The kept policies of runs, usable without the library that trained them.
 
+A policy is layers, which are applied with numpy, or with torch to export them.
+"""
+
+import inspect
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+from array_api_compat import array_namespace
+from numpy.typing import NDArray
 
 from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
-from jbench.policies.network import SavedNetwork
 from jbench.settings.records import EXTERNAL, Specs
 from jbench.simulation.find import check_specs, find_task
 from jbench.store import Record, Results
@@ -13,13 +24,175 @@ from jbench.store.shipped import results_to_read
 from jbench.tasks.geometry import Array
 from jbench.wording import with_results
 
-WEIGHTS = "policy.safetensors"
-DESCRIPTION = "policy.json"
+Float = NDArray[np.float32]
+
+WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
+
+MAX_INPUT = 10.0
+"""Bound of the absolute value of an observation that learned features standardize."""
+
+_CONCAT = "concat"
+"""The kind of a layer that puts an earlier result before the last one. Its number `earlier` counts
+the layers before that result: 0 for the observation."""
 
 
-def policy_files(policy: SavedNetwork | None) -> dict[str, bytes]:
-    """Returns a policy as files by name; none for None."""
-    return {} if policy is None else dict(zip((WEIGHTS, DESCRIPTION), policy.files(), strict=True))
+class SavedLayer:
+    """A layer: its kind, one of `LAYERS`, with the arguments of its function."""
+
+    def __init__(self, kind: str, **arguments: Float | float) -> None:
+        self.kind, self.arrays, self.numbers = kind, dict[str, Float](), dict[str, float]()
+        for name, value in arguments.items():
+            if isinstance(value, np.ndarray):
+                self.arrays[name] = value
+            else:
+                self.numbers[name] = value
+
+
+def _layer_norm(x: Array, weight: Array, bias: Array, epsilon: float) -> Array:
+    centered = x - x.mean(axis=-1, keepdims=True)
+    variance = (centered * centered).mean(axis=-1, keepdims=True)
+    return centered / array_namespace(x).sqrt(variance + epsilon) * weight + bias
+
+
+def _sigmoid(x: Array) -> Array:
+    return 0.5 + 0.5 * array_namespace(x).tanh(0.5 * x)  # does not overflow
+
+
+def _elu(x: Array, alpha: float) -> Array:
+    xp = array_namespace(x)
+    return xp.where(x > 0, x, alpha * xp.expm1(x.clip(max=0)))
+
+
+LAYERS: dict[str, Callable[..., Array]] = {
+    "linear": lambda x, weight, bias: x @ weight.T + bias,
+    "layer_norm": _layer_norm,
+    "scale": lambda x, factor: x * factor,
+    "shift": lambda x, offset: x + offset,
+    "divide": lambda x, divisor: x / divisor,
+    "columns": lambda x, first: x[..., int(first) :],
+    "clip": lambda x, low, high: x.clip(low, high),
+    "relu": lambda x: x.clip(0),
+    "tanh": lambda x: array_namespace(x).tanh(x),
+    "sigmoid": _sigmoid,
+    "silu": lambda x: x * _sigmoid(x),
+    "elu": _elu,
+    "leaky_relu": lambda x, slope: array_namespace(x).where(x > 0, x, slope * x),
+    _CONCAT: lambda x, earlier: array_namespace(x).concat([earlier, x], axis=-1),
+}
+"""The function of each kind of layer, of the result of the layer before it."""
+
+
+@dataclass(frozen=True)
+class SavedNetwork:
+    """A deterministic policy: layers applied one after another, then clipped to [-1, 1]."""
+
+    layers: Sequence[SavedLayer]
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of inputs and outputs."""
+        weights = [layer.arrays["weight"] for layer in self.linear_layers()]
+        return weights[0].shape[1], weights[-1].shape[0]
+
+    def linear_layers(self) -> list[SavedLayer]:
+        """Returns the layers with a weight matrix (units, inputs) and a bias (units,)."""
+        return [layer for layer in self.layers if layer.kind == "linear"]
+
+    def structure(self) -> list[tuple[str, Mapping[str, float], dict[str, tuple[int, ...]]]]:
+        """Returns kind, numbers and shapes of each layer."""
+        return [
+            (layer.kind, layer.numbers, {name: array.shape for name, array in layer.arrays.items()})
+            for layer in self.layers
+        ]
+
+    def act(self, observations: Array) -> Array:
+        """Returns actions (..., action_size) for (..., size), of numpy or, for ONNX, of torch."""
+        xp = array_namespace(observations)
+        results = [xp.astype(observations, xp.float32, copy=False)]
+        for layer in self.layers:
+            arguments: dict[str, Any] = {n: xp.asarray(array) for n, array in layer.arrays.items()}
+            arguments |= layer.numbers
+            if layer.kind == _CONCAT:
+                arguments["earlier"] = results[int(arguments["earlier"])]
+            results.append(LAYERS[layer.kind](results[-1], **arguments))
+        return results[-1].clip(-1, 1)
+
+    def files(self) -> dict[str, bytes]:
+        """Returns the arrays as safetensors, by names such as 0.weight, and the rest as JSON."""
+        tensors = {
+            f"{i}.{name}": np.ascontiguousarray(array)
+            for i, layer in enumerate(self.layers)
+            for name, array in layer.arrays.items()
+        }
+        described = {"network": [{"layer": layer.kind, **layer.numbers} for layer in self.layers]}
+        weights, description = safetensors.numpy.save(tensors), json.dumps(described, indent=1)
+        return {WEIGHTS: weights, DESCRIPTION: description.encode()}
+
+    @classmethod
+    def from_files(cls, weights: bytes, description: bytes) -> "SavedNetwork":
+        """Inverts `files`, and reads an older format; raises a ValueError if they are invalid."""
+        try:
+            tensors, described = safetensors.numpy.load(weights), json.loads(description)
+            network = cls(
+                [_layer(layer, i, tensors) for i, layer in enumerate(described["network"])]
+                if "network" in described
+                else _older_layers(described, tensors)
+            )
+            with np.errstate(all="ignore"):
+                acted = network.act(np.zeros((1, network.sizes[0]), np.float32))
+        except Exception as error:  # of any type, since the files may be damaged
+            raise ValueError(f"no policy: {error}") from None
+        if acted.shape != (1, network.sizes[1]):
+            raise ValueError("no policy: a layer does not fit the layer before it")
+        return network
+
+
+def relu_layers(linear: Sequence[SavedLayer], squash: str) -> list[SavedLayer]:
+    """Returns layers with ReLU between them and "tanh" or "clip" (to [-1, 1]) after the last."""
+    last = {"tanh": SavedLayer("tanh"), "clip": SavedLayer("clip", low=-1, high=1)}
+    between = [layer for affine in linear for layer in (affine, SavedLayer("relu"))]
+    return [*between[:-1], last[squash]]
+
+
+def feature_layers(
+    mean: Float, deviation: Float, linear: Sequence[SavedLayer], appended: bool
+) -> list[SavedLayer]:
+    """Returns densely connected layers of SiLU units on observations (size,) that are standardized.
+
+    Args:
+        linear: each takes the standardized observation and the units of the layers before it.
+        appended: whether the features are the observation followed by the units, or the units.
+    """
+    layers = [
+        SavedLayer("shift", offset=-mean),
+        SavedLayer("divide", divisor=deviation),
+        SavedLayer("clip", low=-MAX_INPUT, high=MAX_INPUT),
+    ]
+    for layer in linear:
+        layers += [layer, SavedLayer("silu"), SavedLayer(_CONCAT, earlier=len(layers))]
+    layers.append(SavedLayer("columns", first=len(mean)))
+    return [*layers, SavedLayer(_CONCAT, earlier=0)] if appended else layers
+
+
+def _layer(described: dict[str, Any], i: int, tensors: Mapping[str, Float]) -> SavedLayer:
+    kind = described["layer"]
+    names = [*inspect.signature(LAYERS[kind]).parameters][1:]
+    return SavedLayer(kind, **{n: described.get(n, tensors.get(f"{i}.{n}")) for n in names})
+
+
+def _older_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> list[SavedLayer]:
+    """Returns the layers of the older format, which follow those of learned features if any."""
+
+    def linear(prefix: str, count: int) -> list[SavedLayer]:
+        parts = [[tensors[f"{prefix}{i}.{n}"] for n in ("weight", "bias")] for i in range(count)]
+        return [SavedLayer("linear", weight=weight, bias=bias) for weight, bias in parts]
+
+    layers = relu_layers(linear("", described["layers"]), described["squash"])
+    if (features := described.get("features")) is None:
+        return layers
+    standard = tensors["features.mean"], tensors["features.deviation"]
+    units = linear("features.", features["layers"])
+    return [*feature_layers(*standard, units, bool(features["appended"])), *layers]
 
 
 @dataclass(frozen=True)

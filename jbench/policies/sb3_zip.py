@@ -15,8 +15,8 @@ from torch import nn
 
 from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.policies.copied import UnsupportedPolicyError, float32_array, module_layers
-from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer
+from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
+from jbench.policies.saved import Float, SavedLayer, SavedNetwork
 from jbench.simulation import find_task
 from jbench.store.files import sha256
 from jbench.wording import counted
@@ -52,17 +52,17 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
             data: dict[str, Any] = json.loads(file.read("data"))
             weights = _weights(file.read("policy.pth"))
         network = SavedNetwork(_layers(data, weights))
-        inputs, outputs = network.inputs, network.outputs
+        inputs, outputs = sizes = network.sizes
     except UnsupportedPolicyError as error:
         raise RequestError(
             f"{path}: {error.why}; load the model in a module of yours and type MODULE:NAME."
         ) from None
-    except (zipfile.BadZipFile, KeyError, ValueError, AttributeError, IndexError) as error:
+    except (zipfile.BadZipFile, LookupError, ValueError, AttributeError, TypeError) as error:
         raise RequestError(f"{path} is no saved model of stable-baselines3 ({error}).") from None
     wanted = find_task(task)
-    if (inputs, outputs) == (wanted.observation_size, wanted.action_size):
+    if sizes == (wanted.observation_size, wanted.action_size):
         return network
-    fitting = [name for name in TASKS if (find_task(name).observation_size, 1) == (inputs, outputs)]
+    fitting = [name for name in TASKS if (find_task(name).observation_size, 1) == sizes]
     raise RequestError(
         f"{path} has {counted(inputs, 'input')} and {counted(outputs, 'output')}, but {task} has "
         f"observations of {wanted.observation_size} numbers and actions of {wanted.action_size}; "
@@ -77,7 +77,7 @@ def _content(path: str) -> bytes:
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
 
 
-def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[SavedLayer]:
+def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]:
     if data.get("use_sde"):
         raise UnsupportedPolicyError("it explores with gSDE")
     if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):
@@ -95,27 +95,22 @@ def _layers(data: dict[str, Any], weights: dict[str, torch.Tensor]) -> list[Save
     return [first, *(layer for linear in others for layer in (_ACTIVATIONS[name], linear)), *output]
 
 
-def _linear(prefix: str, weights: dict[str, torch.Tensor]) -> list[SavedLayer]:
+def _linear(prefix: str, weights: dict[str, Float]) -> list[SavedLayer]:
     """Returns the linear layers whose names have a prefix, in the order of their numbers."""
     names = sorted(
         {name.rpartition(".")[0] for name in weights if name.startswith(prefix)},
         key=lambda name: int(f"{name}.".removeprefix(prefix).strip(".") or 0),
     )
     return [
-        linear_layer(*(float32_array(weights[f"{name}.{part}"]) for part in ("weight", "bias")))
+        SavedLayer("linear", weight=weights[f"{name}.weight"], bias=weights[f"{name}.bias"])
         for name in names
     ]
 
 
-def _weights(content: bytes) -> dict[str, torch.Tensor]:
-    """Returns the tensors of a state dictionary; other objects are refused, not unpickled."""
+def _weights(content: bytes) -> dict[str, Float]:
+    """Returns the arrays of a state dictionary; other objects are refused, not unpickled."""
     try:
         weights = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+        return {name: float32_array(tensor) for name, tensor in weights.items()}
     except Exception as error:
         raise ValueError("policy.pth holds other objects than weights") from error
-    if not isinstance(weights, dict) or not all(
-        isinstance(name, str) and isinstance(tensor, torch.Tensor)
-        for name, tensor in weights.items()
-    ):
-        raise ValueError("policy.pth is no dictionary of tensors")
-    return weights

@@ -11,7 +11,7 @@ import pandas as pd
 from jbench.names import RETURNS, Order, ReturnsName, known
 from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
-from jbench.report.data.configuration import Configuration, long_frame, with_returns
+from jbench.report.data.configuration import Configuration, Part, long_frame, with_returns
 from jbench.report.data.curves import QUANTILES, Curve
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
@@ -22,7 +22,8 @@ from jbench.store.shipped import results_to_read
 _RUN = ["run", "task", "algo", "representation", "encoder", "variant", "source"]
 _RUN += ["seed", "steps", "status"]
 _CURVE = ["task", "algo", "representation", "variant", "source"]
-_POINT = ["window", "control_steps", "seeds", *(f"q{percent}" for percent in QUANTILES)]
+_QUANTILES = [f"q{percent}" for percent in QUANTILES]
+_POINT = ["returns", "order", "window", "control_steps", "seeds", *_QUANTILES]
 _SEED_POINT = ["run", "seed", "returns", "window", "control_steps", "episode_return"]
 
 
@@ -124,8 +125,9 @@ class OpenedResults:
             Request(task=task, algo=algo, returns=returns, window=window, order=order)
         )
         chosen = with_returns(source.configurations, returns)
-        curves = [(configuration, configuration.curve(order, window)) for configuration in chosen]
-        points = _seed_points(curves) if per_seed else _points(curves)
+        drawn = chosen if per_seed else sorted(chosen, key=lambda configuration: configuration.key)
+        parts = [part for c in drawn for part in _points(c, c.curve(order, window), per_seed)]
+        points = long_frame(parts, [*_CURVE, *(_SEED_POINT if per_seed else _POINT)])
         named = pd.DataFrame([configuration.key for configuration in chosen], columns=_CURVE)
         named["settings"] = [configuration.words for configuration in chosen]
         settings = _settings([configuration.settings for configuration in chosen])
@@ -141,29 +143,21 @@ class OpenedResults:
         return source
 
 
-def _points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
+def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[Part]:
+    """Returns the points of a curve; of each seed's, those of windows that it has completed."""
+    names = dict(zip(_CURVE, configuration.key, strict=True)) | {"returns": configuration.kind}
+    arrays = {"window": curve.widths, "control_steps": curve.control_steps}
+    if not per_seed:
+        quantiles = dict(zip(_QUANTILES, curve.quantiles, strict=True))
+        return [(names | {"order": curve.order}, arrays | {"seeds": curve.seeds} | quantiles)]
     parts = []
-    for configuration, curve in sorted(curves, key=lambda pair: pair[0].key):
-        names = dict(zip(_CURVE, configuration.key, strict=True))
-        names |= {"returns": configuration.kind, "order": curve.order}
-        numbers = curve.widths, curve.control_steps, curve.seeds, *curve.quantiles
-        parts.append((names, dict(zip(_POINT, numbers, strict=True))))
-    return long_frame(parts, [*_CURVE, "returns", "order", *_POINT])
-
-
-def _seed_points(curves: Sequence[tuple[Configuration, Curve]]) -> pd.DataFrame:
-    """Returns the points of each seed's curve, without windows that it has not completed."""
-    parts = []
-    for configuration, curve in curves:
-        runs, seeds = configuration.runs, configuration.seeds
-        for run, seed, values in zip(runs, seeds, curve.by_seed, strict=True):
-            present = np.isfinite(values)
-            names = dict(zip(_CURVE, configuration.key, strict=True))
-            names |= {"run": run, "seed": seed, "returns": configuration.kind}
-            numbers = {"window": curve.widths, "control_steps": curve.control_steps}
-            numbers |= {"episode_return": values}
-            parts.append((names, {name: array[present] for name, array in numbers.items()}))
-    return long_frame(parts, [*_CURVE, *_SEED_POINT])
+    seeds = zip(configuration.runs, configuration.seeds, curve.by_seed, strict=True)
+    for run, seed, values in seeds:
+        present = np.isfinite(values)
+        points = {**arrays, "episode_return": values}
+        points = {name: array[present] for name, array in points.items()}
+        parts.append((names | {"run": run, "seed": seed}, points))
+    return parts
 
 
 def _settings(runs: Sequence[Run]) -> pd.DataFrame:

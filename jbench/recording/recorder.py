@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import gymnasium
 import numpy as np
+from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
+from torch import nn
 
 from jbench.errors import RequestError, WorkError
 from jbench.loggers.logger import Logger, copying_rows
-from jbench.policies.acting import Actor, acting
-from jbench.policies.copied import UnsupportedPolicyError
-from jbench.recording.writer import RecordedEnvironment, RunWriter, as_numbers, copied_network
+from jbench.policies.actors import Actor, UnsupportedPolicyError, acting, copy_module
+from jbench.recording.writer import RecordedEnvironment, RunWriter, as_numbers
 from jbench.settings.records import ExternalSettings
 from jbench.simulation import find_task
 from jbench.store import Results, schema
@@ -112,8 +113,9 @@ class Recording:
         self._running()
         env = make_env(self._settings, self._encoder)
         seed = np.random.SeedSequence(self._settings.seed, spawn_key=(self._environments,))
+        env.unwrapped.np_random, _ = np_random(int(seed.generate_state(1)[0]))
         self._environments += 1
-        return RecordedEnvironment(env, int(seed.generate_state(1)[0]), self._running)
+        return RecordedEnvironment(env, self._running)
 
     def losses(self, **values: Any) -> None:
         """Sets the losses that are recorded with the next episodes.
@@ -179,7 +181,15 @@ class Recording:
         """
         writer, task, encoder = self._running(), self._task, self._encoder
         inputs = task.observation_size if encoder is None else encoder.latent_size
-        writer.kept = copied_network(actor, inputs, task.action_size), writer.control_steps
+        if isinstance(actor, nn.Module):
+            copied = copy_module(actor, inputs, task.action_size)
+        elif hasattr(actor, "predict") and hasattr(actor, "policy"):
+            from jbench.agents.sb3 import copy_model
+
+            copied = copy_model(actor, inputs, task.action_size)
+        else:
+            raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")
+        writer.kept = copied, writer.control_steps
 
     def sb3_callback(self) -> "BaseCallback":
         """Returns a callback for `learn` of a model of stable-baselines3, or of sb3-contrib.

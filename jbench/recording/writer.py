@@ -7,16 +7,13 @@ from typing import Any
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from torch import nn
 
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.cores import cores
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.policies.acting import Actor
-from jbench.policies.copied import UnsupportedPolicyError, copy_module
-from jbench.policies.network import SavedNetwork
-from jbench.policies.saved import policy_files
+from jbench.policies.actors import UnsupportedPolicyError
+from jbench.policies.saved import SavedNetwork
 from jbench.settings.records import ExternalSettings
 from jbench.simulation import Act
 from jbench.store import Record
@@ -95,15 +92,16 @@ class RunWriter:
                 f"steps, so the run {self._record.id} has failed; let it make all of them, or pass "
                 "fewer steps."
             )
-        policy, copied_at = self.kept or (None, -1)
-        newest = self.log.progress.last_evaluation <= copied_at
-        evaluated = policy is not None and newest and self._settings.evaluate_episodes > 0
-        if policy is not None and evaluated:
-            self.evaluate(policy.act, copied_at)
+        evaluated, files = False, dict[str, bytes]()
+        if self.kept is not None:
+            policy, copied_at = self.kept
+            newest = self.log.progress.last_evaluation <= copied_at
+            evaluated, files = newest and self._settings.evaluate_episodes > 0, policy.files()
+            if evaluated:
+                self.evaluate(policy.act, copied_at)
         self._clock.share([self.log])
         self.log.commit()
-        summary = self.log.summary(self.control_steps, evaluated=evaluated)
-        self._record.finish(summary, policy_files(policy))
+        self._record.finish(self.log.summary(self.control_steps, evaluated=evaluated), files)
 
     def _stop(self, error: BaseException) -> None:
         """Commits the rows so far; marks the run as failed, unless Ctrl-C or an exit stopped it."""
@@ -130,25 +128,13 @@ def as_numbers(values: Mapping[str, Any]) -> dict[str, float]:
 class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment whose episodes are recorded.
 
-    The first `reset` without a seed is seeded by the run. Rewards are those of the task, whatever
-    the wrappers around this environment make of them. `running` returns the writer, or refuses
-    outside of the block of the recording.
+    Rewards are those of the task, whatever the wrappers around this environment make of them.
+    `running` returns the writer, or refuses outside of the block of the recording.
     """
 
-    def __init__(
-        self, env: gymnasium.Env[Any, Any], seed: int, running: Callable[[], RunWriter]
-    ) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], running: Callable[[], RunWriter]) -> None:
         super().__init__(env)
-        self._seed: int | None = seed
         self._running = running
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode."""
-        seed = self._seed if seed is None else seed
-        self._seed = None
-        return self.env.reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Steps the environment; raises a DivergedError if the action is not finite."""
@@ -162,14 +148,3 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         if episode is not None:
             writer.episode(float(episode["r"]))
         return observation, reward, terminated, truncated, info
-
-
-def copied_network(actor: Actor, inputs: int, outputs: int) -> SavedNetwork:
-    """Returns a copy of a policy; an UnsupportedPolicyError if its layers are no sequence."""
-    if isinstance(actor, nn.Module):
-        return copy_module(actor, inputs, outputs)
-    if hasattr(actor, "predict") and hasattr(actor, "policy"):
-        from jbench.agents.sb3 import copy_model
-
-        return copy_model(actor, inputs, outputs)
-    raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")

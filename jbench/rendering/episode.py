@@ -1,5 +1,6 @@
 """An episode of a policy as images, with text in them: task, policy, time, return and goal."""
 
+import contextlib
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from jbench.names import CONTROL_TIMESTEP, TASKS
-from jbench.policies.acting import ActingPolicy
+from jbench.policies.find import ActingPolicy
 from jbench.simulation import find_task
 from jbench.simulation.suite_env import SuiteEnv
 from jbench.tasks.features import goal, padded
@@ -24,10 +25,6 @@ Picture = NDArray[np.uint8]  # (height, width, 3), red, green and blue in [0, 25
 # With 4096, dots appear in the corners of the overhead view.
 _SHADOW_TEXELS = 5120
 
-SCALE = "1 check = 1 cm"
-
-_TEXT = (255, 255, 255)
-_OUTLINE = (16, 24, 40)
 _MIN_SIZE = 11  # pixels of legible text
 
 
@@ -77,8 +74,7 @@ def render_episode(
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Iterator[Frame]:
     """Yields images of the control steps `at`, 0 being the initial state; ends at the last one."""
-    env = scene.environment()
-    try:
+    with contextlib.closing(scene.environment()) as env:
         observation, _ = env.reset(seed=scene.seed)
         policy.reset(1)
         episode_return = 0.0
@@ -92,8 +88,6 @@ def render_episode(
                 picture = np.asarray(env.render())
                 yield Frame(step * scene.timestep, episode_return, words, picture)
             progress(step)
-    finally:
-        env.close()
 
 
 def video_picture(frame: Frame, title: str, note: str) -> Picture:
@@ -129,10 +123,11 @@ def write(
     line, margin = round(1.3 * size), size // 2
     tops = [margin + line * row for row in range(len(above))]
     tops += [height - margin - line * (len(below) - row) for row in range(len(below))]
+    style: dict[str, Any] = {"font": _font(size), "fill": (255, 255, 255)}
     # An outline is legible on any background and hides less than a box.
-    outline: dict[str, Any] = {"stroke_width": max(1, round(size / 9)), "stroke_fill": _OUTLINE}
+    style |= {"stroke_width": max(1, round(size / 9)), "stroke_fill": (16, 24, 40)}
     for top, text in zip(tops, (*above, *below), strict=True):
-        draw.text((margin, top), text, fill=_TEXT, font=_font(size), **outline)
+        draw.text((margin, top), text, **style)
     return np.array(image)
 
 

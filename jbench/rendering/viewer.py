@@ -9,7 +9,7 @@ import numpy as np
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.opengl import has_display, open_display
-from jbench.policies.acting import ActingPolicy
+from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Scene
 from jbench.simulation import find_task
 from jbench.simulation.suite import DmTask
@@ -19,8 +19,6 @@ from jbench.tasks.gym import JitterbugEnv
 # Initial camera position relative to the robot.
 _DISTANCE = 2.25  # extents of the model; of the Jitterbug 0.45 m
 _AZIMUTH, _ELEVATION = 120.0, -25.0  # degrees
-
-_CLOSING_SECONDS = 30
 
 
 def view(policy: ActingPolicy, scene: Scene) -> int:
@@ -63,7 +61,7 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
             time.sleep(max(-late, 0))
     # Wait for the rendering thread, since the process would crash if it exited before.
     for thread in set(threading.enumerate()) - others:
-        thread.join(_CLOSING_SECONDS)
+        thread.join(30)  # s
     env.close()
     return steps
 

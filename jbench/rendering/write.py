@@ -4,21 +4,22 @@ import importlib.util
 import io
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS
-from jbench.policies.acting import ActingPolicy
+from jbench.policies.find import ActingPolicy
 from jbench.rendering import episode
-from jbench.rendering.episode import SCALE, Frame, Picture, Scene, render_episode, strip_picture
+from jbench.rendering.episode import Frame, Picture, Scene, render_episode
 from jbench.store.files import check_output, write_atomic
 
 SUFFIXES = (".mp4", ".gif", ".png")  # supported file suffixes: video, animation, strip of images
 
-_VIDEO_SIZE, _MOMENT_SIZE = (640, 480), (320, 240)  # pixels
 _INTERVAL = 0.04  # s between the images of a video or an animation, before rounding to steps
 _MOMENTS = 6  # images in a strip
 _PALETTE_PICTURES = 8  # from which an animation's palette is computed
@@ -27,7 +28,7 @@ _VIDEO_QUALITY = 8  # out of 10; a minute of 640 x 480 pixels takes about 10 MB
 
 def default_size(path: Path) -> tuple[int, int]:
     """Returns the default width and height (pixels) for a file's suffix."""
-    return _MOMENT_SIZE if path.suffix.lower() == ".png" else _VIDEO_SIZE
+    return (320, 240) if path.suffix.lower() == ".png" else (640, 480)
 
 
 def _check(path: Path) -> None:
@@ -76,25 +77,22 @@ def render_to_file(
     # The images of a strip are equally spaced, with the first and last.
     moments = np.linspace(0, steps, min(_MOMENTS, steps + 1)).round().astype(int).tolist()
     at = moments if is_strip else [*range(0, steps, stride), steps]
-    title = f"{scene.task}, {name}"
     is_jitterbug = scene.task in TASKS
     camera = scene.camera or ("tracking" if is_jitterbug else None)
-    notes = (
-        f"{camera} camera" if camera else "",
-        SCALE if is_jitterbug else "",
-        "" if speed == 1 else f"{speed:g} x real time",
-    )
-    note = ", ".join(filter(None, notes))
+    notes = [f"{camera} camera"] if camera else []
+    notes += ["1 check = 1 cm"] if is_jitterbug else []
+    notes += [] if speed == 1 else [f"{speed:g} x real time"]
+    draw = partial(episode.video_picture, title=f"{scene.task}, {name}", note=", ".join(notes))
     # Only the last frame is kept, since a long video would fill the memory.
     last_frame: list[Frame] = []
 
     def pictures() -> Iterator[Picture]:
         for frame in render_episode(policy, scene, at, progress):
             last_frame[:] = [frame]
-            yield strip_picture(frame) if is_strip else episode.video_picture(frame, title, note)
+            yield episode.strip_picture(frame) if is_strip else draw(frame)
 
     if suffix == ".mp4":
-        content = mp4(pictures(), (scene.width, scene.height), seconds)
+        content = mp4(pictures(), seconds)
     elif suffix == ".gif":
         content = gif(list(pictures()), seconds)
     else:
@@ -121,15 +119,16 @@ def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
     return buffer.getvalue()
 
 
-def mp4(pictures: Iterator[Picture], size: tuple[int, int], seconds: float = _INTERVAL) -> bytes:
+def mp4(pictures: Iterator[Picture], seconds: float = _INTERVAL) -> bytes:
     """Returns an H.264 video that any browser plays, of pictures some seconds apart.
 
-    Odd sizes (width and height in pixels) are padded by repeating the last row or column.
+    Odd sizes are padded by repeating the last row or column.
 
     Raises:
         RequestError: if the library has no ffmpeg for this machine.
         WorkError: if ffmpeg failed.
     """
+    import imageio.v2
     import imageio_ffmpeg
 
     try:
@@ -138,28 +137,19 @@ def mp4(pictures: Iterator[Picture], size: tuple[int, int], seconds: float = _IN
         raise RequestError(
             "imageio-ffmpeg has no ffmpeg for this machine: install ffmpeg, or name a .gif."
         ) from None
-    odd = (size[0] % 2, size[1] % 2)
+    options: dict[str, Any] = {"fps": 1 / seconds, "codec": "libx264", "quality": _VIDEO_QUALITY}
+    options |= {"macro_block_size": 2, "ffmpeg_log_level": "error"}  # colors are per 2 x 2 pixels
+    # The index comes first, so that the video plays while it loads.
+    options["output_params"] = ["-movflags", "+faststart"]
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "video.mp4"
-        writer = imageio_ffmpeg.write_frames(
-            str(path),
-            (size[0] + odd[0], size[1] + odd[1]),
-            fps=1 / seconds,
-            codec="libx264",
-            quality=_VIDEO_QUALITY,
-            macro_block_size=2,  # colors are stored per 2 x 2 pixels
-            ffmpeg_log_level="error",
-            # The index comes first, so that the video plays while it loads.
-            output_params=["-movflags", "+faststart"],
-        )
-        writer.send(None)
         try:
-            for picture in pictures:
-                writer.send(np.pad(picture, ((0, odd[1]), (0, odd[0]), (0, 0)), mode="edge"))
+            with imageio.v2.get_writer(path, **options) as writer:
+                for picture in pictures:
+                    odd = [(0, size % 2) for size in picture.shape[:2]]
+                    writer.append_data(np.pad(picture, [*odd, (0, 0)], mode="edge"))
         except OSError as error:
             raise WorkError(f"ffmpeg failed: {str(error).splitlines()[0]}.") from None
-        finally:
-            writer.close()
         if not path.exists():
             raise WorkError("ffmpeg wrote nothing; its messages are above.")
         return path.read_bytes()

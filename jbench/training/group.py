@@ -12,8 +12,7 @@ from jbench.agents.divergence import DivergedError, Divergence
 from jbench.agents.engine import Engine
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
-from jbench.policies.network import SavedNetwork
-from jbench.policies.saved import policy_files
+from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.store import Record
 from jbench.training import evaluation
@@ -177,9 +176,10 @@ class TrainingGroup:
             member.log.commit()
             is_same = member.evaluated is not None and self._engine.keeps_policy_exactly
             summary = member.log.summary(steps, evaluated=is_same)
+            policy = member.evaluated or self._engine.policy(index)
             member.record.finish(
                 {**summary, "together": self._sharing},
-                policy_files(member.evaluated or self._engine.policy(index)),
+                {} if policy is None else policy.files(),
                 keep=newest(member.record) if self._keep_state else (),
             )
 

@@ -11,7 +11,7 @@ from jbench.agents import sb3
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.agents.engine import AfterStep
 from jbench.encoders import Encoder, on_observations
-from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.training.environment import RobotSequence
 

@@ -16,7 +16,7 @@ from jbench.agents.batched.off_policy import ActionNoise, OffPolicyEngine
 from jbench.agents.engine import SeedState
 from jbench.agents.environments import Environments, Generators
 from jbench.errors import RequestError, WorkError
-from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS, SCRIPT, algorithm_settings
 from jbench.settings.records import OFESettings
 from jbench.tasks.gym import JitterbugEnv
@@ -139,7 +139,7 @@ def assert_policies_equal_agents(engine):
     assert actions.shape == (seeds, 8, engine.environments.action_size)
     assert abs(actions).max() <= 1
     for index in range(seeds):
-        policy = SavedNetwork.from_files(*engine.policy(index).files())
+        policy = SavedNetwork.from_files(*engine.policy(index).files().values())
         np.testing.assert_allclose(policy.act(observations[index]), actions[index], atol=2e-6)
     assert not np.array_equal(actions[0], actions[-1])
     return actions

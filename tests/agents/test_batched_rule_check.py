@@ -7,7 +7,7 @@ from torch import nn
 from benchmarks.rules import TD3
 from jbench.agents.batched.make import checked_rule
 from jbench.errors import RequestError, WorkError
-from jbench.policies.copied import UnsupportedPolicyError
+from jbench.policies.actors import UnsupportedPolicyError
 from tests.agents.batched_oracle import SIZE
 from tests.agents.small_rules import TD3_SETTINGS, build_engine
 

@@ -14,7 +14,7 @@ from jbench.agents.environments import Environments
 from jbench.agents.plugin import pack, unpack
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.errors import WorkError
-from jbench.policies.copied import UnsupportedPolicyError
+from jbench.policies.actors import UnsupportedPolicyError
 
 EPISODE = 10
 

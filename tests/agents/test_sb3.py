@@ -8,7 +8,7 @@ from sb3_contrib import TQC
 from jbench.agents import sb3
 from jbench.agents.algorithms import algorithm_fields
 from jbench.errors import RequestError
-from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import SavedNetwork
 from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
@@ -77,7 +77,7 @@ def test_saved_policy_is_copy_that_equals_agent(algo):
     with torch.no_grad():
         for parameter in agent.policy.parameters():
             parameter += 1
-    policy = SavedNetwork.from_files(*kept.files())
+    policy = SavedNetwork.from_files(*kept.files().values())
     np.testing.assert_allclose(policy.act(observations), expected, atol=2e-6)
     np.testing.assert_allclose(policy.act(observations[3]), expected[3], atol=2e-6)
 

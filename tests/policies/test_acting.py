@@ -9,8 +9,8 @@ from stable_baselines3 import SAC
 from torch import nn
 
 from jbench.errors import RequestError, WorkError
-from jbench.policies.acting import acting, is_imported_policy
-from jbench.policies.find import find_policy, policy_code
+from jbench.policies.actors import acting
+from jbench.policies.find import find_policy, is_imported_policy, policy_code
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 

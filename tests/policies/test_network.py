@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jbench.policies.network import SavedNetwork, linear_layer, relu_layers
+from jbench.policies.saved import WEIGHTS, SavedLayer, SavedNetwork, relu_layers
 
 
 def matrices(shapes):
@@ -16,7 +16,10 @@ def matrices(shapes):
 
 FIRST, BIAS, LAST = matrices([(8, 16), (8,), (2, 8)])
 MEAN, DEVIATION, WIDE, WIDER, ON_UNITS = matrices([(4,), (4,), (5, 4), (6, 9), (1, 11)])
-LINEAR = [linear_layer(FIRST, BIAS), linear_layer(LAST, np.zeros(2, "f4"))]
+LINEAR = [
+    SavedLayer("linear", weight=FIRST, bias=BIAS),
+    SavedLayer("linear", weight=LAST, bias=np.zeros(2, "f4")),
+]
 
 
 def older_files(layers, squash, features=None, **arrays):
@@ -62,7 +65,7 @@ def test_older_files_with_learned_features_are_read(appended):
     features = np.concatenate([observations, values[:, 4:]], axis=1) if appended else values[:, 4:]
     read = SavedNetwork.from_files(*files)
     np.testing.assert_allclose(read.act(observations), np.tanh(features @ output.T), atol=1e-5)
-    again = SavedNetwork.from_files(*read.files())
+    again = SavedNetwork.from_files(*read.files().values())
     np.testing.assert_array_equal(again.act(observations), read.act(observations))
 
 
@@ -83,11 +86,12 @@ def test_older_files_with_learned_features_are_read(appended):
     ],
 )
 def test_invalid_files_are_refused(weights, description):
-    files = SavedNetwork(LINEAR[:1]).files()
+    kept = SavedNetwork(LINEAR[:1]).files()[WEIGHTS]
     with pytest.raises(ValueError, match=r"policy|Expecting"):
-        SavedNetwork.from_files(weights or files[0], description)
+        SavedNetwork.from_files(weights or kept, description)
 
 
 def test_layers_that_do_not_fit_are_refused():
+    files = SavedNetwork([LINEAR[1], LINEAR[0]]).files()
     with pytest.raises(ValueError, match="mismatch"):
-        SavedNetwork.from_files(*SavedNetwork([LINEAR[1], LINEAR[0]]).files())
+        SavedNetwork.from_files(*files.values())

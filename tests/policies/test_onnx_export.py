@@ -15,15 +15,14 @@ from jbench.encoders.kind import Learned
 from jbench.encoders.registry import kind_names, latent_sizes, make_kind
 from jbench.encoders.saved import SavedEncoder
 from jbench.errors import RequestError
-from jbench.policies.network import (
+from jbench.policies.onnx_export import export_onnx
+from jbench.policies.saved import (
     SavedLayer,
     SavedNetwork,
+    TrainedAgent,
     feature_layers,
-    linear_layer,
     relu_layers,
 )
-from jbench.policies.onnx_export import export_onnx
-from jbench.policies.saved import TrainedAgent, policy_files
 from jbench.settings.base import settings_hash
 from jbench.simulation import find_task, rollout
 from jbench.store import Results
@@ -48,9 +47,10 @@ def random_matrix(*shape):
 
 def build_policy(inputs, actions=1):
     """A policy with two layers."""
-    hidden = linear_layer(random_matrix(8, inputs) / inputs, random_matrix(8))
-    output = linear_layer(random_matrix(actions, 8), random_matrix(actions))
-    return SavedNetwork(relu_layers([hidden, output], "tanh"))
+    hidden, bias = random_matrix(8, inputs) / inputs, random_matrix(8)
+    output = SavedLayer("linear", weight=random_matrix(actions, 8), bias=random_matrix(actions))
+    layers = [SavedLayer("linear", weight=hidden, bias=bias), output]
+    return SavedNetwork(relu_layers(layers, "tanh"))
 
 
 @pytest.mark.parametrize("lacking", ["task", "encoder"])
@@ -59,7 +59,7 @@ def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_p
     settings = {"task": "face_direction", "encoder": None, "seed": 0}
     del settings[lacking]
     id = f"face_direction/other/full/s00-{settings_hash(settings)}"
-    results.create("run", id, settings).finish({}, policy_files(policy))
+    results.create("run", id, settings).finish({}, policy.files())
     error = refused("export", id, results=results.path, code=1)
     assert error == f"Error: The settings of the run {id} lack a task or an encoder.\n"
 
@@ -131,20 +131,18 @@ def test_encoder_is_part_of_model(kind, states, tmp_path):
 
 
 def linear(outputs, inputs):
-    return linear_layer(random_matrix(outputs, inputs), np.zeros(outputs, "f4"))
+    return SavedLayer("linear", weight=random_matrix(outputs, inputs), bias=np.zeros(outputs, "f4"))
 
 
 LAYERS = [
-    SavedLayer("scale", {"factor": np.full(16, 0.5, "f4")}),
-    SavedLayer("shift", {"offset": np.full(16, 0.1, "f4")}),
-    SavedLayer("clip", {}, {"low": -0.4, "high": 0.5}),
+    SavedLayer("scale", factor=np.full(16, 0.5, "f4")),
+    SavedLayer("shift", offset=np.full(16, 0.1, "f4")),
+    SavedLayer("clip", low=-0.4, high=0.5),
     linear(8, 16),
-    SavedLayer(
-        "layer_norm", dict.fromkeys(("weight", "bias"), random_matrix(8)), {"epsilon": 1e-5}
-    ),
+    SavedLayer("layer_norm", weight=random_matrix(8), bias=random_matrix(8), epsilon=1e-5),
     *(SavedLayer(kind) for kind in ("silu", "tanh", "sigmoid", "relu")),
-    SavedLayer("elu", {}, {"alpha": 1.5}),
-    SavedLayer("leaky_relu", {}, {"slope": 0.1}),
+    SavedLayer("elu", alpha=1.5),
+    SavedLayer("leaky_relu", slope=0.1),
     linear(1, 8),
 ]
 POLICIES = {

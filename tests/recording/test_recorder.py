@@ -17,7 +17,7 @@ from torch import nn
 
 import jbench
 from jbench.errors import RequestError
-from jbench.policies.copied import copy_module
+from jbench.policies.actors import copy_module
 from jbench.policies.saved import has_policy, load_agent
 from jbench.registration import environment_id
 from jbench.settings.recorded import read_run
@@ -495,4 +495,4 @@ def test_examples_train_with_at_most_five_jbench_lines(example, tmp_path):
     assert (record.status, record.rows("episodes")) == ("finished", 2)
     # An evaluation after each of the two episodes, and one of the saved policy at the end.
     assert record.rows("evaluations") == 3 * 10
-    assert load_agent(Results(tmp_path / "results"), record.id).policy.outputs == 1
+    assert load_agent(Results(tmp_path / "results"), record.id).policy.sizes[1] == 1

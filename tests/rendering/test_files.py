@@ -74,7 +74,7 @@ def test_mp4_shows_episode_in_slow_motion(tmp_path):
 def test_odd_video_size_is_padded_to_even(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     gray = np.full((65, 97, 3), 128, np.uint8)
-    (tmp_path / "odd.mp4").write_bytes(mp4(iter([gray] * 3), (97, 65)))
+    (tmp_path / "odd.mp4").write_bytes(mp4(iter([gray] * 3)))
     about, *shown = ffmpeg.read_frames(str(tmp_path / "odd.mp4"))
     assert (about["size"], about["fps"], len(shown)) == ((98, 66), 25, 3)
     assert np.abs(np.frombuffer(shown[1], np.uint8).astype(int) - 128).max() < 4

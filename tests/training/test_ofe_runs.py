@@ -7,8 +7,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.policies.find import find_policy
-from jbench.policies.network import SavedNetwork
-from jbench.policies.saved import load_agent
+from jbench.policies.saved import SavedNetwork, load_agent
 from jbench.settings.recorded import comparable
 from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
@@ -108,4 +107,4 @@ def test_ofe_run_records_prediction_loss_and_policy_with_features(tmp_path, monk
     kinds = [layer.kind for layer in agent.policy.layers]
     assert kinds.count("concat") == 2
     blind = SavedNetwork(agent.policy.layers[kinds.index("columns") + 1 :])
-    assert blind.inputs == 6
+    assert blind.sizes[0] == 6

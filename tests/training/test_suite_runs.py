@@ -69,7 +69,7 @@ def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
     changed = run.specs.model_copy(update={"model": "0" * 64})
     with pytest.raises(RequestError, match="has changed since it was recorded"):
         train(run.model_copy(update={"specs": changed}), results)
-    assert load_agent(results, run.id).policy.outputs == 6
+    assert load_agent(results, run.id).policy.sizes[1] == 6
     assert reevaluate(results, record).verdict == retrain(results, record, 1).verdict == "equal"
 
 

@@ -16,7 +16,7 @@ from jbench.agents.divergence import divergent_loss
 from jbench.agents.engine import Engine, SeedState, under
 from jbench.agents.environments import Environments, Generators
 from jbench.names import TimeLimit
-from jbench.policies.network import SavedNetwork
+from jbench.policies.saved import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
 
 _AGENT, _LOOP = "agent/", "loop/"

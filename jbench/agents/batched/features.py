@@ -13,7 +13,7 @@ from jbench.agents.batched.layers import Affine, Layer, affine_count, affine_vie
 from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Adam, Tensors
-from jbench.policies.network import MAX_INPUT, SavedLayer, feature_layers
+from jbench.policies.saved import MAX_INPUT, SavedLayer, feature_layers
 from jbench.settings.records import OFESettings
 
 MIN_DEVIATION = 1e-3

@@ -11,7 +11,7 @@ from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Adam, Tensors
-from jbench.policies.network import SavedLayer, SavedNetwork, linear_layer, relu_layers
+from jbench.policies.saved import SavedLayer, SavedNetwork, relu_layers
 from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
 LOSS_SUMS = "losses"
@@ -57,10 +57,11 @@ class Learner:
 
     def policy(self) -> SavedNetwork:
         """Returns a copy of one seed's deterministic policy, as it is saved in the database."""
-        linear = [
-            linear_layer(*(values.float().cpu().numpy().copy() for values in (weight.mT, bias)))
+        arrays = [
+            [values.float().cpu().numpy().copy() for values in (weight.mT, bias)]
             for weight, bias in self.policy_layers()
         ]
+        linear = [SavedLayer("linear", weight=weight, bias=bias) for weight, bias in arrays]
         count = len(self.actor.layers)
         features, actor = linear[:-count], linear[-count:]
         return SavedNetwork([*self.feature_layers(features), *relu_layers(actor, self.squash)])

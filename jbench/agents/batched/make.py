@@ -22,7 +22,7 @@ from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
 from jbench.errors import RequestError, WorkError
 from jbench.names import TimeLimit
-from jbench.policies.copied import copy_module
+from jbench.policies.actors import copy_module
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
 

@@ -16,7 +16,7 @@ from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
-from jbench.policies.network import SavedLayer, SavedNetwork
+from jbench.policies.saved import SavedLayer, SavedNetwork
 from jbench.settings.records import OFESettings
 
 

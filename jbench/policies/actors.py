@@ -1,0 +1,233 @@
+"""Actors, which callers and other packages train: their actions, and copies of them.
+
+A copy is saved as data and evaluated without torch.
+"""
+
+import contextlib
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from jbench.errors import RequestError
+from jbench.policies.saved import Float, SavedLayer, SavedNetwork
+from jbench.simulation import Act
+from jbench.wording import counted
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecNormalize
+
+Actor = Any
+"""A torch module, a model or policy of stable-baselines3, or a function: actions (n, action_size)
+for observations (n, size) as float32 arrays (as tensors for a module). It must be deterministic."""
+
+_TOLERANCE = 1e-4  # of actions; float32 sums in another order differ by less
+_CHECKED = 16  # random observations
+_PLAIN = ("relu", "tanh", "sigmoid", "silu")  # functions and layers without parameters
+
+
+class UnsupportedPolicyError(RequestError):
+    """A policy is not a sequence of layers that jbench can save."""
+
+    def __init__(self, why: str) -> None:
+        self.why = why
+        super().__init__(
+            f"This policy can't be kept: {why}; pass a module that applies Linear, LayerNorm, "
+            "ReLU, tanh and the like one after another, such as nn.Sequential, and returns the "
+            "action."
+        )
+
+
+@contextlib.contextmanager
+def acting(actor: Actor, action_size: int) -> Iterator[Act]:
+    """Yields the function that acts, with modules in evaluation mode and without gradients.
+
+    The caller's modules and torch's generator are as before afterwards. Raises a RequestError if it
+    can't be called, or its actions have the wrong shape or are not finite.
+    """
+    function = _function(actor)
+
+    def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        answer = function(observations)
+        if isinstance(answer, Tensor):
+            answer = answer.detach().to("cpu", torch.float32).numpy()
+        wanted = (len(observations), action_size)
+        if isinstance(answer, tuple) or np.shape(answer) != wanted:
+            given = "a tuple" if isinstance(answer, tuple) else f"the shape {np.shape(answer)}"
+            raise RequestError(
+                f"The actor returned {given} for observations {observations.shape}; it must "
+                f"return actions {wanted}."
+            )
+        actions = np.asarray(answer, np.float64)
+        if not np.isfinite(actions).all():
+            raise RequestError("The actor returned actions that are not finite.")
+        return actions
+
+    modules = list(actor.modules()) if isinstance(actor, nn.Module) else []
+    modes = [module.training for module in modules]
+    with torch.no_grad(), torch.random.fork_rng(devices=[]):
+        try:
+            if isinstance(actor, nn.Module):
+                actor.eval()
+            yield act
+        finally:
+            for module, mode in zip(modules, modes, strict=True):
+                module.training = mode
+
+
+def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
+    # Also a policy of stable-baselines3, a module whose actions are random when it is called.
+    predict = getattr(actor, "predict", None)
+    if callable(predict) and "deterministic" in inspect.signature(predict).parameters:
+        statistics = normalization(actor)
+        seen: Callable[..., Any] = np.asarray if statistics is None else statistics.normalize_obs
+        return lambda observations: predict(seen(observations), deterministic=True)[0]
+    if isinstance(actor, nn.Module):
+        parameter = next(actor.parameters(), torch.empty(0))
+        return lambda observations: actor(
+            torch.as_tensor(observations, dtype=parameter.dtype, device=parameter.device)
+        )
+    if not callable(actor):
+        raise RequestError(
+            f"A {type(actor).__name__} can't act: pass a torch module, a stable-baselines3 model, "
+            "or a function of observations."
+        )
+    return lambda observations: actor(observations)
+
+
+def normalization(model: Any) -> "VecNormalize | None":
+    """Returns the normalization of observations around the model's environment, if there is one."""
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    wrapper = getattr(model, "get_vec_normalize_env", lambda: None)()
+    return wrapper if isinstance(wrapper, VecNormalize) and wrapper.norm_obs else None
+
+
+def copy_module(module: object, inputs: int, outputs: int) -> SavedNetwork:
+    """Returns a copy of a module: actions (n, outputs) for (encoded) observations (n, inputs).
+
+    It is compared with the module on random observations. Raises an UnsupportedPolicyError if it is
+    not a sequence of supported layers.
+    """
+    if not isinstance(module, nn.Module):
+        raise UnsupportedPolicyError(f"its type is {type(module).__name__}, no torch module")
+    wrapped: Any = getattr(module, "_orig_mod", module)  # by torch.compile
+    network = SavedNetwork(module_layers(wrapped))
+    if not network.linear_layers():
+        raise UnsupportedPolicyError("it has no Linear layer")
+    if network.sizes != (inputs, outputs):
+        its_inputs, its_outputs = network.sizes
+        raise UnsupportedPolicyError(
+            f"it has {counted(its_inputs, 'input')} and {counted(its_outputs, 'output')}, not "
+            f"{inputs} and {outputs}"
+        )
+    observations = np.random.default_rng(0).normal(size=(_CHECKED, inputs)).astype(np.float32)
+    try:
+        with acting(wrapped, outputs) as act:
+            wanted = np.clip(act(observations), -1, 1)
+    except RequestError as error:
+        raise UnsupportedPolicyError(f"it can't act ({str(error).rstrip('.')})") from None
+    if not np.abs(network.act(observations) - wanted).max() < _TOLERANCE:
+        raise UnsupportedPolicyError("its layers do not reproduce its actions")
+    return network
+
+
+def module_layers(module: nn.Module) -> list[SavedLayer]:
+    """Returns the layers that a module applies to a value, or an UnsupportedPolicyError."""
+    try:
+        result = module(_value([]))
+    except UnsupportedPolicyError:
+        raise
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UnsupportedPolicyError(f"its computation can't be traced ({reason})") from None
+    if not isinstance(result, _Value):
+        raise UnsupportedPolicyError("it returns something else than one tensor, the action")
+    return result.layers
+
+
+class _Value(Tensor):
+    """Stands for the observation, or for the result of `layers` that were applied to it."""
+
+    layers: list[SavedLayer]
+
+    @classmethod
+    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        """Is called in place of functions, methods and operators, such as relu, relu_ or mul."""
+        name, named = func.__name__.strip("_"), dict(kwargs or {})
+        values = [argument for argument in args if isinstance(argument, cls)]
+        if name not in _LAYERS or not values:
+            raise UnsupportedPolicyError(f"{name} is not supported")
+        if len(values) > 1:
+            raise UnsupportedPolicyError(f"{name} takes {len(values)} results, not one")
+        named.pop("inplace", None)
+        return _value([*values[0].layers, *_LAYERS[name](*args, **named)])
+
+
+def _value(layers: list[SavedLayer]) -> _Value:
+    value = torch.empty(0).as_subclass(_Value)
+    value.layers = layers
+    return value
+
+
+def float32_array(value: Any) -> Float:
+    """Returns a copy of a tensor or a number as float32."""
+    if isinstance(value, Tensor):
+        value = value.detach().to("cpu", torch.float32).numpy()
+    return np.array(value, np.float32)
+
+
+def _linear(x: _Value, weight: Tensor, bias: Tensor | None = None) -> list[SavedLayer]:
+    bias = torch.zeros(len(weight)) if bias is None else bias
+    return [SavedLayer("linear", weight=float32_array(weight), bias=float32_array(bias))]
+
+
+def _layer_norm(
+    x: _Value, shape: Sequence[int], weight: Any, bias: Any, eps: float
+) -> list[SavedLayer]:
+    weight = float32_array(torch.ones(*shape) if weight is None else weight)
+    bias = float32_array(torch.zeros(*shape) if bias is None else bias)
+    return [SavedLayer("layer_norm", weight=weight, bias=bias, epsilon=eps)]
+
+
+def _clip(x: _Value, *bounds: Any, **named: Any) -> list[SavedLayer]:
+    numbers = [*bounds, *named.values()]
+    if len(numbers) != 2 or not all(isinstance(number, int | float) for number in numbers):
+        raise UnsupportedPolicyError("a clamp has no two numbers as its bounds")
+    return [SavedLayer("clip", low=float(min(numbers)), high=float(max(numbers)))]
+
+
+def _arithmetic(operator: str, x: Any, y: Any) -> list[SavedLayer]:
+    """Returns the layers of an operation on a `_Value` and a number or a vector."""
+    value_first = isinstance(x, _Value)
+    constant = float32_array(y if value_first else x)
+    if constant.ndim > 1 and constant.shape[:-1] != (1,) * (constant.ndim - 1):
+        raise UnsupportedPolicyError("a constant is a matrix")
+    constant = constant.reshape(-1)
+    if operator == "div" and not value_first:
+        raise UnsupportedPolicyError("it divides by its inputs")
+    if operator in ("mul", "div"):
+        factor = constant if operator == "mul" else np.reciprocal(constant)
+        return [SavedLayer("scale", factor=factor)]
+    if operator == "sub" and not value_first:
+        return [*_arithmetic("mul", x=-1, y=y), *_arithmetic("add", x, y)]
+    return [SavedLayer("shift", offset=constant if operator == "add" else -constant)]
+
+
+_LAYERS: dict[str, Callable[..., list[SavedLayer]]] = {
+    **{kind: partial(lambda kind, x: [SavedLayer(kind)], kind) for kind in _PLAIN},
+    **dict.fromkeys(("dropout", "flatten", "contiguous", "float"), lambda x, *_, **__: []),
+    **dict.fromkeys(("clamp", "clip", "hardtanh"), _clip),
+    "elu": lambda x, alpha: [SavedLayer("elu", alpha=alpha)],
+    "leaky_relu": lambda x, negative_slope: [SavedLayer("leaky_relu", slope=negative_slope)],
+    "linear": _linear,
+    "layer_norm": _layer_norm,
+    **{operator: partial(_arithmetic, operator) for operator in ("add", "sub", "mul", "div")},
+    "rsub": lambda x, y: _arithmetic("sub", y, x),
+}
+"""The layers of torch's functions by name; the arguments are those of the functions."""

@@ -119,15 +119,17 @@ def _policy(run: str, inputs: str | None, out: Path | None, results: Path) -> No
     for package in ("onnx", "onnxscript"):
         if importlib.util.find_spec(package) is None:
             raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
-    from jbench.policies.find import find_trained_agent
+    from jbench.policies.find import locate_run
     from jbench.policies.onnx_export import export_onnx
+    from jbench.policies.saved import load_agent
     from jbench.store.files import check_output
     from jbench.task_specs import TASK_SPECS
 
     database, name = database_and_policy(results, run)
     if out is not None:
         check_output(out)
-    id, agent = find_trained_agent(database, name)
+    located, id = locate_run(database, name)
+    agent = load_agent(located, id)
     in_si_units = agent.task in TASK_SPECS if inputs is None else inputs == "si"
     path = out or database.path / "onnx" / f"{id}.onnx"
     difference = export_onnx(agent, id, path, in_si_units)

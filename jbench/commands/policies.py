@@ -138,15 +138,14 @@ def _find(
 
     Prints a note if the robot is not one that the agent was trained on.
     """
-    from jbench.policies.find import find_run, full_name
+    from jbench.policies.find import full_name
     from jbench.simulation.find import checked_task
 
     typed = [name for name in (policy, option) if name is not None]
     if len(typed) == 2:
         raise RequestError(f"Two policies, {policy} and {option}: type one.")
     database, name = database_and_policy(results, *(typed or [names.HEURISTIC]))
-    name = full_name(database, name)
-    run = find_run(database, name)
+    name, run = full_name(database, name)
     if task is not None:
         task = checked_task(task).name
     elif run is not None:

@@ -68,15 +68,15 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
             raise RequestError("The actor returned actions that are not finite.")
         return actions
 
-    modules = list(actor.modules()) if isinstance(actor, nn.Module) else []
-    modes = [module.training for module in modules]
+    modules = actor.modules() if isinstance(actor, nn.Module) else ()
+    modes = {module: module.training for module in modules}
     with torch.no_grad(), torch.random.fork_rng(devices=[]):
         try:
-            if isinstance(actor, nn.Module):
+            if modes:
                 actor.eval()
             yield act
         finally:
-            for module, mode in zip(modules, modes, strict=True):
+            for module, mode in modes.items():
                 module.training = mode
 
 
@@ -206,7 +206,7 @@ def _arithmetic(operator: str, x: Any, y: Any) -> list[SavedLayer]:
     """Returns the layers of an operation on a `_Value` and a number or a vector."""
     value_first = isinstance(x, _Value)
     constant = float32_array(y if value_first else x)
-    if constant.ndim > 1 and constant.shape[:-1] != (1,) * (constant.ndim - 1):
+    if constant.ndim and constant.size > constant.shape[-1]:
         raise UnsupportedPolicyError("a constant is a matrix")
     constant = constant.reshape(-1)
     if operator == "div" and not value_first:

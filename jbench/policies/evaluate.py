@@ -17,14 +17,14 @@ from jbench.tasks import resets
 # Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50
 
-_Done = Callable[[int], None]
+_Progress = Callable[[int], None]
 
 
 def evaluate(
     settings: EvaluationSettings,
     results: Results,
     threads: int,
-    progress: _Done = lambda steps: None,
+    progress: _Progress = lambda steps: None,
     name: str | None = None,
 ) -> Record:
     """Runs and saves the episodes of a policy, unless they have been saved before.
@@ -49,8 +49,7 @@ def evaluate(
             episodes = range(first, min(first + _TOGETHER, settings.episodes))
             policy.reset(len(episodes))
             with task.worlds(len(episodes), threads, settings.augment) as worlds:
-                tables = _episodes(settings, episodes, worlds, policy.act, progress)
-            record.append(tables)
+                record.append(_episodes(settings, episodes, worlds, policy.act, progress))
         returns = record.read("policy_episodes")["episode_return"]
         q10, median, q90 = np.percentile(returns.to_numpy(), (10, 50, 90))
         record.finish({"median": median, "q10": q10, "q90": q90}, compact=False)
@@ -58,7 +57,7 @@ def evaluate(
 
 
 def _episodes(
-    settings: EvaluationSettings, episodes: range, worlds: Worlds, act: Act, progress: _Done
+    settings: EvaluationSettings, episodes: range, worlds: Worlds, act: Act, progress: _Progress
 ) -> dict[str, pa.Table]:
     generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
     if isinstance(worlds, JitterbugWorlds):

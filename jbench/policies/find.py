@@ -20,11 +20,12 @@ from jbench import plugins
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, TASKS, closest
 from jbench.policies.actors import acting
-from jbench.policies.saved import TrainedAgent, has_policy, load_agent
-from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, sha256_start
+from jbench.policies.saved import has_policy, load_agent
+from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, zip_content
 from jbench.settings.recorded import Run, read_run
 from jbench.simulation import Act, find_task
 from jbench.store import Results
+from jbench.store.files import sha256
 from jbench.store.shipped import shipped_results
 from jbench.tasks.heuristics import heuristic
 
@@ -33,8 +34,6 @@ SHIPPED = f"{REFERENCE}/"
 
 _CONSTANT = "constant:"
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e-?\d+)?", re.ASCII | re.IGNORECASE)
-_ENTRY_POINT = re.compile(r"[a-z][a-z0-9-]*")
-_OURS = (*POLICIES, REFERENCE)
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,8 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
         return _imported_policy(name, task)
     if is_sb3_zip(name):
         return ActingPolicy(read_sb3_zip(name, task).act)
-    run, agent = find_trained_agent(results, name)
+    located, run = locate_run(results, name)
+    agent = load_agent(located, run)
     if agent.task != task:
         raise RequestError(
             f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
@@ -93,12 +93,12 @@ def _constant(name: str) -> float:
 
 def is_imported_policy(name: str) -> bool:
     """Returns whether a name is that of an installed policy, or of the form MODULE:NAME."""
-    is_ours = name.partition(":")[0] in _OURS
-    return not is_ours and (plugins.is_imported(name) or name in _entry_points())
+    return plugins.is_imported(name) or name in _entry_points()
 
 
 def _entry_points() -> dict[str, EntryPoint]:
-    return plugins.offered("jbench.policies", _ENTRY_POINT, _OURS)
+    name = re.compile(r"[a-z][a-z0-9-]*")
+    return plugins.offered("jbench.policies", name, (*POLICIES, REFERENCE))
 
 
 def _imported_policy(name: str, task: str) -> ActingPolicy:
@@ -134,46 +134,25 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
     return policy
 
 
-def find_trained_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
-    """Returns the id of a run and its trained agent, also for "reference/" and a shipped run's id.
-
-    Raises a RequestError if there is no such run or policy, a WorkError if its files are damaged.
-    """
-    located, run = _locate(results, name)
-    return run, load_agent(located, run)
-
-
-def full_name(results: Results, name: str) -> str:
-    """Completes the name of a trained policy to the whole id of its run.
+def full_name(results: Results, name: str) -> tuple[str, Run | None]:
+    """Completes a policy's name to the whole id of its run; returns its settings, too, if any.
 
     `reference/face_direction/ddpg/full` is short for the only shipped policy of these runs, and
     `face_direction/ddpg` for the only such run of the results. Raises a RequestError if there is no
-    such policy, its command is wrong, or several runs match.
+    such policy, its command is wrong, or several runs match, and a WorkError if the run's manifest
+    can't be read.
     """
-    if is_sb3_zip(name):
-        return name
-    if "/" in name:
-        return f"{SHIPPED if name.startswith(SHIPPED) else ''}{_locate(results, name)[1]}"
+    if "/" in name and not is_sb3_zip(name):
+        located, id = locate_run(results, name)
+        record, prefix = located.find("run", id), SHIPPED if name.startswith(SHIPPED) else ""
+        return f"{prefix}{id}", None if record is None else read_run(record.settings)
     if name.startswith(_CONSTANT):
         _constant(name)
-    if name.partition(":")[0] in POLICIES or is_imported_policy(name):
-        return name
+    if is_sb3_zip(name) or name.partition(":")[0] in POLICIES or is_imported_policy(name):
+        return name, None
     close = closest(name, [*POLICIES, *_entry_points()])
     hint = f"did you mean {close}? Choose" if close else "choose"
     raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
-
-
-def find_run(results: Results, name: str) -> Run | None:
-    """Returns the settings of a trained policy's run; None if there is none, as of other policies.
-
-    Raises a RequestError if the name is an invalid run id or an unknown shipped policy, and a
-    WorkError if the run's manifest can't be read.
-    """
-    if "/" not in name or is_sb3_zip(name):
-        return None
-    located, run = _locate(results, name)
-    record = located.find("run", run)
-    return None if record is None else read_run(record.settings)
 
 
 def policy_code(name: str) -> str | None:
@@ -182,7 +161,7 @@ def policy_code(name: str) -> str | None:
     It is name and version of its package, or the first 16 digits of the SHA-256 of its file.
     """
     if is_sb3_zip(name):
-        return sha256_start(name)
+        return sha256(zip_content(name))[:16]
     if not is_imported_policy(name):
         return None
     made_with = plugins.provenance("policy", name, _entry_points())
@@ -196,8 +175,11 @@ def shipped_policies() -> list[str]:
     return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
 
 
-def _locate(results: Results, name: str) -> tuple[Results, str]:
-    """Returns the results with the run of a trained policy, and its whole id."""
+def locate_run(results: Results, name: str) -> tuple[Results, str]:
+    """Returns the results with the run of a policy, by "reference/" and an id or an id, and its id.
+
+    Raises a RequestError if the name is no id, or that of no shipped policy or of several runs.
+    """
     if not name.startswith(SHIPPED):
         return results, results.complete_id("run", name)
     names = shipped_policies()

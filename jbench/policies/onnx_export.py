@@ -20,7 +20,6 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
 from jbench.simulation import find_task
 from jbench.store.files import make_directory, write_atomic
-from jbench.task_specs import TASK_SPECS
 from jbench.tasks.features import by_dimension, denormalize, normalize
 
 INPUT, OUTPUT = "observation", "action"
@@ -43,7 +42,8 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
     the units of the observation are not known, and a WorkError if the model's actions differ from
     the policy's, or it can't be written.
     """
-    if in_si_units and agent.task not in TASK_SPECS:
+    task = find_task(agent.task)
+    if in_si_units and task.specs is not None:
         raise RequestError(
             f"The units of the observations of {agent.task} are not known: type --inputs "
             "observation."
@@ -54,7 +54,7 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
     helper.set_model_props(model, metadata(agent, run, in_si_units))
     checker.check_model(model, full_check=True)
     # Compared over observations from the ranges of the features.
-    shape = _CHECKED, find_task(agent.task).observation_size
+    shape = _CHECKED, task.observation_size
     observations = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
     inputs = denormalize(agent.task, observations) if in_si_units else observations
     (actions,) = ReferenceEvaluator(model).run(None, {INPUT: inputs})
@@ -98,29 +98,21 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
     }
 
 
-class _Actor(nn.Module):
-    """An agent as a module from its observation, or from the features in SI units."""
-
-    def __init__(self, agent: TrainedAgent, in_si_units: bool) -> None:
-        super().__init__()
-        self._agent, self._in_si_units = agent, in_si_units
-
-    def forward(self, inputs: Tensor) -> Tensor:
-        task = self._agent.task
-        actions: Tensor = self._agent.act(normalize(task, inputs) if self._in_si_units else inputs)
-        return actions
-
-
 def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
+    class Actor(nn.Module):
+        def forward(self, inputs: Tensor) -> Tensor:
+            observations = normalize(agent.task, inputs) if in_si_units else inputs
+            actions: Tensor = agent.act(observations)
+            return actions
+
     # The exporter warns of operators of torchvision, which is not installed.
     logging.getLogger("torch.onnx._internal.exporter._registration").setLevel(logging.ERROR)
     example = torch.zeros(2, find_task(agent.task).observation_size)
     shapes = ({0: torch.export.Dim("robots")},)
-    actor = _Actor(agent, in_si_units)
+    names: Any = {"input_names": [INPUT], "output_names": [OUTPUT], "dynamic_shapes": shapes}
     try:
-        actor(example)  # so that constants which are made once are not made while it is traced
-        traced = torch.export.export(actor, (example,), dynamic_shapes=shapes)
-        names: Any = {"input_names": [INPUT], "output_names": [OUTPUT]}
+        Actor()(example)  # so that constants which are made once are not made while it is traced
+        traced = torch.export.export(Actor(), (example,), dynamic_shapes=shapes)
         program = torch.onnx.export(traced, **names, opset_version=_OPSET, verbose=False)
     except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
@@ -135,6 +127,4 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     del graph.value_info[:]
     for part in (graph, *graph.node, *graph.initializer, *graph.input, *graph.output):
         del part.metadata_props[:]  # such as the paths of source files
-    for value in (*graph.input, *graph.output):
-        value.type.tensor_type.shape.dim[0].dim_param = "robots"
     return model

@@ -18,7 +18,6 @@ from jbench.names import TASKS
 from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
 from jbench.policies.saved import Float, SavedLayer, SavedNetwork
 from jbench.simulation import find_task
-from jbench.store.files import sha256
 from jbench.wording import counted
 
 _ACTORS = {
@@ -40,15 +39,18 @@ def is_sb3_zip(name: str) -> bool:
     return name.endswith(".zip")
 
 
-def sha256_start(path: str) -> str:
-    """Returns the first 16 digits of a file's SHA-256; raises a RequestError if unreadable."""
-    return sha256(_content(path))[:16]
+def zip_content(path: str) -> bytes:
+    """Returns the content of a file, or raises a RequestError."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise RequestError(f"{path} can't be read ({error.strerror}).") from None
 
 
 def read_sb3_zip(path: str, task: str) -> SavedNetwork:
     """Returns the deterministic policy of a saved model; raises a RequestError if there is none."""
     try:
-        with zipfile.ZipFile(io.BytesIO(_content(path))) as file:
+        with zipfile.ZipFile(io.BytesIO(zip_content(path))) as file:
             data: dict[str, Any] = json.loads(file.read("data"))
             weights = _weights(file.read("policy.pth"))
         network = SavedNetwork(_layers(data, weights))
@@ -68,13 +70,6 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
         f"observations of {wanted.observation_size} numbers and actions of {wanted.action_size}; "
         + (f"use --task {' or '.join(fitting)}." if fitting else "name its task with --task.")
     )
-
-
-def _content(path: str) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise RequestError(f"{path} can't be read ({error.strerror}).") from None
 
 
 def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]:

@@ -28,14 +28,11 @@ _SEED_POINT = ["run", "seed", "returns", "window", "control_steps", "episode_ret
 
 
 def open(path: Path | str = "results") -> "OpenedResults":
-    """Opens a results directory to read.
+    """Opens a results directory to read, or raises a RequestError if there is none.
 
     Args:
         path: of the directory; "reference" for the results shipped with jbench, unless there is a
             directory of that name.
-
-    Raises:
-        RequestError: if there is no such directory.
     """
     return OpenedResults(results_to_read(path))
 
@@ -55,8 +52,7 @@ class OpenedResults:
     def query(self, sql: str) -> pd.DataFrame:
         """Returns the rows of one SELECT, as `jbench query` does; docs/database.md has the tables.
 
-        Raises:
-            RequestError: if it is not one SELECT, or DuckDB reports an error.
+        Raises a RequestError if it is not one SELECT, or DuckDB reports an error.
         """
         rows, problems = query.query_results(self._results, sql)
         for problem in problems:
@@ -80,13 +76,10 @@ class OpenedResults:
             RequestError: if there are no such runs.
         """
         source = self._rows(Request(task=task, algo=algo))
-        runs = source.runs[_RUN].reset_index(drop=True)
         seeds = seed_frame(source.configurations)
-        for name in KINDS:
-            finals = seeds[seeds["returns"] == name].set_index(["source", "run"])["final"]
-            runs[f"{name}_return"] = finals.reindex(
-                pd.MultiIndex.from_frame(runs[["source", "run"]])
-            ).to_numpy()
+        finals = seeds.pivot(index=["source", "run"], columns="returns", values="final")
+        finals = finals.reindex(columns=[*KINDS]).add_suffix("_return")
+        runs = source.runs[_RUN].reset_index(drop=True).join(finals, on=["source", "run"])
         settings = _settings([parse_run(text) for text in source.runs["settings"]])
         return runs.join(settings.drop(columns=runs.columns, errors="ignore"))
 

@@ -105,10 +105,8 @@ class Recording:
     def env(self) -> gymnasium.Env[Any, Any]:
         """Returns an environment whose episodes are recorded; each call makes one.
 
-        The first `reset` is seeded by the run, unless the caller gives a seed.
-
-        Raises:
-            RequestError: in another process than that of the recording.
+        The first `reset` is seeded by the run, unless the caller gives a seed. Raises a
+        RequestError in another process than that of the recording.
         """
         self._running()
         env = make_env(self._settings, self._encoder)
@@ -122,10 +120,8 @@ class Recording:
 
         Args:
             values: numbers, or tensors of one element, which are read when an episode ends; by the
-                names of the columns of the table `episodes`, such as critic_loss and actor_loss.
-
-        Raises:
-            RequestError: if there is no column of such a name.
+                names of the columns of the table `episodes`, such as critic_loss and actor_loss,
+                or a RequestError.
         """
         losses = self._running().losses
         if unknown := sorted(values.keys() - schema.LOSSES):
@@ -140,10 +136,8 @@ class Recording:
         """Records metrics at the current control step, in the table `metrics`.
 
         Args:
-            metrics: numbers, or tensors of one element, by any name. Each becomes a row.
-
-        Raises:
-            RequestError: if a value is not a number.
+            metrics: numbers, or tensors of one element, by any name; else a RequestError. Each
+                becomes a row.
         """
         writer = self._running()
         writer.log.metrics(writer.control_steps, as_numbers(metrics))
@@ -154,13 +148,11 @@ class Recording:
 
         Args:
             actor: deterministic: a torch module, a model or policy of stable-baselines3, or a
-                function that returns actions (n, action_size) for (encoded) observations (n, size).
+                function that returns actions (n, action_size) for (encoded) observations (n, size);
+                a RequestError if they have another shape or are not finite.
 
         Returns:
             The returns (evaluate_episodes,), or None if no evaluation was due.
-
-        Raises:
-            RequestError: if its actions have the wrong shape or are not finite.
         """
         writer, every = self._running(), self._settings.evaluate_every
         due = writer.log.is_evaluation_due(every, self.control_steps)
@@ -174,10 +166,7 @@ class Recording:
 
         Args:
             actor: a torch module that applies its layers one after another, or a
-                stable-baselines3 model.
-
-        Raises:
-            UnsupportedPolicyError: if it is anything else; a RequestError.
+                stable-baselines3 model; else an UnsupportedPolicyError, which is a RequestError.
         """
         writer, task, encoder = self._running(), self._task, self._encoder
         inputs = task.observation_size if encoder is None else encoder.latent_size

@@ -87,10 +87,14 @@ def record(
         fields["encoder"] = find_encoder(place, representation, task)
         fields["representation"] = read_representation(place, fields["encoder"])
     given = {} if hyperparameters is None else hyperparameters
-    fields["hyperparameters"] = plain_hyperparameters(given, fields["seed"], fields["steps"])
+    fields["hyperparameters"] = _plain_hyperparameters(given, fields["seed"], fields["steps"])
     settings = validated(ExternalSettings, "the run", **fields)
     logger = None if log is None else make_logger(known("log", log, names.LOGGERS), place.path)
-    made_on = {"script_sha256": _script_hash(), **code_provenance(task)}
+    try:
+        script = files.sha256(Path(sys.modules["__main__"].__file__ or "").read_bytes())
+    except (AttributeError, KeyError, OSError):  # in a notebook or an interactive session
+        script = None
+    made_on = {"script_sha256": script, **code_provenance(task)}
     if package is not None:
         try:
             made_on |= plugins.made_with(package)
@@ -99,15 +103,8 @@ def record(
     return Recording(settings, place, made_on, logger)
 
 
-def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:
-    """Returns hyperparameters as JSON values, without the seed and the number of steps.
-
-    These are settings of the run already; runs whose hyperparameters differ are not one curve.
-
-    Raises:
-        RequestError: if a value is not a JSON value, or "seed", "total_timesteps" and the like do
-            not agree with the run.
-    """
+def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:
+    """Returns JSON values without those that are settings of the run already, and must agree."""
     if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
         raise RequestError(f"hyperparameters is {values!r}: type a dictionary of values by name.")
     plain = {name: _plain(value, f"hyperparameters[{name!r}]") for name, value in values.items()}
@@ -139,11 +136,3 @@ def _plain(value: Any, where: str) -> Any:
 
 def _number(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _script_hash() -> str | None:
-    """Returns the SHA-256 of the running script; None in a notebook or an interactive session."""
-    try:
-        return files.sha256(Path(sys.modules["__main__"].__file__ or "").read_bytes())
-    except (AttributeError, KeyError, OSError):
-        return None

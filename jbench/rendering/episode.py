@@ -47,8 +47,7 @@ class Scene:
     def environment(self, render_mode: str | None = "rgb_array") -> JitterbugEnv | SuiteEnv:
         """Returns an environment that draws pictures, or with None, does not.
 
-        Raises:
-            RequestError: if the robot has no such camera or, of another package, no physics.
+        Raises a RequestError if the robot has no such camera or, of another package, no physics.
         """
         size = self.width, self.height
         if self.task not in TASKS:

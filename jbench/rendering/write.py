@@ -122,11 +122,8 @@ def gif(pictures: Sequence[Picture], seconds: float = _INTERVAL) -> bytes:
 def mp4(pictures: Iterator[Picture], seconds: float = _INTERVAL) -> bytes:
     """Returns an H.264 video that any browser plays, of pictures some seconds apart.
 
-    Odd sizes are padded by repeating the last row or column.
-
-    Raises:
-        RequestError: if the library has no ffmpeg for this machine.
-        WorkError: if ffmpeg failed.
+    Odd sizes are padded by repeating the last row or column. Raises a RequestError if the library
+    has no ffmpeg for this machine, and a WorkError if ffmpeg failed.
     """
     import imageio.v2
     import imageio_ffmpeg

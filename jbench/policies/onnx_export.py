@@ -109,11 +109,11 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     logging.getLogger("torch.onnx._internal.exporter._registration").setLevel(logging.ERROR)
     example = torch.zeros(2, find_task(agent.task).observation_size)
     shapes = ({0: torch.export.Dim("robots")},)
-    names: Any = {"input_names": [INPUT], "output_names": [OUTPUT], "dynamic_shapes": shapes}
+    options: Any = {"input_names": [INPUT], "output_names": [OUTPUT], "dynamic_shapes": shapes}
     try:
         Actor()(example)  # so that constants which are made once are not made while it is traced
         traced = torch.export.export(Actor(), (example,), dynamic_shapes=shapes)
-        program = torch.onnx.export(traced, **names, opset_version=_OPSET, verbose=False)
+        program = torch.onnx.export(traced, **options, opset_version=_OPSET, verbose=False)
     except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
         raise RequestError(

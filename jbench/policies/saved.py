@@ -177,7 +177,8 @@ def feature_layers(
 def _layer(described: dict[str, Any], i: int, tensors: Mapping[str, Float]) -> SavedLayer:
     kind = described["layer"]
     names = [*inspect.signature(LAYERS[kind]).parameters][1:]
-    return SavedLayer(kind, **{n: described.get(n, tensors.get(f"{i}.{n}")) for n in names})
+    arguments = {n: described[n] if n in described else tensors[f"{i}.{n}"] for n in names}
+    return SavedLayer(kind, **arguments)
 
 
 def _older_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> list[SavedLayer]:

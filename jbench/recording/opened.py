@@ -62,6 +62,8 @@ class OpenedResults:
     def runs(self, task: str | None = None, algo: str | None = None) -> pd.DataFrame:
         """Returns the runs with their final returns and settings; imported curves are runs as well.
 
+        Raises a RequestError if there are no such runs.
+
         Args:
             task: only this task.
             algo: only this algorithm.
@@ -71,9 +73,6 @@ class OpenedResults:
             steps, status, evaluation_return and training_return (final returns as in `jbench
             report`; NaN if there is none), and a column for each other setting, such as
             learning_rate. Settings that an algorithm does not have are missing values.
-
-        Raises:
-            RequestError: if there are no such runs.
         """
         source = self._rows(Request(task=task, algo=algo))
         seeds = seed_frame(source.configurations)
@@ -95,6 +94,8 @@ class OpenedResults:
     ) -> pd.DataFrame:
         """Returns the learning curves that `jbench report` draws.
 
+        Raises a RequestError if an argument is invalid, or there are no such runs.
+
         Args:
             task: only this task.
             algo: only this algorithm.
@@ -109,9 +110,6 @@ class OpenedResults:
             run, seed and episode_return instead of the order and quantiles. The column settings
             names the settings that differ from the defaults, as the legends of a report do; each
             setting that differs between the curves has a column of its own, such as learning_rate.
-
-        Raises:
-            RequestError: if an argument is invalid, or there are no such runs.
         """
         known("kind of returns", returns, RETURNS)
         source = self._rows(
@@ -143,7 +141,7 @@ def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[
     if not per_seed:
         quantiles = dict(zip(_QUANTILES, curve.quantiles, strict=True))
         return [(names | {"order": curve.order}, arrays | {"seeds": curve.seeds} | quantiles)]
-    parts = []
+    parts: list[Part] = []
     seeds = zip(configuration.runs, configuration.seeds, curve.by_seed, strict=True)
     for run, seed, values in seeds:
         present = np.isfinite(values)

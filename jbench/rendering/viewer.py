@@ -8,7 +8,7 @@ import numpy as np
 
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
-from jbench.opengl import has_display, open_display
+from jbench.opengl import open_display
 from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Scene
 from jbench.simulation import find_task
@@ -25,11 +25,8 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
     """Opens MuJoCo's viewer and simulates episodes in real time until the window is closed.
 
     The scene is that of the first episode; its camera and size are ignored. Returns the number of
-    simulated control steps.
-
-    Raises:
-        RequestError: if no window can be opened here, or the task has another model in each
-            episode, or none.
+    simulated control steps. Raises a RequestError if no window can be opened here, or the task has
+    another model in each episode, or none.
     """
     task = find_task(scene.task)
     if isinstance(task, DmTask) and not task.reseeds:
@@ -67,16 +64,12 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
 
 
 def _open_window(env: JitterbugEnv | SuiteEnv) -> Any:
-    if not has_display():
-        raise RequestError(
-            "There is no display to open a window on; jbench render draws without one."
-        )
-    # Deferred, since these imports look for a window system.
-    import mujoco.viewer
-
-    # An error here would end the viewer's thread, for which the viewer would wait forever.
+    # An error would end the viewer's thread, for which the viewer would wait forever.
     if not open_display():
         raise RequestError("The display can't be opened; jbench render draws without one.")
+    # Deferred, since it looks for a window system.
+    import mujoco.viewer
+
     try:
         window = mujoco.viewer.launch_passive(env.model, env.data, show_right_ui=False)
     except RuntimeError as error:

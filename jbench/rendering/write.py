@@ -59,15 +59,13 @@ def render_to_file(
 ) -> Frame:
     """Writes an episode in the format of the file's suffix; returns the last frame.
 
+    Raises a RequestError if the file can't be written, and a WorkError if the disk fails.
+
     Args:
         name: of the policy, for the text in a video or an animation.
         speed: of a video or an animation, a multiple of 0.25: 1 for real time.
         steps: control steps to show, 1 to 1000.
         progress: called with the number of completed control steps.
-
-    Raises:
-        RequestError: if the file can't be written.
-        WorkError: if the disk is full or fails.
     """
     _check(path)
     suffix = path.suffix.lower()
@@ -144,7 +142,7 @@ def mp4(pictures: Iterator[Picture], seconds: float = _INTERVAL) -> bytes:
             with imageio.v2.get_writer(path, **options) as writer:
                 for picture in pictures:
                     odd = [(0, size % 2) for size in picture.shape[:2]]
-                    writer.append_data(np.pad(picture, [*odd, (0, 0)], mode="edge"))
+                    writer.append_data(np.pad(picture, [*odd, (0, 0)], mode="edge"))  # type: ignore[attr-defined]
         except OSError as error:
             raise WorkError(f"ffmpeg failed: {str(error).splitlines()[0]}.") from None
         if not path.exists():

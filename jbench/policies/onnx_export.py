@@ -22,10 +22,7 @@ from jbench.simulation import find_task
 from jbench.store.files import make_directory, write_atomic
 from jbench.tasks.features import by_dimension, denormalize, normalize
 
-INPUT, OUTPUT = "observation", "action"
-
 _OPSET, _IR_VERSION = 18, 8  # of 2022, which ONNX Runtime reads from 1.14 on
-_CHECKED = 256  # observations for which the model is compared with the policy
 _TOLERANCE = 1e-4  # of an action; float32 rounding in another order is a hundredth of that
 
 
@@ -54,10 +51,10 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
     helper.set_model_props(model, metadata(agent, run, in_si_units))
     checker.check_model(model, full_check=True)
     # Compared over observations from the ranges of the features.
-    shape = _CHECKED, task.observation_size
+    shape = 256, task.observation_size
     observations = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
     inputs = denormalize(agent.task, observations) if in_si_units else observations
-    (actions,) = ReferenceEvaluator(model).run(None, {INPUT: inputs})
+    (actions,) = ReferenceEvaluator(model).run(None, {"observation": inputs})
     difference = float(np.abs(np.asarray(actions) - agent.act(observations)).max())
     if not difference < _TOLERANCE:
         raise WorkError(f"The ONNX model of {run} differs from its policy by {difference:.1e}.")
@@ -109,11 +106,12 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     logging.getLogger("torch.onnx._internal.exporter._registration").setLevel(logging.ERROR)
     example = torch.zeros(2, find_task(agent.task).observation_size)
     shapes = ({0: torch.export.Dim("robots")},)
-    options: Any = {"input_names": [INPUT], "output_names": [OUTPUT], "dynamic_shapes": shapes}
+    options: Any = {"input_names": ["observation"], "output_names": ["action"]}
+    options |= {"opset_version": _OPSET, "verbose": False}
     try:
         Actor()(example)  # so that constants which are made once are not made while it is traced
         traced = torch.export.export(Actor(), (example,), dynamic_shapes=shapes)
-        program = torch.onnx.export(traced, **options, opset_version=_OPSET, verbose=False)
+        program = torch.onnx.export(traced, dynamic_shapes=shapes, **options)
     except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
         raise RequestError(

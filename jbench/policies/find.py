@@ -32,6 +32,7 @@ from jbench.tasks.heuristics import heuristic
 SHIPPED = f"{REFERENCE}/"
 """Prefix of the names of shipped policies; the id of the run follows."""
 
+_OURS = (*POLICIES, REFERENCE)
 _CONSTANT = "constant:"
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e-?\d+)?", re.ASCII | re.IGNORECASE)
 
@@ -93,12 +94,12 @@ def _constant(name: str) -> float:
 
 def is_imported_policy(name: str) -> bool:
     """Returns whether a name is that of an installed policy, or of the form MODULE:NAME."""
-    return plugins.is_imported(name) or name in _entry_points()
+    is_ours = name.partition(":")[0] in _OURS
+    return not is_ours and (plugins.is_imported(name) or name in _entry_points())
 
 
 def _entry_points() -> dict[str, EntryPoint]:
-    name = re.compile(r"[a-z][a-z0-9-]*")
-    return plugins.offered("jbench.policies", name, (*POLICIES, REFERENCE))
+    return plugins.offered("jbench.policies", re.compile(r"[a-z][a-z0-9-]*"), _OURS)
 
 
 def _imported_policy(name: str, task: str) -> ActingPolicy:
@@ -148,11 +149,11 @@ def full_name(results: Results, name: str) -> tuple[str, Run | None]:
         return f"{prefix}{id}", None if record is None else read_run(record.settings)
     if name.startswith(_CONSTANT):
         _constant(name)
-    if is_sb3_zip(name) or name.partition(":")[0] in POLICIES or is_imported_policy(name):
-        return name, None
-    close = closest(name, [*POLICIES, *_entry_points()])
-    hint = f"did you mean {close}? Choose" if close else "choose"
-    raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
+    elif not (name in (HEURISTIC, "random") or is_sb3_zip(name) or is_imported_policy(name)):
+        close = closest(name, [*POLICIES, *_entry_points()])
+        hint = f"did you mean {close}? Choose" if close else "choose"
+        raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
+    return name, None
 
 
 def policy_code(name: str) -> str | None:

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.encoders.kind import ClosedForm, Kind
+from jbench.encoders.kind import Fitted, Kind
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.scaling import FloatArray, Moments
 from jbench.encoders.states import Shard, States
@@ -26,7 +26,7 @@ _EPISODES = 10  # of the heuristic
 _THREADS = 2
 _SEED = 20200419  # not used by `jbench evaluate` or for tuning the heuristics
 
-_BASELINES: dict[str, ClosedForm] = {"pca": PrincipalComponents(), "random": RandomProjection()}
+_BASELINES: dict[str, Fitted] = {"pca": PrincipalComponents(), "random": RandomProjection()}
 
 
 def errors(
@@ -48,7 +48,7 @@ def errors(
     # There may be more latents than features.
     size = min(latents, states.size)
     baselines = {
-        name: (other, other.fit(states.learned, size, states.seed))
+        name: (other, other.fit(states, size))
         for name, other in _BASELINES.items()
     }
     columns: dict[str, FloatArray] = {}
@@ -109,9 +109,7 @@ def heuristic_episodes(
     return np.stack(observations, axis=1), np.stack(actions, axis=1), np.stack(rewards, axis=1)
 
 
-def affine_errors(
-    kind: ClosedForm, weights: Mapping[str, FloatArray], moments: Moments
-) -> FloatArray:
+def affine_errors(kind: Kind, weights: Mapping[str, FloatArray], moments: Moments) -> FloatArray:
     """Returns the (size,) mean squared errors of an affine kind, which follow from the moments."""
     identity = np.eye(len(moments.mean))
     shift = kind.decode(weights, kind.encode(weights, np.zeros_like(moments.mean)))

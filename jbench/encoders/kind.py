@@ -1,8 +1,8 @@
 """Base classes of the kinds of encoders.
 
 A kind is a class whose fields are its options and whose methods are pure functions of named
-weights. Learned kinds are trained by the loop in `loop.py`, closed forms are computed from the
-moments of the data. `docs/your-own-encoder.md` explains how to add a kind in another package.
+weights. Learned kinds are trained by the loop in `loop.py`, the others are fitted to the states.
+`docs/your-own-encoder.md` explains how to add a kind in another package.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from jbench.encoders.scaling import Moments
 from jbench.encoders.states import Scale, StatePairs, States
 from jbench.settings.base import Settings, omissible
 from jbench.simulation import find_task
@@ -94,19 +93,11 @@ class Kind(Settings):
         return {}
 
 
-class ClosedForm(Kind):
-    """A kind whose weights are computed from the moments of the data."""
-
-    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the weights, given the moments of the scaled training states."""
-        raise NotImplementedError
-
-
 class Fitted(Kind):
     """A kind whose weights are computed from the states, without a training loop."""
 
     def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the weights; `states` have been read."""
+        """Returns the weights; `states` have been read, and have the moments `learned`."""
         raise NotImplementedError
 
 

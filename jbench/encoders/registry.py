@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from jbench import plugins
-from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
+from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.states import split_episodes
 from jbench.errors import RequestError, WorkError
 from jbench.names import ENCODER_KINDS, EPISODE_STEPS, OFE, REPRESENTATION, known
@@ -54,9 +54,9 @@ def find_kind(name: str) -> type[Kind]:
         kind = plugins.imported(_WHAT, name)
     else:
         kind = plugins.load(_WHAT, _offered()[known(_WHAT, name, (*kind_names(), "MODULE:CLASS"))])
-    if not (isinstance(kind, type) and issubclass(kind, (ClosedForm, Fitted, Learned))):
+    if not (isinstance(kind, type) and issubclass(kind, (Fitted, Learned))):
         raise WorkError(
-            f"The kind of encoder {name} is no subclass of Learned, ClosedForm or Fitted of "
+            f"The kind of encoder {name} is no subclass of Learned or Fitted of "
             "jbench.encoders.kind; fix it, or uninstall the package that offers it."
         )
     return kind

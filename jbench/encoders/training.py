@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jbench.cores import one_thread
 from jbench.encoders.evaluation import errors
-from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
+from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.loop import CHECKPOINT, WeightArrays, append_rows, check_kind, learn
 from jbench.encoders.predictions import predictions
 from jbench.encoders.registry import EncoderSettings, code_provenance, make_kind
@@ -41,7 +41,7 @@ def train_encoder(
 
     Args:
         states: of the settings' dataset, task and seed; several encoders can share them.
-        progress: called with the number of completed epochs; a closed form has one.
+        progress: called with the number of completed epochs; a fitted kind has one.
         commit_every: minimum seconds between checkpoints, which are written after an epoch.
 
     Raises:
@@ -67,7 +67,8 @@ def train_encoder(
             if weights is None and isinstance(kind, Learned):
                 weights = learn(kind, states, record, settings.latents, progress, commit_every)
             elif weights is None:
-                weights = fitted(kind, states, settings.latents)
+                assert isinstance(kind, Fitted)
+                weights = _float32(kind.fit(states, settings.latents))
                 progress(1)
             if kind.rescale is not None:
                 blocks = (block.now for shard in states.learn() for block in shard.blocks(0))
@@ -99,14 +100,6 @@ def _trained_without_rescale(
         return None
     append_rows(record, {"encoder_epochs": trained.read("encoder_epochs").to_pylist()})
     return safetensors.numpy.load(trained.read_file(WEIGHTS))
-
-
-def fitted(kind: Kind, states: States, latents: int) -> WeightArrays:
-    """Returns the weights of a kind without a training loop."""
-    if isinstance(kind, Fitted):
-        return _float32(kind.fit(states, latents))
-    assert isinstance(kind, ClosedForm)
-    return _float32(kind.fit(states.learned, latents, states.seed))
 
 
 def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:

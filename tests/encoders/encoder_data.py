@@ -11,7 +11,7 @@ from jbench.encoders.registry import encoder_settings, find_kind
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.encoders.states import States
-from jbench.encoders.training import fitted, train_encoder
+from jbench.encoders.training import train_encoder
 from jbench.names import TASKS
 from jbench.store import schema
 from jbench.tasks.features import observation_size
@@ -75,6 +75,11 @@ def train(states, results, kind="dae", latents=3, options=None, **more):
 
 def rows(record, table="encoder_epochs"):
     return record.read(table).to_pandas()
+
+
+def fitted(kind, states, latents):
+    weights = kind.fit(states, latents)
+    return {name: value.astype(np.float32) for name, value in weights.items()}
 
 
 def fitted_encoder(kind, states, latents=None):

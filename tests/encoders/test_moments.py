@@ -1,5 +1,7 @@
 """Tests of scaling, moments and closed-form encoders, against numpy and hand-computed values."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,12 @@ OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)
 def correlated(rows=4000, size=6, seed=0):
     random = np.random.default_rng(seed)
     return random.normal(size=(rows, size)) @ random.normal(size=(size, size)) + 3.0
+
+
+def fitted(kind, rows, latents, seed=0):
+    """The weights of a kind that uses only the moments of the states."""
+    states = SimpleNamespace(learned=Moments.of(rows), size=rows.shape[1], seed=seed)
+    return kind.fit(states, latents)
 
 
 def errors(kind, weights, rows):
@@ -43,7 +51,7 @@ def test_moments_of_blocks_equal_those_of_all_rows(cuts, shift):
 @pytest.mark.parametrize("latents", [1, 3, 6])
 def test_principal_components_equal_singular_value_decomposition(latents):
     rows = correlated()
-    weights = PrincipalComponents().fit(Moments.of(rows), latents, seed=0)
+    weights = fitted(PrincipalComponents(), rows, latents)
     _, singular, directions = np.linalg.svd(rows - rows.mean(axis=0), full_matrices=False)
     aligned = np.abs(np.sum(weights["components"] * directions[:latents], axis=1))
     np.testing.assert_allclose(aligned, 1, atol=1e-9)
@@ -57,7 +65,7 @@ def test_principal_components_equal_singular_value_decomposition(latents):
 @pytest.mark.parametrize("latents", [1, 3, 6])
 def test_random_projection_is_orthonormal_with_least_squares_decoder(latents):
     rows = correlated()
-    weights = RandomProjection().fit(Moments.of(rows), latents, seed=5)
+    weights = fitted(RandomProjection(), rows, latents, seed=5)
     projection = weights["projection"]
     np.testing.assert_allclose(projection @ projection.T, np.eye(latents), atol=1e-12)
     seen = np.c_[rows @ projection.T, np.ones(len(rows))]
@@ -68,7 +76,7 @@ def test_random_projection_is_orthonormal_with_least_squares_decoder(latents):
 
 def test_random_projection_depends_only_on_seed():
     drawn = [
-        RandomProjection().fit(Moments.of(correlated(seed=data)), latents, seed)["projection"]
+        fitted(RandomProjection(), correlated(seed=data), latents, seed)["projection"]
         for data, latents, seed in ((0, 3, 7), (1, 3, 7), (0, 5, 7), (0, 3, 8))
     ]
     np.testing.assert_array_equal(drawn[0], drawn[1])
@@ -77,11 +85,10 @@ def test_random_projection_depends_only_on_seed():
 
 
 def test_random_directions_are_uniform():
-    moments = Moments.of(correlated())
+    rows = correlated()
     # The trace of a rotation drawn uniformly has mean 0 and variance 1.
-    traces = [
-        np.trace(RandomProjection().fit(moments, 6, seed)["projection"]) for seed in range(400)
-    ]
+    drawn = (fitted(RandomProjection(), rows, 6, seed)["projection"] for seed in range(400))
+    traces = [np.trace(projection) for projection in drawn]
     assert np.mean(traces) == pytest.approx(0, abs=4 / np.sqrt(400))
     assert np.var(traces) == pytest.approx(1, abs=0.3)
 
@@ -90,7 +97,7 @@ def test_random_directions_are_uniform():
 def test_constant_column_is_reconstructed(kind):
     rows = correlated() * [1, 1, 0, 1, 1, 1]
     for latents in (1, 5, 6):
-        weights = kind.fit(Moments.of(rows), latents, seed=0)
+        weights = fitted(kind, rows, latents)
         left = errors(kind, weights, rows)
         assert np.isfinite(left).all()
         assert left[2] == pytest.approx(0, abs=1e-12)

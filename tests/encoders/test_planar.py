@@ -13,7 +13,6 @@ from jbench.encoders import action_signs
 from jbench.encoders.kinds.planar import PlanarReduction, planar_weights
 from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarMirror, PlanarWithoutYawRate
 from jbench.encoders.predictions import predictions
-from jbench.encoders.training import fitted
 from jbench.names import TASKS
 from jbench.simulation import find_task
 from jbench.task_specs import TASK_SPECS
@@ -22,6 +21,7 @@ from jbench.tasks.geometry import State, Target
 from jbench.tasks.robots import load_model
 from tests.encoders.encoder_data import (
     PLANAR_SIZES,
+    fitted,
     make_dataset,
     planar_encoder,
     random_states,

@@ -7,7 +7,7 @@ import torch
 from pydantic import Field
 
 from jbench.encoders import scaling
-from jbench.encoders.kind import ClosedForm, Fitted, Kind, Weights, tanh
+from jbench.encoders.kind import Fitted, Kind, Weights, tanh
 from jbench.encoders.scaling import FloatArray, Moments, inverse, physical_scaling
 from jbench.encoders.states import States
 from jbench.names import EPISODE_STEPS
@@ -31,7 +31,7 @@ class Linear(Kind):
         return latents @ weights[self.back] + weights["mean"]
 
 
-class PrincipalComponents(Linear, ClosedForm):
+class PrincipalComponents(Linear, Fitted):
     """Projects on the directions of the largest variance (Pearson, 1901; Hotelling, 1933).
 
     It is the best linear encoder and decoder.
@@ -40,13 +40,14 @@ class PrincipalComponents(Linear, ClosedForm):
     forth: ClassVar[str] = "components"
     back: ClassVar[str] = "components"
 
-    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, FloatArray]:
+    def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        moments = states.learned
         _, vectors = np.linalg.eigh(moments.covariance)
         components = scaling.with_positive_largest(vectors[:, ::-1][:, :latents].T)
         return {"components": components, "mean": moments.mean}
 
 
-class RandomProjection(Linear, ClosedForm):
+class RandomProjection(Linear, Fitted):
     """Projects on random orthogonal directions (Johnson and Lindenstrauss, 1984).
 
     They do not depend on the data: they are rows of a uniformly distributed random orthogonal
@@ -54,9 +55,10 @@ class RandomProjection(Linear, ClosedForm):
     be reported.
     """
 
-    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, FloatArray]:
-        size = len(moments.mean)
-        normal = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=(size, size))
+    def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        moments, size = states.learned, states.size
+        random = np.random.default_rng(np.random.SeedSequence(states.seed))
+        normal = random.normal(size=(size, size))
         rotation, triangle = np.linalg.qr(normal)
         # The first rows of one matrix, so that larger projections contain smaller ones.
         projection = (rotation * np.sign(np.diag(triangle))).T[:latents]
@@ -97,7 +99,7 @@ class RandomFeatures(Linear, Fitted):
         return tanh(scaled @ weights["directions"].T + weights["offsets"])
 
 
-class Scaled(ClosedForm):
+class Scaled(Fitted):
     """Returns the scaled features: the control for the scaling of the other kinds.
 
     Encoders scale each feature to [-1, 1] before they reduce them, so an agent on latents and an
@@ -109,7 +111,7 @@ class Scaled(ClosedForm):
         size = find_task(task).observation_size
         return range(size, size + 1)
 
-    def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, FloatArray]:
+    def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         return {}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:

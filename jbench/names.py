@@ -25,10 +25,10 @@ pca linear:PrincipalComponents principal components
 random linear:RandomProjection random projection
 scaled linear:Scaled all features, scaled as encoders scale them
 planar planar:PlanarReduction scaled, without position and heading in the plane
-planar-no-yaw planar_variants:PlanarWithoutYawRate planar without the yaw rate
-heading planar_variants:HeadingFrame planar with position and heading
+planar-no-yaw planar:PlanarWithoutYawRate planar without the yaw rate
+heading planar:HeadingFrame planar with position and heading
 raw linear:Raw the observation in SI units
-planar-mirror planar_variants:PlanarMirror planar, folded by the mirror symmetry
+planar-mirror planar:PlanarMirror planar, folded by the mirror symmetry
 forward predictive:ForwardModel latents that predict the next states and the reward
 inverse predictive:InverseModel latents that predict the action
 dmd linear:DynamicModes directions of a linear model of the dynamics

@@ -1,9 +1,14 @@
-"""Reconstruction errors of an encoder on held-out episodes and on episodes of the heuristic.
+"""What latents explain and predict: the rows of an encoder's tables.
 
-PCA and a random projection of the same size, fitted to the same states, are evaluated for
-comparison.
+Reconstruction errors are those on held-out episodes and on episodes of the heuristic. PCA and a
+random projection of the same size, fitted to the same states, are evaluated for comparison.
+
+Latents may explain most of the states' variance and still miss what an agent needs. Every encoder
+is therefore also evaluated by the held-out R² of a probe with fixed settings: a small network that
+predicts rates of the next state and the reward from latents and action.
 """
 
+import itertools
 from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any
@@ -13,10 +18,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.encoders.kind import Fitted, Kind
+from jbench.encoders.kind import Fitted, Kind, Weights
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
-from jbench.encoders.scaling import FloatArray, Moments
-from jbench.encoders.states import Shard, States
+from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
+from jbench.encoders.scaling import FloatArray, Moments, physical_scaling
+from jbench.encoders.states import Shard, States, state_pairs
 from jbench.names import TASKS
 from jbench.simulation import find_task, rollout
 from jbench.tasks import resets
@@ -27,6 +33,18 @@ _THREADS = 2
 _SEED = 20200419  # not used by `jbench evaluate` or for tuning the heuristics
 
 _BASELINES: dict[str, Fitted] = {"pca": PrincipalComponents(), "random": RandomProjection()}
+
+TARGETS = ("yaw_rate", "tilt_rate", "forward_speed", "reward")
+"""Predicted quantities of the Jitterbug's next control step, defined in `docs/encoders.md`; of
+another robot these are the change of each part of the observation, and the reward."""
+
+_RATES = ("rate_z", "rate_x", "rate_y", "velocity_y")
+
+# The probe has two hidden ReLU layers. Larger values of these do not change the order of kinds.
+_LEARNED_ROWS, _TEST_ROWS = 60_000, 30_000
+_HIDDEN, _BATCH, _EPOCHS, _RATE = 64, 512, 15, 3e-3
+
+_LINEAR = 0.5  # R² from which a direction of the latents stands for a target
 
 
 def errors(
@@ -39,18 +57,13 @@ def errors(
     """
     data: dict[str, tuple[Iterable[Shard], Moments]] = {"test": (states.test(), states.held_out)}
     if states.task in TASKS:
-        augment = states.dataset.record.settings.get("augment")
-        observations, *actions_and_rewards = heuristic_episodes(states.task, augment)
-        scaled = states.scaled(observations)
-        shard = Shard(*map(torch.from_numpy, (scaled, *actions_and_rewards))).to(states.device)
+        scaled = states.scaled(heuristic_episodes(states.task, states.dataset.settings.augment))
+        unused = torch.empty(0)  # actions and rewards
+        shard = Shard(torch.from_numpy(scaled), unused, unused).to(states.device)
         data["heuristic"] = [shard], Moments.of(scaled)
     on_device = {name: torch.from_numpy(value).to(states.device) for name, value in weights.items()}
-    # There may be more latents than features.
-    size = min(latents, states.size)
-    baselines = {
-        name: (other, other.fit(states, size))
-        for name, other in _BASELINES.items()
-    }
+    size = min(latents, states.size)  # there may be more latents than features
+    baselines = {name: (other, other.fit(states, size)) for name, other in _BASELINES.items()}
     columns: dict[str, FloatArray] = {}
     totals: dict[str, Any] = {}
     for episodes, (shards, moments) in data.items():
@@ -80,33 +93,26 @@ def reconstruction_errors(
     """Returns the (size,) mean squared errors of a kind and the variances of its targets."""
     sums: Any = 0
     count = 0
-    for shard in shards:
-        ahead = kind.steps_ahead if kind.decodes_later else 0
-        for batch in shard.blocks(ahead):
-            target = batch.later.double()
-            error = kind.from_latents(weights, kind.to_latents(weights, batch.now)) - batch.later
-            summed = (error.double().square(), target, target.square())
-            sums = sums + torch.stack([values.sum(0) for values in summed]).cpu().numpy()
-            count += len(batch.now)
+    for batch in state_pairs(shards, kind.steps_ahead if kind.decodes_later else 0):
+        target = batch.later.double()
+        error = kind.from_latents(weights, kind.to_latents(weights, batch.now)) - batch.later
+        summed = (error.double().square(), target, target.square())
+        sums = sums + torch.stack([values.sum(0) for values in summed]).cpu().numpy()
+        count += len(batch.now)
     mse, mean, square = sums / count
     return mse, np.maximum(square - mean**2, 0)
 
 
 @cache
-def heuristic_episodes(
-    task: str, augment: int | None
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Returns (10, 1001, size) observations of the heuristic, (10, 1000) actions and rewards."""
+def heuristic_episodes(task: str, augment: int | None) -> NDArray[np.float32]:
+    """Returns (10, 1001, size) observations of the heuristic."""
     generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
     policy = heuristic(task)
     policy.reset(_EPISODES)
     with find_task(task).worlds(_EPISODES, _THREADS, augment) as worlds:
         first = worlds.reset(generators)
-        steps = list(rollout(worlds, first, lambda seen: policy.act(seen).astype(np.float32)))
-    observations = [steps[0].observations, *(step.next_observations for step in steps)]
-    actions = [step.actions[:, 0].astype(np.float32) for step in steps]
-    rewards = [step.rewards.astype(np.float32) for step in steps]
-    return np.stack(observations, axis=1), np.stack(actions, axis=1), np.stack(rewards, axis=1)
+        steps = rollout(worlds, first, lambda seen: policy.act(seen).astype(np.float32))
+        return np.stack([first, *(step.next_observations for step in steps)], axis=1)
 
 
 def affine_errors(kind: Kind, weights: Mapping[str, FloatArray], moments: Moments) -> FloatArray:
@@ -119,3 +125,127 @@ def affine_errors(kind: Kind, weights: Mapping[str, FloatArray], moments: Moment
     variance = np.einsum("ij,jk,ik->i", difference, moments.covariance, difference)
     mses: FloatArray = np.maximum(variance + bias**2, 0)
     return mses
+
+
+def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, Any]]:
+    """Trains and evaluates a probe; returns a row of `encoder_predictions` for each target."""
+    inputs, targets = _rows(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
+    test_inputs, test_targets = _rows(kind, weights, states, next(states.test()), _TEST_ROWS)
+    latents = inputs.shape[1] - states.action_size
+    shared = {
+        "effective_rank": effective_rank(test_inputs[:, :latents].numpy()),
+        "learned_rows": len(inputs),
+        "test_rows": len(test_inputs),
+    }
+    if states.task in TASKS:
+        columns = dict(zip(TARGETS, ([0], [1, 2], [3], [4]), strict=True))
+    else:
+        sizes = {**find_task(states.task).parts, "reward": 1}
+        ends = zip(sizes, itertools.accumulate(sizes.values()), strict=True)
+        columns = {name: list(range(end - sizes[name], end)) for name, end in ends}
+    predicted, amplitudes = _regression(inputs, targets, test_inputs, latents)
+    linear_r2 = _r2(predicted, test_targets, columns)
+    probe = _trained(_standardized(inputs, inputs), _standardized(targets, targets))
+    predicted = probe(_standardized(test_inputs, inputs))
+    r2 = _r2(predicted, _standardized(test_targets, targets), columns)
+    rows = []
+    for target, some in columns.items():
+        row = {"target": target, "r2": r2[target], "linear_r2": linear_r2[target]}
+        # Standard deviation of the latents along the direction in which the regression predicts the
+        # target; for several axes, of their mean square.
+        is_linear = (linear_r2[target] or 0) >= _LINEAR
+        row["amplitude"] = float(amplitudes[some].square().mean().sqrt()) if is_linear else None
+        rows.append({**row, **shared})
+    return rows
+
+
+def effective_rank(rows: NDArray[np.floating]) -> float:
+    """Returns exp of the entropy of the singular values (Roy and Vetterli, 2007); 0 if constant."""
+    centered = rows.astype(np.float64) - rows.mean(0, dtype=np.float64)
+    singular = np.sqrt(np.maximum(np.linalg.eigvalsh(centered.T @ centered), 0))
+    if not singular.sum():
+        return 0.0
+    shares = singular / singular.sum()
+    shares = shares[shares > 0]
+    return float(np.exp(-(shares * np.log(shares)).sum()))
+
+
+def _rows(
+    kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int
+) -> tuple[Tensor, Tensor]:
+    """Returns inputs (rows, latents + action_size) and targets (rows, columns) of random pairs."""
+    shard = shard.to(torch.device("cpu"))
+    order = torch.randperm(shard.pairs(1), generator=torch.Generator().manual_seed(_SEED))
+    batch = shard.take(order[:max_rows], 1, with_actions=True)
+    latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
+    if states.task not in TASKS:
+        changes = torch.cat([batch.later - batch.now, batch.rewards], 1)
+        return torch.cat([torch.from_numpy(latents), batch.actions], 1), changes
+    gain, offset = physical_scaling(states.task, states.scaling)
+    physical = batch.later.double().numpy() * gain + offset
+    later = PlanarReduction().numbers(states.task, physical)
+    # In the heading frame the robot faces -y.
+    rates = np.stack([later[name] for name in _RATES], axis=1) * (1, 1, 1, -1)
+    actions = batch.actions.numpy()
+    signs = kind.action_signs(weights, batch.now.numpy())
+    if signs is not None:  # these latents are predicted what the mirrored robot does
+        mirror = [SIGNS[name] for name in _RATES]
+        actions, rates = actions * signs, np.where(signs < 0, rates * mirror, rates)
+    targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
+    inputs = np.concatenate([latents, actions], axis=1)
+    return torch.from_numpy(inputs), torch.from_numpy(targets)
+
+
+def _regression(
+    inputs: Tensor, targets: Tensor, test_inputs: Tensor, latents: int
+) -> tuple[Tensor, Tensor]:
+    """Returns predictions (rows, columns) of a linear regression, and its amplitudes (columns,)."""
+    moments = Moments.of(torch.cat([inputs.double(), targets.double()], 1).numpy())
+    slopes, offset = moments.regression(inputs.shape[1])
+    along, covariance = slopes[:latents], moments.covariance[:latents, :latents]
+    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, covariance, along), 0))
+    norms = np.linalg.norm(along, axis=0)
+    amplitudes = np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0)
+    predicted = test_inputs.double() @ torch.from_numpy(slopes) + torch.from_numpy(offset)
+    return predicted, torch.from_numpy(amplitudes)
+
+
+def _standardized(rows: Tensor, like: Tensor) -> Tensor:
+    """Returns rows shifted and scaled such that those of `like` have mean 0 and unit variance."""
+    sd = like.std(0)
+    return (rows - like.mean(0)) / torch.where(sd > 1e-6, sd, 1)
+
+
+def _r2(
+    predicted: Tensor, targets: Tensor, columns: Mapping[str, list[int]]
+) -> dict[str, float | None]:
+    """Returns the R² of each target, which has some of the columns; None if it is constant."""
+    errors, variance = (predicted - targets).square().mean(0), targets.var(0, correction=0)
+    totals = {name: float(variance[some].sum()) for name, some in columns.items()}
+    return {
+        name: 1 - float(errors[columns[name]].sum()) / total if total > 0 else None
+        for name, total in totals.items()
+    }
+
+
+def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
+    random = torch.Generator().manual_seed(_SEED)
+    sizes = (inputs.shape[1], _HIDDEN, _HIDDEN, targets.shape[1])
+    linear = [torch.nn.Linear(*pair) for pair in itertools.pairwise(sizes)]
+    for layer in linear:
+        torch.nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu", generator=random)
+        torch.nn.init.zeros_(layer.bias)
+    relu = torch.nn.ReLU()
+    network = torch.nn.Sequential(linear[0], relu, linear[1], relu, linear[2])
+    steps = _EPOCHS * -(-len(inputs) // _BATCH)
+    adam = torch.optim.Adam(network.parameters(), lr=_RATE, fused=True)
+    scheduler = torch.optim.lr_scheduler.LinearLR(adam, 1, 0.01, total_iters=steps)
+    for _ in range(_EPOCHS):
+        order = torch.randperm(len(inputs), generator=random)
+        for indices in order.split(_BATCH):
+            loss = torch.nn.functional.mse_loss(network(inputs[indices]), targets[indices])
+            adam.zero_grad()
+            loss.backward()
+            adam.step()
+            scheduler.step()
+    return network.requires_grad_(requires_grad=False)

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from jbench.encoders.kind import Learned
 from jbench.encoders.saved import SavedEncoder
-from jbench.encoders.states import StatePairs, States
+from jbench.encoders.states import StatePairs, States, state_pairs
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.store import Record
 from jbench.store.schema import ENCODER_TABLES
@@ -191,10 +191,9 @@ def check_kind(kind: Learned, name: str, states: States, latents: int) -> None:
     method = "initial or constants"
     try:
         learner = EncoderLearner(kind, states, latents)
-        method, ahead = "prepare", kind.steps_ahead
-        rows = torch.arange(min(_CHECKED, states.sample.pairs(ahead)), device=states.device)
-        pairs = states.sample.take(rows, ahead, kind.uses_actions)
-        pairs = kind.prepare(pairs, latents, torch.Generator())
+        method = "prepare"
+        pairs = next(state_pairs([states.sample], kind.steps_ahead, kind.uses_actions))
+        pairs = kind.prepare(pairs.split(_CHECKED)[0], latents, torch.Generator())
         method = "loss"
         kind.gradient(learner.weights, learner.gradients, pairs)
         method = "encode or decode of numpy arrays"

@@ -4,8 +4,8 @@ Kinds are built-in ones, those of other packages, and MODULE:CLASS. A package re
 entry point of the group `jbench.encoders`; see `docs/your-own-encoder.md`.
 """
 
-import importlib
 import math
+import pkgutil
 import re
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint
@@ -48,8 +48,7 @@ def find_kind(name: str) -> type[Kind]:
         WorkError: if its package can't be imported, or its class is not a kind.
     """
     if name in ENCODER_KINDS:  # looking for those of other packages takes milliseconds
-        module, _, attribute = ENCODER_KINDS[name].partition(":")
-        kind: Any = getattr(importlib.import_module(module), attribute)
+        kind = pkgutil.resolve_name(ENCODER_KINDS[name])
     elif plugins.is_imported(name):
         kind = plugins.imported(_WHAT, name)
     else:
@@ -164,8 +163,8 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
         if ":" not in name:
             return None
         if plugins.is_imported(name):
-            example = f"--encoder {_short_name(name)}12"
-            raise RequestError(f"{name} is a class; type {example}, for example.")
+            short = f"{_short_name(name)}12"
+            raise RequestError(f"{name} is a class; type --encoder {short}, for example.")
     sizes = latent_sizes(kind, task)
     scales = {option: match[option] for option in _SCALES if match and match[option]}
     latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import safetensors
 import safetensors.numpy
 import torch
 from numpy.typing import NDArray
+from safetensors import SafetensorError
 from torch import Tensor
 
 from jbench.encoders.kind import Kind, Weights
@@ -48,7 +48,7 @@ class SavedEncoder:
         self, kind: Kind, weights: dict[str, NDArray[np.float32]], scaling: Scaling, latents: int
     ) -> None:
         """Makes the encoder; weights that are not finite or of another size are a ValueError."""
-        self._kind, self._latents = kind, latents
+        self._kind, self.latent_size = kind, latents
         gain, offset = scaling.gain_and_offset()
         self._weights = {**weights, _GAIN: gain, _OFFSET: offset}
         self._tensors: dict[tuple[torch.device, torch.dtype], dict[str, Tensor]] = {}
@@ -61,27 +61,6 @@ class SavedEncoder:
         decoded = np.shape(kind.from_latents(self._weights, np.zeros((1, latents), np.float32)))
         if decoded != (1, size):
             raise ValueError(f"decode returns the shape {decoded}, not {(1, size)}")
-
-    @classmethod
-    def from_files(cls, description: dict[str, Any], weights: bytes) -> "SavedEncoder":
-        """Reads JSON and safetensors; invalid ones are a ValueError, KeyError or TypeError."""
-        try:
-            arrays = safetensors.numpy.load(weights).items()
-        except safetensors.SafetensorError as error:
-            raise ValueError(f"not a safetensors file: {error}") from None
-        size, latents = len(description["features"]), description["latents"]
-        extremes = [np.array(description[name], np.float32) for name in ("minimum", "maximum")]
-        if any(extreme.shape != (size,) for extreme in extremes):
-            raise ValueError("a scaling of another size")
-        # Version 1 did not save options, which affected only the training.
-        kind = make_kind(description["kind"], description.get("options", {}))
-        tensors = {name: np.asarray(value, np.float32) for name, value in arrays}
-        return cls(kind, tensors, Scaling(*extremes), latents)
-
-    @property
-    def latent_size(self) -> int:
-        """Number of latents."""
-        return self._latents
 
     def encode(self, batch: Array) -> Array:
         """Returns the latents (..., latent_size) of observations (..., dim(O)).
@@ -198,9 +177,18 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
         raise RequestError(f"The encoder {id} is unfinished; repeat `{command}` to finish it.")
     try:
         description = json.loads(record.read_file(DESCRIPTION))
-        return SavedEncoder.from_files(description, record.read_file(WEIGHTS)), description
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        arrays = safetensors.numpy.load(record.read_file(WEIGHTS)).items()
+        size = len(description["features"])
+        extremes = [np.array(description[name], np.float32) for name in ("minimum", "maximum")]
+        if any(extreme.shape != (size,) for extreme in extremes):
+            raise ValueError("a scaling of another size")
+        # Version 1 did not save options, which affected only the training.
+        kind = make_kind(description["kind"], description.get("options", {}))
+        weights = {name: np.asarray(value, np.float32) for name, value in arrays}
+        encoder = SavedEncoder(kind, weights, Scaling(*extremes), description["latents"])
+    except (SafetensorError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
+    return encoder, description
 
 
 def _has_plain_robot(results: Results, record: Record) -> bool:

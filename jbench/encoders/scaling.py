@@ -27,20 +27,13 @@ class Moments(NamedTuple):
     covariance: FloatArray  # (size, size), divided by the count
 
     @classmethod
-    def none(cls, size: int) -> "Moments":
-        """Returns the moments of no rows."""
-        return cls(0, np.zeros(size), np.zeros((size, size)))
-
-    @classmethod
     def of(cls, rows: NDArray[np.floating]) -> "Moments":
-        """Returns the moments of rows (..., size)."""
-        size = rows.shape[-1]
-        values = rows.reshape(-1, size).astype(np.float64)
-        if not len(values):
-            return cls.none(size)
-        mean = values.mean(axis=0)
+        """Returns the moments of rows (..., size); all are 0 if there are none."""
+        values = rows.reshape(-1, rows.shape[-1]).astype(np.float64)
+        count = max(len(values), 1)
+        mean = values.sum(axis=0) / count
         values -= mean
-        return cls(len(values), mean, values.T @ values / len(values))
+        return cls(len(values), mean, values.T @ values / count)
 
     def merged(self, other: "Moments") -> "Moments":
         """Returns the moments of the union of both sets of rows."""
@@ -108,9 +101,9 @@ class Scaling(NamedTuple):
 
         Features that are constant to the precision of float32 are mapped to 0.
         """
-        low, width, varies = self._widths()
-        gain = np.divide(2, width, out=np.zeros_like(width), where=varies)
-        offset = np.where(varies, -1 - gain * low, 0)
+        half_width, _ = self.half_width_and_center()
+        gain = inverse(half_width)
+        offset = np.where(half_width > 0, -1 - gain * self.minimum.astype(np.float64), 0)
         return gain.astype(np.float32), offset.astype(np.float32)
 
     def half_width_and_center(self) -> tuple[FloatArray, FloatArray]:
@@ -118,13 +111,10 @@ class Scaling(NamedTuple):
 
         The half width of a constant feature is 0.
         """
-        low, width, varies = self._widths()
-        return np.where(varies, width / 2, 0), low + width / 2
-
-    def _widths(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         low, high = self.minimum.astype(np.float64), self.maximum.astype(np.float64)
         width = high - low
-        return low, width, width > 1e-5 * np.maximum(np.abs(low), np.abs(high))
+        varies = width > 1e-5 * np.maximum(np.abs(low), np.abs(high))
+        return np.where(varies, width / 2, 0), low + width / 2
 
 
 def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArray]:

@@ -71,14 +71,19 @@ class Shard(NamedTuple):
         actions = self.actions.flatten(0, 1)[steps].flatten(1)
         return batch._replace(actions=actions, rewards=self.rewards.view(-1)[steps])
 
-    def blocks(self, ahead: int, with_actions: bool = False) -> Iterator[StatePairs]:
-        """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
-        for indices in torch.arange(self.pairs(ahead), device=self.states.device).split(_MAX_PAIRS):
-            yield self.take(indices, ahead, with_actions)
-
     def to(self, device: torch.device) -> "Shard":
         """Returns a copy on a device."""
         return Shard(*(part.to(device) for part in self))
+
+
+def state_pairs(
+    shards: Iterable[Shard], ahead: int, with_actions: bool = False
+) -> Iterator[StatePairs]:
+    """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
+    for shard in shards:
+        indices = torch.arange(shard.pairs(ahead), device=shard.states.device)
+        for some in indices.split(_MAX_PAIRS):
+            yield shard.take(some, ahead, with_actions)
 
 
 def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -154,7 +159,7 @@ class States:
 
     def _read_all(self) -> None:
         kept: dict[str, list[Block]] = {name: [] for name in self._episodes}
-        moments = dict.fromkeys(self._episodes, Moments.none(self.size))
+        moments = dict.fromkeys(self._episodes, Moments.of(np.empty((0, self.size))))
         extremes: list[Scaling] = []
         for part, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):
             extremes.append(Scaling.of(block.observations))

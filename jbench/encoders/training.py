@@ -10,14 +10,13 @@ import torch
 from numpy.typing import NDArray
 
 from jbench.cores import one_thread
-from jbench.encoders.evaluation import errors
+from jbench.encoders.evaluation import errors, predictions
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.loop import CHECKPOINT, WeightArrays, append_rows, check_kind, learn
-from jbench.encoders.predictions import predictions
 from jbench.encoders.registry import EncoderSettings, code_provenance, make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
-from jbench.encoders.states import States
+from jbench.encoders.states import States, state_pairs
 from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS
 from jbench.simulation import find_task
@@ -71,8 +70,8 @@ def train_encoder(
                 weights = _float32(kind.fit(states, settings.latents))
                 progress(1)
             if kind.rescale is not None:
-                blocks = (block.now for shard in states.learn() for block in shard.blocks(0))
-                latents = (kind.encode(weights, block.cpu().numpy()) for block in blocks)
+                blocks = (batch.now.cpu().numpy() for batch in state_pairs(states.learn(), 0))
+                latents = (kind.encode(weights, block) for block in blocks)
                 weights |= _float32(rescaling(kind.rescale, latents))
             try:
                 SavedEncoder(kind, weights, states.scaling, settings.latents)

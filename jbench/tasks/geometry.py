@@ -102,6 +102,36 @@ def speed_in_target_frame(state: State, target: Target) -> Array:
     return xp.stack([along, across, xp.broadcast_to(z, along.shape)], axis=-1)
 
 
+def swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Returns the tilt c, a and b, and cosine and sine of the heading h, of unit quaternions.
+
+    In the swing-twist decomposition, (cos(h/2), 0, 0, sin(h/2)) * (c, a, b, 0) is the quaternion or
+    its negative, with c >= 0.
+    """
+    xp = array_namespace(quaternion)
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    # The heading is undefined upside down: it is set to 0.
+    has_heading = w * w + z * z > 1e-12  # at the precision of float32
+    w, z = xp.where(has_heading, w, 1.0), xp.where(has_heading, z, 0.0)
+    square = w * w + z * z
+    c = xp.sqrt(square)
+    a, b = (w * x + z * y) / c, (w * y - z * x) / c
+    return c, a, b, (w * w - z * z) / square, 2 * w * z / square
+
+
+def rotated_in_plane(cosine: Array, sine: Array, x: Array, y: Array) -> list[Array]:
+    """Returns the components of a horizontal vector rotated by an angle."""
+    return [cosine * x - sine * y, sine * x + cosine * y]
+
+
+def tilted(c: Array, a: Array, b: Array, vector: Array) -> list[Array]:
+    """Returns the components of a vector (..., 3) rotated by the quaternion (c, a, b, 0)."""
+    x, y, z = (vector[..., i] for i in range(3))
+    # v + 2 c t + 2 u x t with u = (a, b, 0) and t = u x v.
+    tx, ty, tz = 2 * b * z, -2 * a * z, 2 * (a * y - b * x)
+    return [x + c * tx + b * tz, y + c * ty - a * tz, z + c * tz + a * ty - b * tx]
+
+
 def rotate(matrix: Array, vector: Array) -> Array:
     """Returns the (..., 3) products of (..., 3, 3) matrices with (..., 3) vectors."""
     return (matrix @ vector[..., None])[..., 0]

@@ -8,8 +8,7 @@ import torch
 
 from jbench.agents.batched.replay import Batch
 from jbench.encoders.kinds.linear import PrincipalComponents
-from jbench.encoders.kinds.planar import PlanarReduction
-from jbench.encoders.kinds.planar_variants import PlanarMirror
+from jbench.encoders.kinds.planar import PlanarMirror, PlanarReduction
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError

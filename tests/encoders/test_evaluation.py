@@ -28,7 +28,7 @@ def test_errors_equal_those_of_saved_encoder(trained, results, kind):
     (total,) = rows(record, "encoder_errors").to_dict("records")
     for data, episodes in (
         ("test", observations_of(trained.dataset)[split_episodes(5, 2)[1]]),
-        ("heuristic", heuristic_episodes("face_direction", None)[0]),
+        ("heuristic", heuristic_episodes("face_direction", None)),
     ):
         rebuilt, expected = reconstructions(record, trained.states.scaled(episodes))
         mse, variance = np.mean((rebuilt - expected) ** 2, axis=0), expected.var(axis=0)

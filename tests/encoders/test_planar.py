@@ -10,9 +10,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from jbench.encoders import action_signs
-from jbench.encoders.kinds.planar import PlanarReduction, planar_weights
-from jbench.encoders.kinds.planar_variants import HeadingFrame, PlanarMirror, PlanarWithoutYawRate
-from jbench.encoders.predictions import predictions
+from jbench.encoders.evaluation import predictions
+from jbench.encoders.kinds.planar import (
+    HeadingFrame,
+    PlanarMirror,
+    PlanarReduction,
+    PlanarWithoutYawRate,
+    planar_weights,
+)
 from jbench.names import TASKS
 from jbench.simulation import find_task
 from jbench.task_specs import TASK_SPECS

@@ -7,8 +7,7 @@ import torch
 
 from jbench.encoders import load_encoder
 from jbench.encoders.kinds.linear import Scaled
-from jbench.encoders.kinds.planar import PlanarReduction
-from jbench.encoders.kinds.planar_variants import PlanarMirror
+from jbench.encoders.kinds.planar import PlanarMirror, PlanarReduction
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.wrapper import EncodedObservation, input_mirror
 from jbench.errors import RequestError

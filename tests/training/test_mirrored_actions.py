@@ -12,8 +12,7 @@ from torch import nn
 
 import jbench
 from jbench.agents.environments import Environments
-from jbench.encoders.kinds.planar import PlanarReduction
-from jbench.encoders.kinds.planar_variants import PlanarMirror
+from jbench.encoders.kinds.planar import PlanarMirror, PlanarReduction
 from jbench.encoders.registry import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder

@@ -15,7 +15,9 @@ from jbench.settings.base import omissible
 from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import Array
 
-_YAW_RATE = 12  # position in every task's observation, after x, y, z, a quaternion and 5 velocities
+_YAW_RATE = slice(
+    12, 13
+)  # position in every task's observation, after x, y, z, a quaternion and 5 velocities
 
 
 class Autoencoder(Learned):
@@ -110,9 +112,7 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         latents = super().encode(weights, scaled)
-        return array_namespace(latents).concat(
-            [latents, scaled[..., _YAW_RATE : _YAW_RATE + 1]], axis=-1
-        )
+        return array_namespace(latents).concat([latents, scaled[..., _YAW_RATE]], axis=-1)
 
     def decode(self, weights: Weights, latents: Array) -> Array:
         return super().decode(weights, latents[..., :-1])

@@ -1,15 +1,21 @@
 """Linear kinds without a training loop: the controls that any learned encoder must beat."""
 
+from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from pydantic import Field
 
-from jbench.encoders import scaling
 from jbench.encoders.kind import Fitted, Kind, Weights, tanh
-from jbench.encoders.scaling import FloatArray, Moments, inverse, physical_scaling
-from jbench.encoders.states import States
+from jbench.encoders.scaling import (
+    FloatArray,
+    Moments,
+    inverse,
+    physical_scaling,
+    with_positive_largest,
+)
+from jbench.encoders.states import States, state_pairs
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import find_task
 from jbench.tasks.features import observation_size
@@ -41,10 +47,9 @@ class PrincipalComponents(Linear, Fitted):
     back: ClassVar[str] = "components"
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
-        moments = states.learned
-        _, vectors = np.linalg.eigh(moments.covariance)
-        components = scaling.with_positive_largest(vectors[:, ::-1][:, :latents].T)
-        return {"components": components, "mean": moments.mean}
+        _, vectors = np.linalg.eigh(states.learned.covariance)
+        components = with_positive_largest(vectors[:, ::-1][:, :latents].T)
+        return {"components": components, "mean": states.learned.mean}
 
 
 class RandomProjection(Linear, Fitted):
@@ -58,8 +63,7 @@ class RandomProjection(Linear, Fitted):
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         moments, size = states.learned, states.size
         random = np.random.default_rng(np.random.SeedSequence(states.seed))
-        normal = random.normal(size=(size, size))
-        rotation, triangle = np.linalg.qr(normal)
+        rotation, triangle = np.linalg.qr(random.normal(size=(size, size)))
         # The first rows of one matrix, so that larger projections contain smaller ones.
         projection = (rotation * np.sign(np.diag(triangle))).T[:latents]
         # Constant features can leave directions without variance.
@@ -89,10 +93,9 @@ class RandomFeatures(Linear, Fitted):
         directions = random.normal(size=(latents, states.size)) / sd
         offsets = random.uniform(-1, 1, latents) - directions @ states.learned.mean
         weights = {"directions": directions, "offsets": offsets}
-        moments = Moments.none(latents + states.size)
-        for rows in next(states.learn()).states.cpu().numpy():
-            moments = moments.merged(Moments.of(np.hstack([self.encode(weights, rows), rows])))
-        decoder, mean = moments.regression(latents)
+        episodes = next(states.learn()).states.cpu().numpy()
+        pairs = (np.hstack([self.encode(weights, rows), rows]) for rows in episodes)
+        decoder, mean = reduce(Moments.merged, map(Moments.of, pairs)).regression(latents)
         return weights | {"back": decoder, "mean": mean}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
@@ -161,19 +164,22 @@ class DynamicModes(Linear, Fitted):
     horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
-        moments = Moments.none(2 * states.size + self.horizon * states.action_size)
-        for shard in states.learn():
-            for batch in shard.blocks(self.horizon, with_actions=True):
-                rows = torch.cat([batch.now, batch.later, batch.actions], 1).double()
-                moments = moments.merged(Moments.of(rows.cpu().numpy()))
-        directions, correlations = canonical_directions(moments.covariance, states.size)
-        directions = directions[:latents]
-        present = moments.covariance[: states.size, : states.size]
+        size = states.size
+        batches = state_pairs(states.learn(), self.horizon, with_actions=True)
+        rows = (torch.cat([b.now, b.later, b.actions], 1).double() for b in batches)
+        moments = reduce(Moments.merged, (Moments.of(some.cpu().numpy()) for some in rows))
+        actions = moments.covariance[2 * size :, 2 * size :]
+        pair, with_actions = np.split(moments.covariance[: 2 * size], [2 * size], axis=1)
+        # Covariance of present and future given the actions.
+        given = pair - with_actions @ np.linalg.pinv(actions, hermitian=True) @ with_actions.T
+        white, later_white = _whitening(given[:size, :size]), _whitening(given[size:, size:])
+        _, correlations, rotation = np.linalg.svd(later_white @ given[size:, :size] @ white.T)
+        directions = with_positive_largest(rotation @ white)[:latents]
         return {
             "directions": directions,
-            "mean": moments.mean[: states.size],
-            "back": linear_decoder(directions, present, _MIN_DYNAMIC_VARIANCE),
-            "singular_values": correlations,
+            "mean": moments.mean[:size],
+            "back": linear_decoder(directions, pair[:size, :size], _MIN_DYNAMIC_VARIANCE),
+            "singular_values": np.clip(correlations, 0, 1),
         }
 
     def summary(self, weights: Weights) -> dict[str, Any]:
@@ -192,22 +198,6 @@ def linear_decoder(
     within = np.linalg.pinv(across @ directions.T, rcond=min_variance, hermitian=True)
     decoder: FloatArray = within @ across
     return decoder
-
-
-def canonical_directions(covariance: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-    """Returns the canonical directions of the present (size, size) and their correlations (size,).
-
-    The covariance is that of rows (present, future, actions), the first two of `size` numbers.
-    """
-    given = covariance[2 * size :, 2 * size :]
-    pair = covariance[: 2 * size, : 2 * size]
-    with_actions = covariance[: 2 * size, 2 * size :]
-    # Covariance of present and future given the actions.
-    pair = pair - with_actions @ np.linalg.pinv(given, hermitian=True) @ with_actions.T
-    white, later_white = _whitening(pair[:size, :size]), _whitening(pair[size:, size:])
-    across = later_white @ pair[size:, :size] @ white.T
-    _, correlations, rows = np.linalg.svd(across)
-    return scaling.with_positive_largest(rows @ white), np.clip(correlations, 0, 1)
 
 
 def _whitening(covariance: FloatArray) -> FloatArray:

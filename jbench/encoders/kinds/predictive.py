@@ -1,6 +1,7 @@
 """Kinds that predict: the next state, the actions in between, or which state follows."""
 
 from abc import abstractmethod
+from functools import reduce
 from typing import ClassVar
 
 import numpy as np
@@ -10,7 +11,7 @@ from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.encoders.scaling import Moments, inverse
-from jbench.encoders.states import StatePairs, States
+from jbench.encoders.states import StatePairs, States, state_pairs
 from jbench.names import EPISODE_STEPS
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.features import by_dimension
@@ -82,14 +83,16 @@ class ForwardModel(Predictive):
 
     def constants(self, states: States) -> dict[str, Tensor]:
         periods = angle_periods(states).to(states.device)
-        changes, rewards = Moments.none(states.size), Moments.none(1)
-        for shard in states.learn():
-            for batch in shard.blocks(self.horizon, with_actions=True):
-                changes = changes.merged(Moments.of(state_changes(batch, periods).cpu().numpy()))
-                rewards = rewards.merged(Moments.of(batch.rewards.mean(1, True).cpu().numpy()))
-        moments = {"change.scale": changes, "reward.scale": rewards}
-        scales = {name: _inverse_sd(each).to(states.device) for name, each in moments.items()}
-        return {"change.turn": periods, **scales}
+        changes, rewards = list[Moments](), list[Moments]()
+        for batch in state_pairs(states.learn(), self.horizon, with_actions=True):
+            changes.append(Moments.of(state_changes(batch, periods).cpu().numpy()))
+            rewards.append(Moments.of(batch.rewards.mean(1, True).cpu().numpy()))
+        constants = {"change.turn": periods}
+        for name, parts in (("change.scale", changes), ("reward.scale", rewards)):
+            sd = np.sqrt(reduce(Moments.merged, parts).variance)
+            scale = inverse(np.where(sd > 1e-9, sd, 0))  # 0 for a constant column
+            constants[name] = torch.from_numpy(scale.astype(np.float32)).to(states.device)
+        return constants
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         hidden = self.hidden_units(weights, latents, batch)
@@ -156,9 +159,3 @@ def angle_periods(states: States) -> Tensor:
     observed = zip(*(by_dimension(states.task, part) for part in ("units", "high")), strict=True)
     periods = np.array([2.0 * (pair == ("rad", np.pi)) for pair in observed], np.float32)
     return torch.from_numpy(periods * states.scaling.gain_and_offset()[0])
-
-
-def _inverse_sd(moments: Moments) -> Tensor:
-    """Returns 1 / standard deviation of each column; 0 for a constant column."""
-    sd = np.sqrt(moments.variance)
-    return torch.from_numpy(inverse(np.where(sd > 1e-9, sd, 0)).astype(np.float32))

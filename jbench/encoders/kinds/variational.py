@@ -25,16 +25,10 @@ class VariationalAutoencoder(Learned):
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        return layers(
-            {
-                "hidden": (self.hidden, size),
-                "mean": (latents, self.hidden),
-                "log_variance": (latents, self.hidden),
-                "back": (self.hidden, latents),
-                "state": (size, self.hidden),
-            },
-            random,
-        )
+        units = self.hidden
+        gaussian = {"mean": (latents, units), "log_variance": (latents, units)}
+        back = {"back": (units, latents), "state": (size, units)}
+        return layers({"hidden": (units, size), **gaussian, **back}, random)
 
     def prepare(self, batch: StatePairs, latents: int, random: torch.Generator) -> StatePairs:
         return batch._replace(noise=standard_normal((len(batch.now), latents), random, batch.now))
@@ -119,12 +113,8 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
         bound = self.reconstruction_nll(weights, latents, batch.now)
         bound = bound + self.reconstruction_nll(weights, predicted, batch.later)
         bound = bound + kl_to_standard_normal(mean, log_variance)
-        contraction = divergence(
-            dynamics,
-            dynamics(mean, batch.actions),
-            log_variance,
-            *self.posterior(weights, batch.later),
-        )
+        drift, later = dynamics(mean, batch.actions), self.posterior(weights, batch.later)
+        contraction = divergence(dynamics, drift, log_variance, *later)
         return (bound + self.contraction * contraction).mean()
 
 
@@ -148,11 +138,9 @@ def divergence(
 ) -> Tensor:
     """Returns the (rows,) KL divergence of the predicted latent from the next state's (nats).
 
-    Args:
-        dynamics: from the state to the next one.
-        predicted: (rows, latents) mean of the predicted latent, whose covariance is A S A'.
-        log_variance: (rows, latents) log diagonal of S, the covariance of the state's latent.
-        mean, later_log_variance: (rows, latents) of the next state's latent.
+    The predicted latent has the mean `predicted` and the covariance A S A', and S, the covariance
+    of the state's latent, has the log diagonal `log_variance`. `mean` and `later_log_variance` are
+    those of the next state's latent. All are (rows, latents).
     """
     v, r, variance = dynamics.v, dynamics.r, log_variance.exp()
     around = (r.square() * variance).sum(1, keepdim=True)

@@ -120,12 +120,17 @@ def collect(
 
 def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) -> None:
     """List datasets."""
-    from jbench.datasets.reader import list_datasets
+    from jbench.datasets import Dataset
 
-    listed, problems = list_datasets(parsing.existing_results(results))
+    records, problems = parsing.existing_results(results).scan("dataset")
     rows, entries = [], []
-    for dataset in listed:
-        record, settings = dataset.record, dataset.settings
+    for record in records:
+        try:
+            dataset = Dataset(record)
+        except RequestError as error:
+            problems.append(str(error))
+            continue
+        settings = dataset.settings
         steps = dataset.episodes * names.EPISODE_STEPS
         robot = "plain" if settings.specs is None else settings.robot
         more = {"status": record.status, "steps": steps, "bytes": record.size}

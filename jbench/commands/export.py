@@ -152,11 +152,11 @@ def _dataset(dataset: str | None, task: str | None, out: Path | None, results: P
     task = task or (_TASK if source.robot == JITTERBUG else source.robot)
     root = out or results / "minari"
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:
-        done = export_minari(source, task, root, progress)
+        id, size = export_minari(source, task, root, progress)
     output.say(
         f"Exported {source.id} with the observations of {task}: {source.episodes:,} episodes, "
-        f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "
-        f'loads it by minari.load_dataset("{done.id}").'
+        f"{size / 1e6:.1f} MB, in {root / id}. With MINARI_DATASETS_PATH={root}, Minari "
+        f'loads it by minari.load_dataset("{id}").'
     )
-    document = {"dataset": source.id, "task": task, "path": done.path, "minari_id": done.id}
+    document = {"dataset": source.id, "task": task, "path": root / id, "minari_id": id}
     output.document(document)

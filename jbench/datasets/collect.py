@@ -23,20 +23,22 @@ from jbench.tasks import resets
 from jbench.tasks.geometry import State
 from jbench.tasks.robots import load_model
 
-# Episodes per file and commit.
-_PART_EPISODES = 25
+_PART_EPISODES = 25  # per file and commit
 
-_Done = Callable[[int], None]
 _Simulate = Callable[[range], dict[str, pa.Table]]
 
 
 def collect(
-    settings: DatasetSettings, results: Results, threads: int, progress: _Done = lambda steps: None
+    settings: DatasetSettings,
+    results: Results,
+    threads: int,
+    progress: Callable[[int], None] = lambda steps: None,
 ) -> Record:
     """Collects a dataset, resumes its collection, or returns the finished one.
 
     The actions are uniform in [-1, 1] (paper, section 5.2). Every episode has its own generator, so
-    the dataset does not depend on threads or interruptions. `progress` takes the completed control
+    the dataset does not depend on threads or interruptions. It is committed file by file, and the
+    next ones are simulated while one is written. `progress` takes the completed control
     steps. Raises a RequestError if its robot is not installed or has changed, and a WorkError if
     another process collects it, or the disk is full.
     """
@@ -44,37 +46,28 @@ def collect(
         if existing is not None and existing.status == "finished":
             return existing
         record = existing or results.create("dataset", settings.id, settings.model_dump())
-        _collect_rest(settings, record, threads, progress)
+        total = settings.steps // EPISODE_STEPS
+        _, episodes = layout.tables(settings.robot)
+        first = record.rows(episodes)
+        starts = range(first, total, _PART_EPISODES)
+        parts = [range(start, min(start + _PART_EPISODES, total)) for start in starts]
+        progress(first * EPISODE_STEPS)
+        if settings.robot == JITTERBUG:
+            # Enough files to keep all threads busy while one file is written.
+            max_files, simulation = 1 + math.ceil(threads / _PART_EPISODES), _jitterbug
+        else:
+            max_files, simulation = 1, _other_robot
+        # Closed in reverse order: simulations stop before the pool waits for them.
+        with ThreadPoolExecutor(max_files) as makers, simulation(settings, threads) as simulated:
+            ahead = deque(makers.submit(simulated, part) for part in parts[:max_files])
+            later = iter(parts[max_files:])
+            while ahead:
+                tables = ahead.popleft().result()
+                ahead += [makers.submit(simulated, part) for part in itertools.islice(later, 1)]
+                record.append(tables)
+                progress(record.rows(episodes) * EPISODE_STEPS)
         record.finish({}, compact=False)
     return record
-
-
-def _collect_rest(settings: DatasetSettings, record: Record, threads: int, progress: _Done) -> None:
-    """Commits the missing episodes, file by file; the next are simulated while one is written."""
-    total = settings.steps // EPISODE_STEPS
-    _, episodes = layout.tables(settings.robot)
-    first = record.rows(episodes)
-    starts = range(first, total, _PART_EPISODES)
-    progress(first * EPISODE_STEPS)
-    if settings.robot == JITTERBUG:
-        # Enough files to keep all threads busy while one file is written.
-        max_files, simulation = 1 + math.ceil(threads / _PART_EPISODES), _jitterbug
-    else:
-        max_files, simulation = 1, _other_robot
-
-    # Closed in reverse order: simulations stop before the pool waits for them.
-    with ThreadPoolExecutor(max_files) as makers, simulation(settings, threads) as simulated:
-
-        def make(start: int) -> dict[str, pa.Table]:
-            return simulated(range(start, min(start + _PART_EPISODES, total)))
-
-        ahead = deque(makers.submit(make, start) for start in starts[:max_files])
-        later = iter(starts[max_files:])
-        while ahead:
-            tables = ahead.popleft().result()
-            ahead += [makers.submit(make, start) for start in itertools.islice(later, 1)]
-            record.append(tables)
-            progress(record.rows(episodes) * EPISODE_STEPS)
 
 
 @contextmanager
@@ -89,8 +82,8 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
             rows.append({"episode": episode})
             for task in TASKS:
                 (x, y, _), yaw = resets.draw_target(task, random)
-                named = {"x": x, "y": y, "yaw": yaw}
-                rows[-1] |= {f"{task}_target_{part}": value for part, value in named.items()}
+                target = {"x": x, "y": y, "yaw": yaw}.items()
+                rows[-1] |= {f"{task}_target_{part}": value for part, value in target}
             actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
         stacked = np.stack(actions)
         robots = Robots(model, len(episodes), threads)

@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import gymnasium
 import numpy as np
@@ -25,14 +24,6 @@ from jbench.store.files import make_directory
 _OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured
 
 
-class ExportedDataset(NamedTuple):
-    """An exported dataset: its path, Minari's id, and bytes on disk."""
-
-    path: Path
-    id: str
-    bytes: int
-
-
 def minari_id(dataset: Dataset, task: str) -> str:
     """Returns Minari's id of a dataset, such as jitterbug/face_direction/random-s00-1f9a2c4e-v0.
 
@@ -46,8 +37,10 @@ def minari_id(dataset: Dataset, task: str) -> str:
 
 def export_minari(
     dataset: Dataset, task: str, root: Path, progress: Callable[[int], None] = lambda episodes: None
-) -> ExportedDataset:
+) -> tuple[str, int]:
     """Writes a dataset for Minari with the observations and rewards of a task.
+
+    Returns Minari's id, which is its path in `root`, and its bytes on disk.
 
     The export is atomic: it is written to a hidden directory beside the target. An interrupted
     export is written again by the next one. `root` is the directory of Minari datasets
@@ -96,7 +89,7 @@ def export_minari(
             ) from None
         finally:
             _remove(temporary)
-    return ExportedDataset(path, id, written)
+    return id, written
 
 
 def _remove(directory: Path) -> None:

@@ -14,7 +14,7 @@ from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.base import validated
 from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.simulation import find_task
-from jbench.simulation.find import check_specs
+from jbench.simulation.find import check_specs, dataset_robot
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
 from jbench.store.shipped import results_to_read
@@ -43,8 +43,7 @@ class Dataset:
     """
 
     def __init__(self, record: Record) -> None:
-        self.record = record
-        self.id = record.id
+        self.record, self.id = record, record.id
         self.settings = validated(
             DatasetSettings, f"the dataset {record.id} in {record.path}", **record.settings
         )
@@ -79,7 +78,7 @@ class Dataset:
 
     def check_task(self, task: str) -> None:
         """Raises a RequestError if it has no observations of a task."""
-        if recorded_robot(task) != self.robot:
+        if dataset_robot(find_task(task)).get("robot", JITTERBUG) != self.robot:
             raise RequestError(
                 f"The dataset {self.id} is of {self.robot}, not of {task}; name another with "
                 f"--dataset, or type jbench collect --task {task}."
@@ -101,10 +100,10 @@ class Dataset:
             )
         if not is_jitterbug:
             values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
-            values = values.reshape(-1, EPISODE_STEPS + 1, values.shape[-1])
+            values = values.reshape(len(part), EPISODE_STEPS + 1, -1)
             observations, made = np.split(values, [find_task(task).observation_size], axis=-1)
-            actions = np.ascontiguousarray(made[:, :-1, :-1])
-            return Block(np.ascontiguousarray(observations), actions, made[:, :-1, -1].copy())
+            parts = observations, made[:, :-1, :-1], made[:, :-1, -1]
+            return Block(*map(np.ascontiguousarray, parts))
         state = layout.read_state(rows, EPISODE_STEPS)
         target = layout.read_target(task, targets, EPISODE_STEPS + 1)
         return Block(
@@ -114,11 +113,6 @@ class Dataset:
         )
 
 
-def recorded_robot(task: str) -> str:
-    """Returns the `Dataset.robot` of a task's datasets; raises as `find_task`."""
-    return JITTERBUG if find_task(task).specs is None else task
-
-
 def find_dataset(
     results: Results | Path | str, id: str | None = None, task: str = TASKS[0]
 ) -> Dataset:
@@ -126,9 +120,10 @@ def find_dataset(
 
     Raises a RequestError if there is none, or it is not finished.
     """
-    results, robot = results_to_read(results), recorded_robot(task)
-    named = "" if robot == JITTERBUG else robot
-    collect = with_results(f"jbench collect{named and f' --task {named}'}", results.name)
+    results = results_to_read(results)
+    robot = dataset_robot(find_task(task)).get("robot", JITTERBUG)
+    option, whose = ("", "") if robot == JITTERBUG else (f" --task {robot}", f" of {robot}")
+    collect = with_results(f"jbench collect{option}", results.name)
     records, problems = results.scan("dataset")
     if id is not None:
         id = results.complete_id("dataset", id)
@@ -143,15 +138,12 @@ def find_dataset(
                 "to resume it."
             )
         return Dataset(record)
-    finished = [
-        record
-        for record in records
-        if record.status == "finished" and record.settings.get("robot", JITTERBUG) == robot
-    ]
+    theirs = [r for r in records if r.settings.get("robot", JITTERBUG) == robot]
+    finished = [r for r in theirs if r.status == "finished"]
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
-            f"No finished dataset{named and f' of {named}'} in {results.name}{reason}; run "
+            f"No finished dataset{whose} in {results.name}{reason}; run "
             f"{collect} first (--steps 100000 makes a small one)."
         )
     plain = [record for record in finished if record.settings.get("augment") is None]
@@ -161,15 +153,3 @@ def find_dataset(
             f"--dataset: {', '.join(record.id for record in finished)}."
         )
     return Dataset(max(plain, key=lambda record: record.manifest.updated))
-
-
-def list_datasets(results: Results) -> tuple[list[Dataset], list[str]]:
-    """Returns all datasets, finished or not, oldest first, and an error for each unreadable one."""
-    records, problems = results.scan("dataset")
-    datasets = []
-    for record in records:
-        try:
-            datasets.append(Dataset(record))
-        except RequestError as error:
-            problems.append(str(error))
-    return datasets, problems

@@ -29,7 +29,6 @@ from jbench.tasks import resets
 from jbench.tasks.heuristics import heuristic
 
 _EPISODES = 10  # of the heuristic
-_THREADS = 2
 _SEED = 20200419  # not used by `jbench evaluate` or for tuning the heuristics
 
 _BASELINES: dict[str, Fitted] = {"pca": PrincipalComponents(), "random": RandomProjection()}
@@ -109,7 +108,7 @@ def heuristic_episodes(task: str, augment: int | None) -> NDArray[np.float32]:
     generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
     policy = heuristic(task)
     policy.reset(_EPISODES)
-    with find_task(task).worlds(_EPISODES, _THREADS, augment) as worlds:
+    with find_task(task).worlds(_EPISODES, threads=2, augment=augment) as worlds:
         first = worlds.reset(generators)
         steps = rollout(worlds, first, lambda seen: policy.act(seen).astype(np.float32))
         return np.stack([first, *(step.next_observations for step in steps)], axis=1)
@@ -123,8 +122,7 @@ def affine_errors(kind: Kind, weights: Mapping[str, FloatArray], moments: Moment
     difference = matrix - identity
     bias = difference @ moments.mean + shift
     variance = np.einsum("ij,jk,ik->i", difference, moments.covariance, difference)
-    mses: FloatArray = np.maximum(variance + bias**2, 0)
-    return mses
+    return np.asarray(np.maximum(variance + bias**2, 0))
 
 
 def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, Any]]:
@@ -143,16 +141,22 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
         sizes = {**find_task(states.task).parts, "reward": 1}
         ends = zip(sizes, itertools.accumulate(sizes.values()), strict=True)
         columns = {name: list(range(end - sizes[name], end)) for name, end in ends}
-    predicted, amplitudes = _regression(inputs, targets, test_inputs, latents)
+    moments = Moments.of(torch.cat([inputs.double(), targets.double()], 1).numpy())
+    slopes, offset = moments.regression(inputs.shape[1])
+    predicted = test_inputs.double() @ torch.from_numpy(slopes) + torch.from_numpy(offset)
     linear_r2 = _r2(predicted, test_targets, columns)
     probe = _trained(_standardized(inputs, inputs), _standardized(targets, targets))
     predicted = probe(_standardized(test_inputs, inputs))
     r2 = _r2(predicted, _standardized(test_targets, targets), columns)
+    # Standard deviations of the latents along the directions in which the regression predicts; of a
+    # target with several axes, the root of their mean square.
+    along, covariance = slopes[:latents], moments.covariance[:latents, :latents]
+    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, covariance, along), 0))
+    norms = np.linalg.norm(along, axis=0)
+    amplitudes = torch.from_numpy(np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0))
     rows = []
     for target, some in columns.items():
         row = {"target": target, "r2": r2[target], "linear_r2": linear_r2[target]}
-        # Standard deviation of the latents along the direction in which the regression predicts the
-        # target; for several axes, of their mean square.
         is_linear = (linear_r2[target] or 0) >= _LINEAR
         row["amplitude"] = float(amplitudes[some].square().mean().sqrt()) if is_linear else None
         rows.append({**row, **shared})
@@ -194,20 +198,6 @@ def _rows(
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
     inputs = np.concatenate([latents, actions], axis=1)
     return torch.from_numpy(inputs), torch.from_numpy(targets)
-
-
-def _regression(
-    inputs: Tensor, targets: Tensor, test_inputs: Tensor, latents: int
-) -> tuple[Tensor, Tensor]:
-    """Returns predictions (rows, columns) of a linear regression, and its amplitudes (columns,)."""
-    moments = Moments.of(torch.cat([inputs.double(), targets.double()], 1).numpy())
-    slopes, offset = moments.regression(inputs.shape[1])
-    along, covariance = slopes[:latents], moments.covariance[:latents, :latents]
-    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, covariance, along), 0))
-    norms = np.linalg.norm(along, axis=0)
-    amplitudes = np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0)
-    predicted = test_inputs.double() @ torch.from_numpy(slopes) + torch.from_numpy(offset)
-    return predicted, torch.from_numpy(amplitudes)
 
 
 def _standardized(rows: Tensor, like: Tensor) -> Tensor:

@@ -21,8 +21,6 @@ from jbench.tasks.geometry import Array
 
 Weights = Mapping[str, Any]  # named float32 arrays, either all numpy or all torch
 
-Rescale = Literal["whitened", "extremes"]
-
 
 class Kind(Settings):
     """Base class of all kinds. The fields of a kind are its options and enter the encoder's id.
@@ -40,7 +38,7 @@ class Kind(Settings):
         description="of the inputs: extremes over the dataset to [-1, 1] (authors' script), the "
         "observation as it is (authors' last environment), or unit variance",
     )
-    rescale: Rescale | None = omissible(
+    rescale: Literal["whitened", "extremes"] | None = omissible(
         None,
         description="of the latents over the dataset: mean 0 and every principal direction to a "
         "standard deviation of 1/3 (whitened), or extremes to [-1, 1]; ours",
@@ -48,8 +46,8 @@ class Kind(Settings):
 
     @property
     def steps_ahead(self) -> int:
-        """Control steps from `StatePairs.now` to `StatePairs.later`."""
-        return 0
+        """Control steps from `StatePairs.now` to `later`: the option `horizon`, if any, or 0."""
+        return int(getattr(self, "horizon", 0))
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:
@@ -143,10 +141,8 @@ class Learned(Kind):
         A kind may override this with a faster implementation that equals autograd.
         """
         loss = self.loss(weights, batch)
-        # A weight that the loss does not use has a gradient of 0.
-        values = torch.autograd.grad(
-            loss, [weights[name] for name in gradients], materialize_grads=True
-        )
+        trained = [weights[name] for name in gradients]
+        values = torch.autograd.grad(loss, trained, materialize_grads=True)  # 0 if unused
         for gradient, value in zip(gradients.values(), values, strict=True):
             gradient.copy_(value)
         return loss.detach()

@@ -8,7 +8,7 @@ saved with the weights and Adam's state, so a resumed training ends with the sam
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -67,12 +67,16 @@ class EncoderLearner:
         """Trains on every row once, in random order; returns the mean loss."""
         total = torch.zeros((), dtype=torch.float64, device=self.device)
         rows = 0
-        for prepared in _prefetch(self._prepared()):
-            for batch in prepared.split(self.kind.batch):
-                loss = self.kind.gradient(self.weights, self.gradients, batch)
-                self._adam.step()
-                total += loss * len(batch.now)
-                rows += len(batch.now)
+        batches = self._prepared()
+        with ThreadPoolExecutor(1) as pool:  # it prepares the next batches while these are in use
+            following = pool.submit(next, batches, None)
+            while (prepared := following.result()) is not None:
+                following = pool.submit(next, batches, None)
+                for batch in prepared.split(self.kind.batch):
+                    loss = self.kind.gradient(self.weights, self.gradients, batch)
+                    self._adam.step()
+                    total += loss * len(batch.now)
+                    rows += len(batch.now)
         return float(total) / rows
 
     @torch.no_grad()
@@ -134,9 +138,8 @@ def learn(
     corrupted = kind.prepare(clean, latents, torch.Generator().manual_seed(0)).now
     targets = clean.later if kind.decodes_later else clean.now
     done = record.read("encoder_epochs").to_pylist()
-    before = done[-1]["wall_time"] if done else 0.0
-    rows: list[dict[str, Any]] = []
-    start, committed = time.perf_counter(), -math.inf
+    rows, committed = list[dict[str, Any]](), -math.inf
+    start = time.perf_counter() - (done[-1]["wall_time"] if done else 0.0)
     progress(len(done))
     for epoch in range(len(done) + 1, kind.epochs + 1):
         loss = learner.epoch()
@@ -149,41 +152,26 @@ def learn(
         if corrupted is not clean.now:
             row["test_denoising_mse"] = learner.error(corrupted, targets)
         now = time.perf_counter()
-        rows.append({**row, "wall_time": before + now - start})
+        rows.append({**row, "wall_time": now - start})
         if now - committed >= commit_every or epoch == kind.epochs:
-            append_rows(record, {"encoder_epochs": rows}, {CHECKPOINT: learner.to_bytes()})
+            tables = encoder_tables(record.id, {"encoder_epochs": rows})
+            record.append(tables, {CHECKPOINT: learner.to_bytes()})
             rows, committed = [], now
         progress(epoch)
     return learner.arrays()
 
 
-def append_rows(
-    record: Record,
-    rows: Mapping[str, Iterable[Mapping[str, Any]]],
-    checkpoints: Mapping[str, bytes] | None = None,
-) -> None:
-    """Commits an encoder's rows by table; their column `encoder` is set."""
-    tables = {
-        name: pa.Table.from_pylist(
-            [{**row, "encoder": record.id} for row in some], ENCODER_TABLES[name]
-        )
+def encoder_tables(id: str, rows: Mapping[str, list[dict[str, Any]]]) -> dict[str, pa.Table]:
+    """Returns an encoder's rows by table; their column `encoder` is set."""
+    return {
+        name: pa.Table.from_pylist([{**row, "encoder": id} for row in some], ENCODER_TABLES[name])
         for name, some in rows.items()
     }
-    record.append(tables, checkpoints)
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:
     parts = flat.detach().split([value.numel() for value in like.values()])
     return {name: part.view(like[name].shape) for name, part in zip(like, parts, strict=True)}
-
-
-def _prefetch(items: Iterator[StatePairs]) -> Iterator[StatePairs]:
-    """Yields the items; a thread computes each one while the previous one is in use."""
-    with ThreadPoolExecutor(1) as pool:
-        following = pool.submit(next, items, None)
-        while (item := following.result()) is not None:
-            following = pool.submit(next, items, None)
-            yield item
 
 
 def check_kind(kind: Learned, name: str, states: States, latents: int) -> None:

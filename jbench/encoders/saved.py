@@ -18,7 +18,7 @@ from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose
 from jbench.simulation import find_task
-from jbench.store import Record, Results
+from jbench.store import Results
 from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
 from jbench.tasks.geometry import Array
@@ -102,12 +102,14 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     wanted = named_encoder(f"dae{name}" if name.isdecimal() else name, task)
     # A kind that was given as MODULE:CLASS is known only by its name in the ids.
     representation = name if wanted is None else wanted.representation
+    datasets = results.scan("dataset")[0]
+    augmented = {dataset.id for dataset in datasets if dataset.settings.get("augment") is not None}
     matches = [
         record
         for record in results.scan("encoder")[0]
         if record.settings.get("task") == task
         and record.path.parent.name == representation
-        and _has_plain_robot(results, record)
+        and str(record.settings.get("dataset")) not in augmented
     ]
     if matches:
         newest = max(matches, key=lambda each: (each.status == "finished", each.manifest.updated))
@@ -189,12 +191,3 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
     except (SafetensorError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
     return encoder, description
-
-
-def _has_plain_robot(results: Results, record: Record) -> bool:
-    """Returns whether a dataset has the plain robot, or is unavailable."""
-    try:
-        dataset = results.find("dataset", str(record.settings.get("dataset")))
-    except (RequestError, WorkError):
-        return True
-    return dataset is None or dataset.settings.get("augment") is None

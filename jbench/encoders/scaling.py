@@ -60,11 +60,6 @@ class Moments(NamedTuple):
         slopes = np.linalg.pinv(within, rcond=1e-12, hermitian=True) @ across
         return slopes, self.mean[inputs:] - self.mean[:inputs] @ slopes
 
-    @property
-    def variance(self) -> FloatArray:
-        """(size,) variance of each column."""
-        return np.diag(self.covariance).copy()
-
 
 def with_positive_largest(directions: FloatArray) -> FloatArray:
     """Returns rows, whose signs are arbitrary, with a positive largest component each."""
@@ -84,12 +79,6 @@ class Scaling(NamedTuple):
         """Returns the scaling of a dataset (..., dim(O))."""
         rows = observations.reshape(-1, observations.shape[-1])
         return cls(rows.min(axis=0), rows.max(axis=0))
-
-    @classmethod
-    def around(cls, center: FloatArray, half_width: FloatArray) -> "Scaling":
-        """Returns the scaling of ranges with a center and half a width, both (dim(O),)."""
-        low, high = center - half_width, center + half_width
-        return cls(low.astype(np.float32), high.astype(np.float32))
 
     def merged(self, other: "Scaling") -> "Scaling":
         """Returns the scaling of both datasets together."""

@@ -105,6 +105,7 @@ class States:
         scaling: of the observations; available after `read`, like the following ones.
         learned, held_out: moments of the scaled training states and of the held-out ones.
         sample: up to 128 held-out episodes.
+        in_memory: whether all states fit in memory.
     """
 
     scaling: Scaling
@@ -113,12 +114,7 @@ class States:
     sample: Shard
 
     def __init__(
-        self,
-        dataset: Dataset,
-        task: str,
-        seed: int,
-        memory: int = 1 << 30,
-        scale: Scale = "dataset",
+        self, dataset: Dataset, task: str, seed: int, memory: int = 2**30, scale: Scale = "dataset"
     ) -> None:
         """Prepares to read a dataset, of which at most `memory` bytes of states are kept."""
         self.dataset, self.task, self.seed, self.scale = dataset, task, seed, scale
@@ -127,13 +123,9 @@ class States:
         learned, held_out = split_episodes(dataset.episodes, seed)
         self._episodes = {"learned": learned, "held_out": held_out}
         self._memory = memory
+        self.in_memory = dataset.episodes * _STATES * self.size * 4 <= memory
         self.device = torch.device("cpu")
         self._whole: dict[str, Shard] = {}  # empty before `read`, and if they do not fit in memory
-
-    @property
-    def in_memory(self) -> bool:
-        """Whether all states fit in memory."""
-        return self.dataset.episodes * _STATES * self.size * 4 <= self._memory
 
     def read(self, device: torch.device) -> None:
         """Reads the dataset if necessary, and moves it to a device; WorkError if it is damaged."""
@@ -172,10 +164,12 @@ class States:
         if self.scale == "dataset":
             self.scaling = reduce(Scaling.merged, extremes)
         elif self.scale == "observation":
-            self.scaling = Scaling.around(np.zeros(self.size), np.ones(self.size))
+            ones = np.ones(self.size, np.float32)
+            self.scaling = Scaling(-ones, ones)
         else:
             observed = moments["learned"].merged(moments["held_out"])
-            self.scaling = Scaling.around(observed.mean, np.sqrt(observed.variance))
+            ends = np.outer([-1, 1], np.sqrt(np.diag(observed.covariance))) + observed.mean
+            self.scaling = Scaling.of(ends.astype(np.float32))
         gain, offset = self.scaling.gain_and_offset()
         self.learned, self.held_out = (part.scaled(gain, offset) for part in moments.values())
         held_out = self._shard(kept.pop("held_out"))
@@ -196,12 +190,12 @@ class States:
         gathered: list[Block] = []
         for part, block in zip(parts, self.dataset.blocks(self.task, parts), strict=True):
             chosen = _chosen(block, self.dataset.parts[part], self._episodes[name])
-            held = _count(gathered)
-            if held and held + len(chosen.rewards) > max_episodes:
+            if gathered and _count([*gathered, chosen]) > max_episodes:
                 yield self._shard(gathered)
                 gathered = []
-            gathered.append(chosen)
-        if _count(gathered):
+            if len(chosen.rewards):
+                gathered.append(chosen)
+        if gathered:
             yield self._shard(gathered)
 
     def _shard(self, gathered: list[Block]) -> Shard:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jbench.cores import one_thread
 from jbench.encoders.evaluation import errors, predictions
 from jbench.encoders.kind import Fitted, Kind, Learned
-from jbench.encoders.loop import CHECKPOINT, WeightArrays, append_rows, check_kind, learn
+from jbench.encoders.loop import CHECKPOINT, WeightArrays, check_kind, encoder_tables, learn
 from jbench.encoders.registry import EncoderSettings, code_provenance, make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
@@ -62,10 +62,17 @@ def train_encoder(
             made_on = device_provenance(device) | code_provenance(settings.kind)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
-            weights = _trained_without_rescale(settings, record, results)
-            if weights is None and isinstance(kind, Learned):
+            # The encoder without `rescale`; it is this one, unfinished, if it has no such option.
+            options = {name: value for name, value in settings.options.items() if name != "rescale"}
+            other = settings.model_copy(update={"options": options})
+            plain = None if record.rows("encoder_epochs") else results.find("encoder", other.id)
+            if plain is not None and plain.status == "finished":
+                epochs = {"encoder_epochs": plain.read("encoder_epochs").to_pylist()}
+                record.append(encoder_tables(record.id, epochs))
+                weights = safetensors.numpy.load(plain.read_file(WEIGHTS))
+            elif isinstance(kind, Learned):
                 weights = learn(kind, states, record, settings.latents, progress, commit_every)
-            elif weights is None:
+            else:
                 assert isinstance(kind, Fitted)
                 weights = _float32(kind.fit(states, settings.latents))
                 progress(1)
@@ -81,24 +88,9 @@ def train_encoder(
             if not record.rows("encoder_errors"):
                 rows = errors(kind, weights, settings.latents, states)
                 rows["encoder_predictions"] = predictions(kind, weights, states)
-                append_rows(record, rows)
+                record.append(encoder_tables(record.id, rows))
         _finish(settings, kind, record, states, weights)
     return record
-
-
-def _trained_without_rescale(
-    settings: EncoderSettings, record: Record, results: Results
-) -> WeightArrays | None:
-    """Returns the weights of the encoder that differs only in `rescale`, and copies its epochs."""
-    options = {name: value for name, value in settings.options.items() if name != "rescale"}
-    if len(options) == len(settings.options) or record.rows("encoder_epochs"):
-        return None
-    plain = settings.model_copy(update={"options": options})
-    trained = results.find("encoder", plain.id)
-    if trained is None or trained.status != "finished":
-        return None
-    append_rows(record, {"encoder_epochs": trained.read("encoder_epochs").to_pylist()})
-    return safetensors.numpy.load(trained.read_file(WEIGHTS))
 
 
 def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:

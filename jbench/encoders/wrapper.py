@@ -61,9 +61,8 @@ class EncodedObservation(
             ) from None
         self._encoder = encoder
         self._sign = 1.0
-        self.observation_space = gymnasium.spaces.Box(
-            -np.inf, np.inf, (encoder.latent_size,), np.float32
-        )
+        size = (encoder.latent_size,)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, size, np.float32)
 
     def step(
         self, action: NDArray[np.float32]

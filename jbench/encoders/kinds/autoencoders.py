@@ -1,7 +1,7 @@
 """Autoencoders of two layers: plain, denoising, and predicting."""
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Literal
 
 import torch
 from array_api_compat import array_namespace
@@ -79,10 +79,7 @@ class DenoisingAutoencoder(Autoencoder):
     Source: Vincent et al. (2008).
     """
 
-    noise: float = Field(
-        default=0.1, ge=0, description="sd on each scaled feature; paper, section 5.2"
-    )
-
+    noise: float = Field(0.1, ge=0, description="sd on each scaled feature; paper, section 5.2")
     noise_per: Literal["row", "batch"] = omissible(
         "row", description="whether rows of a minibatch share their noise, as in authors' script"
     )
@@ -125,13 +122,9 @@ class DynamicDenoisingAutoencoder(DenoisingAutoencoder):
     error includes what is unpredictable, such as the effect of the random actions.
     """
 
-    decodes_later: ClassVar[bool] = True
+    decodes_later = True
 
     horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
-
-    @property
-    def steps_ahead(self) -> int:
-        return self.horizon
 
 
 def _times_slope_(tanhs: Tensor, error: Tensor) -> Tensor:

@@ -7,14 +7,9 @@ import numpy as np
 import torch
 from pydantic import Field
 
+from jbench.encoders import scaling
 from jbench.encoders.kind import Fitted, Kind, Weights, tanh
-from jbench.encoders.scaling import (
-    FloatArray,
-    Moments,
-    inverse,
-    physical_scaling,
-    with_positive_largest,
-)
+from jbench.encoders.scaling import FloatArray, Moments, inverse, physical_scaling
 from jbench.encoders.states import States, state_pairs
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import find_task
@@ -43,12 +38,11 @@ class PrincipalComponents(Linear, Fitted):
     It is the best linear encoder and decoder.
     """
 
-    forth: ClassVar[str] = "components"
-    back: ClassVar[str] = "components"
+    forth = back = "components"
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         _, vectors = np.linalg.eigh(states.learned.covariance)
-        components = with_positive_largest(vectors[:, ::-1][:, :latents].T)
+        components = scaling.with_positive_largest(vectors[:, ::-1][:, :latents].T)
         return {"components": components, "mean": states.learned.mean}
 
 
@@ -174,7 +168,7 @@ class DynamicModes(Linear, Fitted):
         given = pair - with_actions @ np.linalg.pinv(actions, hermitian=True) @ with_actions.T
         white, later_white = _whitening(given[:size, :size]), _whitening(given[size:, size:])
         _, correlations, rotation = np.linalg.svd(later_white @ given[size:, :size] @ white.T)
-        directions = with_positive_largest(rotation @ white)[:latents]
+        directions = scaling.with_positive_largest(rotation @ white)[:latents]
         return {
             "directions": directions,
             "mean": moments.mean[:size],
@@ -203,8 +197,7 @@ def linear_decoder(
 def _whitening(covariance: FloatArray) -> FloatArray:
     """Returns a matrix that whitens rows of this covariance; 0 in directions without variance."""
     # Scaled to unit variance first, so that the threshold does not depend on the features' units.
-    sd = np.sqrt(np.diag(covariance))
-    inverse_sd = inverse(sd)
+    inverse_sd = inverse(np.sqrt(np.diag(covariance)))
     values, vectors = np.linalg.eigh(covariance * np.outer(inverse_sd, inverse_sd))
     is_positive = values > _MIN_DYNAMIC_VARIANCE * values[-1]
     roots = inverse(np.sqrt(np.where(is_positive, values, 0)))

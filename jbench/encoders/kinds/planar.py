@@ -205,7 +205,7 @@ class PlanarMirror(PlanarReduction):
     def numbers(self, task: str, physical: Array) -> dict[str, Array]:
         where = array_namespace(physical).where
         numbers = super().numbers(task, physical)
-        is_right = numbers.get("angle", numbers.get("target_x")) < 0
+        is_right = (numbers["angle"] if "angle" in numbers else numbers["target_x"]) < 0
         return {n: where(is_right, SIGNS[n] * value, value) for n, value in numbers.items()}
 
     def action_signs(self, weights: Weights, scaled: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from functools import reduce
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -26,14 +25,10 @@ class Predictive(Learned):
     reconstructs the state, without influence on the latents.
     """
 
-    uses_actions: ClassVar[bool] = True
+    uses_actions = True
 
     hidden: int = Field(default=64, ge=1, description="units of the predictor; ours")
     horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
-
-    @property
-    def steps_ahead(self) -> int:
-        return self.horizon
 
     @abstractmethod
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
@@ -42,8 +37,7 @@ class Predictive(Learned):
     def initial(
         self, size: int, latents: int, random: torch.Generator, action_size: int = 1
     ) -> dict[str, Tensor]:
-        actions = self.horizon * action_size
-        heads = self.heads(size, latents, actions)
+        heads = self.heads(size, latents, self.horizon * action_size)
         return layers({"encoder": (latents, size), **heads, "decoder": (size, latents)}, random)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
@@ -62,11 +56,6 @@ class Predictive(Learned):
         loss = self.prediction_loss(weights, latents, batch)
         rebuilt = self.decode(weights, latents.detach())  # so no gradient reaches the latents
         return loss + torch.nn.functional.mse_loss(rebuilt, batch.now)
-
-    def hidden_units(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
-        """Returns the (rows, hidden) activations for the latents and actions of a batch."""
-        units: Tensor = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
-        return units
 
 
 class ForwardModel(Predictive):
@@ -89,13 +78,13 @@ class ForwardModel(Predictive):
             rewards.append(Moments.of(batch.rewards.mean(1, True).cpu().numpy()))
         constants = {"change.turn": periods}
         for name, parts in (("change.scale", changes), ("reward.scale", rewards)):
-            sd = np.sqrt(reduce(Moments.merged, parts).variance)
+            sd = np.sqrt(np.diag(reduce(Moments.merged, parts).covariance))
             scale = inverse(np.where(sd > 1e-9, sd, 0))  # 0 for a constant column
             constants[name] = torch.from_numpy(scale.astype(np.float32)).to(states.device)
         return constants
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
-        hidden = self.hidden_units(weights, latents, batch)
+        hidden = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
         changes = state_changes(batch, weights["change.turn"]) * weights["change.scale"]
         rewards = batch.rewards.mean(1, keepdim=True) * weights["reward.scale"]
         mse = torch.nn.functional.mse_loss
@@ -137,7 +126,8 @@ class Contrastive(Predictive):
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
         """Returns the InfoNCE loss (nats)."""
-        queries = affine(weights, "query", self.hidden_units(weights, latents, batch))
+        hidden = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
+        queries = affine(weights, "query", hidden)
         products = queries @ self.encode(weights, batch.later).T
         labels = torch.arange(len(products), device=products.device)
         return torch.nn.functional.cross_entropy(products, labels)

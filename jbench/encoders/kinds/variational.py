@@ -1,6 +1,6 @@
 """Variational autoencoders, without and with dynamics of the latents."""
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import torch
 from pydantic import Field
@@ -42,7 +42,7 @@ class VariationalAutoencoder(Learned):
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
         """Returns the negative bound without constants, in nats per state (equation 10)."""
         mean, log_variance = self.posterior(weights, batch.now)
-        latents = sample_latents(mean, log_variance, batch)
+        latents = mean + (log_variance / 2).exp() * batch.noise  # a sample (section 2.4)
         nll = self.reconstruction_nll(weights, latents, batch.now)
         return (nll + kl_to_standard_normal(mean, log_variance)).mean()
 
@@ -80,7 +80,7 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
     be close to that of the next state's own latent.
     """
 
-    uses_actions: ClassVar[bool] = True
+    uses_actions = True
 
     contraction: float = Field(
         default=0.1, ge=0, description="weight of the divergence of the predicted latent; authors'"
@@ -107,7 +107,7 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
         """Returns equation 12 of the paper without constants, in nats per pair of states."""
         mean, log_variance = self.posterior(weights, batch.now)
-        latents = sample_latents(mean, log_variance, batch)
+        latents = mean + (log_variance / 2).exp() * batch.noise  # a sample (section 2.4)
         dynamics = self.transition(weights, latents)
         predicted = dynamics(latents, batch.actions)
         bound = self.reconstruction_nll(weights, latents, batch.now)
@@ -116,12 +116,6 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
         drift, later = dynamics(mean, batch.actions), self.posterior(weights, batch.later)
         contraction = divergence(dynamics, drift, log_variance, *later)
         return (bound + self.contraction * contraction).mean()
-
-
-def sample_latents(mean: Tensor, log_variance: Tensor, batch: StatePairs) -> Tensor:
-    """Samples latents with the noise of a prepared batch (section 2.4)."""
-    noise: Tensor = batch.noise
-    return mean + (log_variance / 2).exp() * noise
 
 
 def kl_to_standard_normal(mean: Tensor, log_variance: Tensor) -> Tensor:

@@ -77,14 +77,10 @@ def rows(record, table="encoder_epochs"):
     return record.read(table).to_pandas()
 
 
-def fitted(kind, states, latents):
-    weights = kind.fit(states, latents)
-    return {name: value.astype(np.float32) for name, value in weights.items()}
-
-
 def fitted_encoder(kind, states, latents=None):
     latents = latents or kind.latent_sizes(states.task)[0]
-    return SavedEncoder(kind, fitted(kind, states, latents), states.scaling, latents)
+    weights = {n: value.astype(np.float32) for n, value in kind.fit(states, latents).items()}
+    return SavedEncoder(kind, weights, states.scaling, latents)
 
 
 def observations_of(dataset, task="face_direction"):

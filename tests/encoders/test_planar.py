@@ -26,7 +26,6 @@ from jbench.tasks.geometry import State, Target
 from jbench.tasks.robots import load_model
 from tests.encoders.encoder_data import (
     PLANAR_SIZES,
-    fitted,
     make_dataset,
     planar_encoder,
     random_states,
@@ -281,5 +280,5 @@ def test_probe_predicts_mirrored_robot(results):
     state = State(*(np.repeat(part[:, ::10], 10, axis=1)[:, :1001] for part in random_states(5)))
     states = read_states(make_dataset(results, state=state))
     for kind in (PlanarReduction(), PlanarMirror()):
-        for row in predictions(kind, fitted(kind, states, 12), states):
+        for row in predictions(kind, kind.fit(states, 12), states):
             assert row["r2"] > 0.6 or row["target"] == "reward"

@@ -15,8 +15,8 @@ from jbench.names import EPISODE_STEPS, ImportFormat
 from jbench.settings.base import validated
 from jbench.settings.records import ImportSettings
 from jbench.store import Results, schema
+from jbench.store.listed import to_table
 from jbench.store.manifest import check_settings
-from jbench.store.parquet import to_table
 
 _READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series]]] = {
     "sb3-monitor": csv_files.read_monitor,

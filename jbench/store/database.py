@@ -1,48 +1,15 @@
 """A results directory and its records; `docs/database.md` describes the layout."""
 
 import contextlib
-import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import files
 from jbench.store.manifest import MANIFEST, Json, Kind, Manifest
-from jbench.store.record import Record
+from jbench.store.record import ID, Record
 
-# A part of an id becomes a directory: no separators and no leading dot.
-_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9][A-Za-z0-9_.-]{0,99})*")
 _MAX_SHOWN = 5  # ids in a message
-
-
-class Folder(NamedTuple):
-    """A folder below that of a kind; `id` is its path there, and its record's id, if any.
-
-    `names` are of its files and symlinks, and the manifest's even if that is a folder; `problem` is
-    a clause on why it can't be read.
-    """
-
-    kind: Kind
-    id: str
-    path: Path
-    names: tuple[str, ...] = ()
-    problem: str | None = None
-
-    def check(self) -> None:
-        """Raises an `UnreadableError` if the folder can't be read."""
-        if self.problem is not None:
-            raise files.UnreadableError(self.path, self.problem)
-
-    def read(self) -> Record | None:
-        """Returns its record; None if it has no manifest, or no longer. Raises a RecordError."""
-        self.check()
-        if MANIFEST not in self.names:
-            return None
-        if not _ID.fullmatch(self.id):
-            raise files.DamagedError(self.path / MANIFEST, f"is in {self.id!r}, which is not an id")
-        record = Record(self.path, self.kind, self.id)
-        return record if record.load() else None
 
 
 class Results:
@@ -62,7 +29,7 @@ class Results:
 
     def record(self, kind: Kind, id: str) -> Record:
         """Returns a record, which need not exist yet; raises a RequestError for an invalid id."""
-        if not _ID.fullmatch(id):  # it could lead out of the results directory
+        if not ID.fullmatch(id):  # it could lead out of the results directory
             raise RequestError(
                 f"{id!r} is not an id; an id looks like face_direction/dae12/s00-1f9a2c4e."
             )
@@ -121,26 +88,25 @@ class Results:
     def scan(self, kind: Kind, beginning: str = "") -> tuple[list[Record], list[str]]:
         """Returns records whose id begins so, oldest first, and an error for each unreadable."""
         records, problems = [], []
-        for folder in self.walk(kind, beginning.rpartition("/")[0]):
+        for record in self.walk(kind, beginning.rpartition("/")[0]):
             try:
-                record = folder.read() if folder.id.startswith(beginning) else None
+                if record.id.startswith(beginning) and record.load():
+                    records.append(record)
             except files.RecordError as error:
                 problems.append(str(error))
-            else:
-                records += [] if record is None else [record]
         return sorted(records, key=lambda record: (record.manifest.created, record.id)), problems
 
-    def walk(self, kind: Kind, id: str = "") -> Iterator[Folder]:
+    def walk(self, kind: Kind, id: str = "") -> Iterator[Record]:
         """Yields a folder of a kind and all folders below it, sorted; nothing if it does not exist.
 
-        Symlinks are not followed. Iterative, since folders may be nested deeper than Python's
-        stack.
+        Each may be a record, which is not loaded yet. Symlinks are not followed. Iterative, since
+        folders may be nested deeper than Python's stack.
         """
         top = self.path / f"{kind}s"
         stack = [top / id]
         if not self._holds(stack[0]):
             problem = "leads out of the results directory; it is not used"
-            yield Folder(kind, id, stack.pop(), problem=problem)
+            yield Record(stack.pop(), kind, id, problem=problem)
         while stack:
             path = stack.pop()
             id = path.relative_to(top).as_posix()
@@ -149,15 +115,15 @@ class Results:
             except FileNotFoundError:
                 continue
             except OSError as error:
-                yield Folder(kind, id, path, problem=f"can't be read ({error.strerror})")
+                yield Record(path, kind, id, problem=f"can't be read ({error.strerror})")
                 continue
             below = {e.name for e in entries if e.is_dir(follow_symlinks=False)} - {MANIFEST}
             stack.extend(path / name for name in sorted(below, reverse=True))
-            yield Folder(kind, id, path, tuple(e.name for e in entries if e.name not in below))
+            yield Record(path, kind, id, [e.name for e in entries if e.name not in below])
 
-    def look(self, kind: Kind, id: str) -> Folder:
-        """Returns one folder; an empty one if it does not exist."""
-        return next(self.walk(kind, id), Folder(kind, id, self.path / f"{kind}s" / id))
+    def look(self, kind: Kind, id: str) -> Record:
+        """Returns one folder as `walk` does; an empty one if it does not exist."""
+        return next(self.walk(kind, id), Record(self.path / f"{kind}s" / id, kind, id, ()))
 
     def inside(self, name: str) -> Path:
         """Returns a path below the directory; raises a WorkError if a symlink leads out of it."""

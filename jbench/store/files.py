@@ -15,11 +15,14 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Literal
 
 from jbench.errors import RequestError, WorkError
 
 _TEMPORARY = ".writing-"
+
+WRITTEN = re.compile(rf"{re.escape(_TEMPORARY)}.*|.*\.(parquet|safetensors|json)", re.DOTALL)
+"""Names of the files that a writer of a record may have written, complete or not."""
 
 PLAIN = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 """Flags to open an untrusted file, which may be a symlink or a pipe; some systems lack some."""
@@ -96,10 +99,12 @@ def write_atomic(path: Path, content: bytes) -> None:
     temporary = None
     try:
         handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY, dir=path.parent)
-        with _closing(os.fdopen(handle, "wb")) as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        try:
+            with os.fdopen(handle, "wb", closefd=False) as file:
+                file.write(content)
+            os.fsync(handle)
+        finally:
+            close(handle)
         os.chmod(temporary, 0o644)
         _replace(temporary, path)
         temporary = None
@@ -132,31 +137,15 @@ def move(path: Path, to: Path) -> None:
 
 
 @contextlib.contextmanager
-def _closing(file: BinaryIO) -> Iterator[BinaryIO]:
-    """Closes a file at the end of the block, even if `close` is interrupted."""
-    try:
-        yield file
-    except BaseException:
-        # `close` would try to flush and hide the first error.
-        with contextlib.suppress(OSError):
-            file.close()
-        raise
-    with contextlib.suppress(InterruptedError):
-        file.close()
-
-
-@contextlib.contextmanager
 def open_plain(path: Path) -> Iterator[io.BufferedReader]:
     """Opens a file for reading; raises an OSError if it is not a regular file, see `is_missing`."""
     _check_plain(os.lstat(path).st_mode)
     handle = os.open(path, os.O_RDONLY | PLAIN)
     try:
         _check_plain(os.fstat(handle).st_mode)
-    except NotPlainError:
+        yield os.fdopen(handle, "rb", closefd=False)
+    finally:
         close(handle)
-        raise
-    with _closing(file := os.fdopen(handle, "rb")):
-        yield file
 
 
 def _check_plain(mode: int) -> None:
@@ -166,7 +155,7 @@ def _check_plain(mode: int) -> None:
 
 
 def close(handle: int) -> None:
-    """Closes a file that was read or locked, ignoring errors."""
+    """Closes a file that was read, synced or locked, ignoring errors."""
     with contextlib.suppress(OSError):
         os.close(handle)
 
@@ -176,13 +165,6 @@ def entries(directory: Path) -> list[os.DirEntry[str]]:
     while True:
         with contextlib.suppress(InterruptedError), os.scandir(directory) as iterator:
             return sorted(iterator, key=lambda entry: entry.name)
-
-
-def written(directory: Path) -> list[Path]:
-    """Returns the files that a writer of a record may have written, complete or not."""
-    mine = re.compile(rf"{re.escape(_TEMPORARY)}.*|.*\.(parquet|safetensors|json)", re.DOTALL)
-    found = [entry for entry in entries(directory) if mine.fullmatch(entry.name)]
-    return [directory / entry.name for entry in found if not entry.is_dir(follow_symlinks=False)]
 
 
 def remove(paths: Iterable[Path]) -> None:

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.store import schema
-from jbench.store.database import Folder, Results
+from jbench.store.database import Results
 from jbench.store.listing import Row, finite, make_line, matches
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
@@ -47,27 +47,23 @@ class Follower:
 
     def look(self) -> Iterator[Change | str]:
         """Yields the changes since the last look, and a sentence for each damaged run, once."""
-        for folder in self._results.walk("run"):
+        for record in self._results.walk("run"):
+            now, seen = stamp(record.path / MANIFEST), self._seen.get(record.id)
+            if now is not None and now == self._stamps.get(record.id):
+                continue
             try:
-                change = self._look_at(folder)
+                followed = record.load() and (seen or matches(make_line(record), self._filters))
+                change = record.reading(partial(_change, record, seen)) if followed else None
             except WorkError as error:
                 if str(error) not in self._reported:
                     self._reported.add(str(error))
                     yield str(error)
                 continue
-            if change is not None and (change.status_changed or change.rows):
-                yield change
-
-    def _look_at(self, folder: Folder) -> Change | None:
-        now = stamp(folder.path / MANIFEST)
-        if now is not None and now == self._stamps.get(folder.id):
-            return None
-        record, seen, change = folder.read(), self._seen.get(folder.id), None
-        if record is not None and (seen or matches(make_line(record), self._filters)):
-            change = record.reading(partial(_change, record, seen))
-            self._seen[record.id] = record
-        self._stamps[folder.id] = now
-        return change
+            self._stamps[record.id] = now
+            if change is not None:
+                self._seen[record.id] = record
+                if change.status_changed or change.rows:
+                    yield change
 
 
 def grouped(rows: Sequence[tuple[str, Row]]) -> Iterator[tuple[str, list[Row]]]:

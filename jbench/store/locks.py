@@ -52,24 +52,18 @@ def hold(
         files.close(handle)
 
 
-def is_held(directory: Path) -> bool:
-    """Returns whether a process holds the lock of a directory; changes nothing."""
-    return _refuses(directory, os.O_RDONLY, LockFlags.SHARED)
-
-
 def share(directory: Path) -> contextlib.AbstractContextManager[None]:
     """Holds a shared lock of a directory, which is made if necessary; raises as `hold`."""
     files.make_directory(directory)
     return hold(directory, str(directory), LockFlags.SHARED)
 
 
-def is_shared(directory: Path) -> bool:
-    """Returns whether a process on any machine holds a shared lock of a directory."""
-    return _refuses(directory, os.O_RDWR, LockFlags.EXCLUSIVE)
+def is_held(directory: Path, shared: bool = False) -> bool:
+    """Returns whether a process, on any machine, holds the lock of a directory; changes nothing.
 
-
-def _refuses(directory: Path, access: int, kind: LockFlags) -> bool:
-    """Returns whether a lock can't be acquired; for some, systems require write access."""
+    Locks that `share` holds count only if `shared`; some systems then require write access.
+    """
+    access, kind = (os.O_RDWR, LockFlags.EXCLUSIVE) if shared else (os.O_RDONLY, LockFlags.SHARED)
     try:
         handle = os.open(directory / LOCK, access | files.PLAIN)
     except OSError:

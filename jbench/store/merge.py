@@ -12,8 +12,8 @@ import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose
-from jbench.store import parquet, schema
-from jbench.store.database import Folder, Results
+from jbench.store import listed, schema
+from jbench.store.database import Results
 from jbench.store.manifest import KINDS, MANIFEST
 from jbench.store.record import Record
 from jbench.store.repair import Quarantine
@@ -49,32 +49,32 @@ def merge(
             raise RequestError(f"{root} holds no results; name a directory with {named} in it.")
         if root.resolve() == results.path.resolve():
             raise RequestError(f"{root} is the results directory itself; name another.")
-    folders = [
-        (source, folder)
+    records = [
+        (source, record)
         for kind in KINDS  # dependencies first
         for source in sources
-        for folder in source.walk(kind)
-        if MANIFEST in folder.names or folder.problem is not None
+        for record in source.walk(kind)
+        if MANIFEST in record.names  # also if it can't be read
     ]
     merged: list[Merged] = []
     quarantine = Quarantine(results)
-    with progress(len(folders)) as show:
-        for source, folder in folders:
-            name = f"{folder.kind} {folder.id}"
+    with progress(len(records)) as show:
+        for source, record in records:
+            name = f"{record.kind} {record.id}"
             try:
-                merged.append(Merged(name, _merged(results, source, folder, quarantine)))
+                merged.append(Merged(name, _merged(results, source, record, quarantine)))
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
             show(len(merged))
     return merged
 
 
-def _merged(results: Results, source: Results, folder: Folder, quarantine: Quarantine) -> Outcome:
-    kind, id = folder.kind, folder.id
+def _merged(results: Results, source: Results, record: Record, quarantine: Quarantine) -> Outcome:
+    kind, id = record.kind, record.id
     other, flaws = examine(source, kind, id)
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
     if faults or other is None:
-        raise WorkError(str(faults[0]) if faults else f"{folder.path} has disappeared.")
+        raise WorkError(str(faults[0]) if faults else f"{record.path} has disappeared.")
     target = results.record(kind, id)
     outcome: Outcome = "copied"
     with results.locked(kind, id) as existing:
@@ -143,7 +143,7 @@ def _difference(mine: Record, other: Record, table: str) -> str | None:
                 continue
             # Equal values have equal bytes, also NaN, which equals nothing.
             left, right = (
-                parquet.to_bytes(pa.table({name: rows[name].combine_chunks()}))
+                listed.to_bytes(pa.table({name: rows[name].combine_chunks()}))
                 for rows in (ours, theirs)
             )
             if left != right:

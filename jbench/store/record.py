@@ -5,6 +5,7 @@ it. A writer adds new files beside the old ones, syncs them, and then replaces t
 """
 
 import contextlib
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,28 +13,50 @@ from typing import Any, TypeVar
 import pyarrow as pa
 
 from jbench.errors import WorkError
-from jbench.store import files, listed, locks, parquet, schema
+from jbench.store import files, listed, locks, schema
 from jbench.store.manifest import MANIFEST, FileEntry, Json, Kind, Manifest, Status
 from jbench.store.provenance import differences, provenance, utc_now
 from jbench.wording import with_results
+
+# A part of an id becomes a directory: no separators and no leading dot.
+ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9][A-Za-z0-9_.-]{0,99})*")
 
 _Read = TypeVar("_Read")
 
 
 class Record:
-    """A dataset, an encoder, a run, an evaluation or an import: its manifest and its files."""
+    """A dataset, an encoder, a run, an evaluation or an import: its manifest and its files.
+
+    In `Results.walk` it may be any folder: `names` are of its files and symlinks, and the
+    manifest's even if that is a folder; `problem` is a clause on why it can't be read.
+    """
 
     manifest: Manifest
 
-    def __init__(self, path: Path, kind: Kind, id: str) -> None:
-        self.path, self.kind, self.id = path, kind, id
+    def __init__(
+        self,
+        path: Path,
+        kind: Kind,
+        id: str,
+        names: Collection[str] = (MANIFEST,),
+        problem: str | None = None,
+    ) -> None:
+        self.path, self.kind, self.id, self.names, self._problem = path, kind, id, names, problem
+
+    def check(self) -> None:
+        """Raises an `UnreadableError` if the folder can't be read."""
+        if self._problem is not None:
+            raise files.UnreadableError(self.path, self._problem)
 
     def load(self) -> bool:
         """Reads the manifest, see `Manifest.read`; returns whether it exists."""
+        self.check()
         path = self.path / MANIFEST
-        manifest = Manifest.read(path)
+        manifest = Manifest.read(path) if MANIFEST in self.names else None
         if manifest is None:
             return False
+        if not ID.fullmatch(self.id):
+            raise files.DamagedError(path, f"is in {self.id!r}, which is not an id")
         named = f"{manifest.kind} {manifest.id}"
         if named != f"{self.kind} {self.id}":
             raise files.DamagedError(path, f"calls itself {named}; it is not read")
@@ -213,9 +236,10 @@ class Record:
             files.remove(self.uncommitted())
 
     def uncommitted(self) -> list[Path]:
-        """Returns the files that an interrupted writer left; see `files.written`."""
+        """Returns the files that an interrupted writer left; see `files.WRITTEN`."""
         committed = {MANIFEST, *(entry.name for entry in self.manifest.files)}
-        return [path for path in files.written(self.path) if path.name not in committed]
+        names = (e.name for e in files.entries(self.path) if not e.is_dir(follow_symlinks=False))
+        return [self.path / n for n in names if files.WRITTEN.fullmatch(n) and n not in committed]
 
     def _join(self, table: str) -> FileEntry:
         parts = self.parts(table)
@@ -227,7 +251,7 @@ class Record:
 
     def _write_rows(self, table: str, rows: pa.Table) -> FileEntry:
         # The number shows the order of the table's files.
-        name, content = f"{table}-{len(self.parts(table)):05d}-*.parquet", parquet.to_bytes(rows)
+        name, content = f"{table}-{len(self.parts(table)):05d}-*.parquet", listed.to_bytes(rows)
         return listed.write(self.path, name, content, table=table, rows=rows.num_rows)
 
     def _update(self, **changes: Any) -> None:

@@ -16,9 +16,10 @@ from typing import NamedTuple
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import files, locks
-from jbench.store.database import Folder, Results
+from jbench.store.database import Results
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.provenance import shell_command
+from jbench.store.record import Record
 from jbench.store.verify import Flaw, examine
 
 
@@ -50,12 +51,12 @@ class Quarantine:
                 files.move(path, to)
             self.moved[path] = to
 
-    def take_record(self, folder: Folder) -> None:
-        """Moves the files of a folder, its manifest first, except for its lock."""
-        folder.check()
-        for name in sorted(folder.names, key=lambda name: (name != MANIFEST, name)):
+    def take_record(self, record: Record) -> None:
+        """Moves the files of a record of `Results.look`, its manifest first, but not its lock."""
+        record.check()
+        for name in sorted(record.names, key=lambda name: (name != MANIFEST, name)):
             if name != locks.LOCK:
-                self.take(folder.path / name)
+                self.take(record.path / name)
 
 
 def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) -> Repaired:

@@ -1,4 +1,7 @@
-"""The tables of the database, as Arrow schemas. Units are in the fields' metadata."""
+"""The tables of the database, as Arrow schemas. Units are in the fields' metadata.
+
+`docs/database.md` and, for encoders, `docs/encoders.md` describe the rows.
+"""
 
 import re
 
@@ -39,17 +42,13 @@ EPISODES = columns(f"""
     {_TIMES}
     {" ".join(LOSSES)}: float64
 """)
-"""Training episodes of a run, ordered by their ends.
-
-`processor_time` of runs that are trained in one process is divided evenly among them.
-"""
+"""Training episodes of a run, ordered by their ends."""
 
 EVALUATIONS = columns(f"""
     run: string | evaluation: int32 | {_CONTROL_STEPS}
     episode: int32 | {_RETURN} | {_LENGTH}
     {_TIMES}
 """)
-"""Episodes of the deterministic policy, `episode` counting within each `evaluation`."""
 
 PATHS = columns(f"""
     run: string | evaluation: int32 | {_CONTROL_STEPS}
@@ -57,17 +56,12 @@ PATHS = columns(f"""
     x y target_x target_y: float32, m
     heading target_yaw: float32, rad
 """)
-"""Where the robot was in the first episode of a run's first evaluation and of its latest one.
-
-Numbers of the target are null if they are not random in the task.
-"""
 
 METRICS = columns(f"""
     run: string | {_CONTROL_STEPS}
     name: string | value: float64
     wall_time: float64, s since the run began
 """)
-"""What a training loop passed to `Recording.log`, a row for each value."""
 
 LOG_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS, "metrics": METRICS}
 """Tables to which a run in progress adds rows."""
@@ -95,15 +89,14 @@ POLICY_STATES = columns("""
     motor_position: float32, rad | motor_velocity: float32, rad/s
     action reward: float32
 """)
-"""States of an evaluated policy; too large to be a table of `jbench query`."""
 
 _ERRORS = """test_mse test_variance pca_mse random_mse: float64, scaled features squared
     heuristic_mse heuristic_variance: float64, scaled features squared
     pca_heuristic_mse random_heuristic_mse: float64, scaled features squared"""
 
 ENCODER_TABLES = {
-    # Errors of an encoder after each epoch on up to 128 held-out episodes; empty for closed forms.
-    # `test_denoising_mse` is null for kinds that do not corrupt their input.
+    # On up to 128 held-out episodes. Kinds that do not corrupt their input have no
+    # `test_denoising_mse`.
     "encoder_epochs": columns("""
         encoder: string | epoch: int32
         train_loss: float64, what its kind minimizes; dae: as test_denoising_mse
@@ -111,17 +104,13 @@ ENCODER_TABLES = {
         test_denoising_mse: float64, scaled features squared; corrupted input
         wall_time: float64, s of training
     """),
-    # Error of a finished encoder on each feature: `test` on the held-out episodes, `heuristic` on
-    # ten episodes of the task's hand-written policy. `pca` and `random` are PCA and a random
-    # projection of the same size, fitted to the same states. A variance is that of the target
-    # states.
+    # `heuristic`: on ten episodes of the task's hand-written policy. A variance is that of the
+    # target states.
     "encoder_features": columns(f"""
         encoder: string | index: int32 | feature: string
         {_ERRORS}
     """),
-    # Error of a finished encoder over all features: the means of the columns of
-    # `encoder_features`, and 1 - error / variance. `ddae` is compared with the future state, PCA
-    # with the present one.
+    # Means of the columns of `encoder_features`.
     "encoder_errors": columns(f"""
         encoder: string | test_states heuristic_states: int64
         {_ERRORS}
@@ -129,12 +118,8 @@ ENCODER_TABLES = {
         heuristic_explained pca_heuristic_explained: float64, fraction of the variance
         random_heuristic_explained: float64, fraction of the variance
     """),
-    # How well an encoder's latents and the action predict the next control step: `r2` of a small
-    # network with fixed settings on held-out episodes, with a row per `target`: `yaw_rate`,
-    # `tilt_rate`, `forward_speed` and `reward`. It is null for a constant target. `amplitude` is
-    # the standard deviation of the latents along the direction in which a linear regression
-    # predicts the target. Encoders that were trained before this table existed have no rows, and
-    # those before version 5 have neither `linear_r2` nor `amplitude`.
+    # A row per `target`: `yaw_rate`, `tilt_rate`, `forward_speed` and `reward`. `r2` is null for a
+    # constant target; encoders of before version 5 have neither `linear_r2` nor `amplitude`.
     "encoder_predictions": columns("""
         encoder target: string
         r2: float64, fraction of the variance
@@ -164,15 +149,13 @@ STEPS = columns(f"""
     episode: int32 | step: int16
     {" ".join(name for names in STATE_COLUMNS.values() for name in names)} action: float32
 """)
-"""States of a dataset: `step` 0 to 1000, and the action taken in the state, null in an episode's
-last. Too large to be a table of `jbench query`.
-"""
+"""`step` counts from 0 to 1000; the action is null in an episode's last state."""
 
 DATASET_EPISODES = columns(f"""
     episode: int32
     {" ".join(f"{task}_target_{part}" for task in TASKS for part in ("x", "y", "yaw"))}: float64
 """)
-"""Episodes of a dataset: the target of each task (m, m, rad)."""
+"""The target of each task (m, m, rad)."""
 
 IMPORT_POINTS = columns(f"""
     import: string | point: int32
@@ -180,10 +163,7 @@ IMPORT_POINTS = columns(f"""
     episode: int32 | {_RETURN} | {_LENGTH}
     wall_time: float64, s since the first point; null if unknown
 """)
-"""Points of imported curves, `episode` counting within a point.
-
-A point is a training episode, an evaluation, or a value of a TensorBoard tag or a CSV column.
-"""
+"""A point is a training episode, an evaluation, or a value of a TensorBoard tag or a CSV column."""
 
 PUBLISHED = columns(f"""
     figure: string | {_CELL}

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from jbench.settings.base import settings_hash
 from jbench.store import locks
-from jbench.store.database import Folder, Results
+from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
 from jbench.store.listing import make_row
 from jbench.store.manifest import KINDS, MANIFEST, Kind
@@ -59,10 +59,10 @@ def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
 
 def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
     """Checks a results directory; each thread checks a record, and the progress is in folders."""
-    folders = [folder for kind in KINDS for folder in results.walk(kind)]
+    folders = [record for kind in KINDS for record in results.walk(kind)]
     checked = []
     with progress(len(folders)) as show, ThreadPoolExecutor(threads) as pool:
-        for outcome in pool.map(lambda folder: _check_beside_writers(results, folder), folders):
+        for outcome in pool.map(lambda record: _check_beside_writers(results, record), folders):
             checked.append(outcome)
             show(len(checked))
     records = [record for record, _ in checked if record is not None]
@@ -89,22 +89,21 @@ def examine(results: Results, kind: Kind, id: str) -> tuple[Record | None, list[
     return record, []  # it changes faster than it can be checked
 
 
-def _check_beside_writers(results: Results, folder: Folder) -> tuple[Record | None, list[Flaw]]:
-    record, flaws = _check(folder)
+def _check_beside_writers(results: Results, record: Record) -> tuple[Record | None, list[Flaw]]:
+    checked, flaws = _check(record)
     if flaws:
-        was_held = locks.is_held(folder.path)
-        record, flaws = examine(results, folder.kind, folder.id)
-        if was_held or locks.is_held(folder.path):  # the writer will list or remove its files
+        was_held = locks.is_held(record.path)
+        checked, flaws = examine(results, record.kind, record.id)
+        if was_held or locks.is_held(record.path):  # the writer will list or remove its files
             flaws = [flaw for flaw in flaws if flaw.sort != "leftover"]
-    return record, flaws
+    return checked, flaws
 
 
-def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
-    """Returns the record of a folder, and what is wrong with it, its files and unlisted ones."""
-    record, errors, listed = None, list[RecordError](), set[str]()
+def _check(record: Record) -> tuple[Record | None, list[Flaw]]:
+    """Loads a record, if it is one; returns also what is wrong with its files and unlisted ones."""
+    errors, listed, is_loaded = list[RecordError](), set[str](), False
     try:
-        record = folder.read()
-        if record is not None:
+        if is_loaded := record.load():
             make_row(record)
             expected = settings_hash(record.settings)
             if not record.id.endswith(f"-{expected}"):
@@ -112,20 +111,29 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
                 raise DamagedError(record.path / MANIFEST, problem)
     except RecordError as error:
         errors.append(error)
-    if record is not None:
+    if is_loaded:
         errors += record.damages()
         listed = {entry.name for entry in record.manifest.files}
-    flaws = [Flaw(e.sort, folder.kind, folder.id, e.path, e.problem) for e in errors]
-    if record is not None or MANIFEST not in folder.names:
-        for name in sorted({*folder.names} - listed - {MANIFEST, locks.LOCK}):
-            path = folder.path / name
-            flaws.append(Flaw("leftover", folder.kind, folder.id, path, "is listed by no manifest"))
-    return record, flaws
+    flaws = [Flaw(e.sort, record.kind, record.id, e.path, e.problem) for e in errors]
+    if is_loaded or MANIFEST not in record.names:
+        for name in sorted({*record.names} - listed - {MANIFEST, locks.LOCK}):
+            path = record.path / name
+            flaws.append(Flaw("leftover", record.kind, record.id, path, "is listed by no manifest"))
+    return record if is_loaded else None, flaws
 
 
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
-    problems = []
-    kind, named = _needed(record)
+    settings, problems = record.settings, []
+    # The record without which this one is of no use, if there is one.
+    needed: tuple[Kind, Any] = "encoder", settings.get("encoder") if record.kind == "run" else None
+    if record.kind == "encoder" and record.status != "finished":
+        needed = "dataset", settings.get("dataset")
+    if record.kind == "evaluation":
+        # The name of a hand-written policy has no slash; that of a shipped run begins with this.
+        policy = str(settings.get("policy"))
+        is_run = "/" in policy and not policy.startswith("reference/")
+        needed = "run", policy if is_run else None
+    kind, named = needed
     if named is not None and (kind, str(named)) not in intact:
         problems.append(f"names the {kind} {named}, which is not intact in these results")
     for what in ("created", "updated"):
@@ -139,16 +147,3 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
         problems += [f"was {what} {date!r}: {reason}"] if reason else []
     for problem in problems:
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
-
-
-def _needed(record: Record) -> tuple[Kind, Any]:
-    """Returns the kind and the id of the record without which a record is of no use, or None."""
-    settings = record.settings
-    if record.kind == "encoder" and record.status != "finished":
-        return "dataset", settings.get("dataset")
-    if record.kind == "evaluation":
-        # The name of a hand-written policy has no slash; that of a shipped run begins with this.
-        policy = str(settings.get("policy"))
-        is_run = "/" in policy and not policy.startswith("reference/")
-        return "run", policy if is_run else None
-    return "encoder", settings.get("encoder") if record.kind == "run" else None

@@ -186,7 +186,7 @@ def train_batch(request: str) -> str:
     path, runs = Path(content["results"]), [RunSettings(**run) for run in content["runs"]]
     # The sweep holds a lock on the directory. A node that does not see it has another directory, or
     # could write a run at the same time as another process.
-    if not locks.is_shared(path):
+    if not locks.is_held(path, shared=True):
         reason = (
             f"on the node {platform.node()}, {path} is not the sweep's, or its locks are not seen "
             "there: all nodes must share it, with flock (docs/cluster.md)"

@@ -110,15 +110,15 @@ class Injector:
     def _fdopen(self, handle, mode="r", *more, **options):
         if mode not in ("rb", "wb") or not self._is_below(handle):
             return self._os["fdopen"](handle, mode, *more, **options)
-        raw = _File(self, handle, mode)
+        raw = _File(self, handle, mode, **options)
         return io.BufferedReader(raw) if mode == "rb" else io.BufferedWriter(raw)
 
 
 class _File(io.FileIO):
     """A file whose reading, writing and closing may fail; a failing write leaves half its bytes."""
 
-    def __init__(self, injector, handle, mode):
-        super().__init__(handle, mode)
+    def __init__(self, injector, handle, mode, closefd=True):
+        super().__init__(handle, mode, closefd)
         self._injector = injector
         self._path = os.readlink(f"/proc/self/fd/{handle}")
 
@@ -139,7 +139,7 @@ class _File(io.FileIO):
         return super().readall()
 
     def close(self):
-        was_open = not self.closed
+        was_open = not self.closed and self.closefd
         super().close()
         if was_open:
             self._injector.check("close", self._path)

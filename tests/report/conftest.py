@@ -9,7 +9,7 @@ from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import with_returns
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
-from jbench.store import Results, parquet, query, schema
+from jbench.store import Results, listed, query, schema
 from tests.report import browser
 from tests.store.store_rows import alter_manifest
 
@@ -29,7 +29,7 @@ def episodes(run, returns):
     index = np.arange(len(returns))
     columns = {"run": run, "episode": index, "control_steps": 1000 * (index + 1), "length": 1000}
     columns |= {"episode_return": np.asarray(returns, float), "wall_time": index * 1.0}
-    return parquet.to_table(pd.DataFrame(columns), schema.EPISODES)
+    return listed.to_table(pd.DataFrame(columns), schema.EPISODES)
 
 
 def evaluations(run, means):
@@ -37,7 +37,7 @@ def evaluations(run, means):
     steps, index = np.repeat([*means], 2), np.arange(2 * len(means))
     columns = {"run": run, "evaluation": index // 2, "episode": index % 2, "control_steps": steps}
     columns["episode_return"] = np.repeat([*means.values()], 2) + np.where(index % 2, 5.0, -5.0)
-    return parquet.to_table(pd.DataFrame({**columns, "length": 1000}), schema.EVALUATIONS)
+    return listed.to_table(pd.DataFrame({**columns, "length": 1000}), schema.EVALUATIONS)
 
 
 class FabricatedResults:
@@ -64,7 +64,7 @@ class FabricatedResults:
         if metrics:
             values = pd.DataFrame(metrics, index=[1000, 2000]).rename_axis("control_steps")
             values = values.melt(var_name="name", ignore_index=False).reset_index().assign(run=id)
-            tables["metrics"] = parquet.to_table(values, schema.METRICS)
+            tables["metrics"] = listed.to_table(values, schema.METRICS)
         record.append(tables)
         if diverged is not None:
             record.fail("its critic_loss is not finite")
@@ -90,7 +90,7 @@ class FabricatedResults:
         record = self.results.create("evaluation", id, settings)
         columns = {"evaluation": id, "episode": range(len(returns)), "episode_return": returns}
         rows = pd.DataFrame({**columns, "length": 1000})
-        record.append({"policy_episodes": parquet.to_table(rows, schema.POLICY_EPISODES)})
+        record.append({"policy_episodes": listed.to_table(rows, schema.POLICY_EPISODES)})
         record.finish({"median": float(np.median(returns))})
 
     def flat(self, finals, episodes=40, **settings):

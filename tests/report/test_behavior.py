@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from jbench.report.policies import behavior
-from jbench.store import Results, parquet, schema
+from jbench.store import Results, listed, schema
 
 STATES = {
     "motor_velocity": [90.0, 90.0, -90.0, 0.0],
@@ -21,7 +21,7 @@ def add(results, policy, median=100.0, states=STATES, **more):
     record = results.create("evaluation", f"face_direction/{policy}", settings)
     if states is not None:
         columns = {name: [0.0] * len(states["x"]) for name in schema.POLICY_STATES.names} | states
-        rows = parquet.to_table(pd.DataFrame(columns), schema.POLICY_STATES)
+        rows = listed.to_table(pd.DataFrame(columns), schema.POLICY_STATES)
         record.append({"policy_states": rows})
     record.finish({"median": median})
 

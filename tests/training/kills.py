@@ -61,8 +61,8 @@ class KillingModule:
         os.replace(source, target)
         self.point()
 
-    def fdopen(self, handle, mode):
-        file = os.fdopen(handle, mode, buffering=0 if mode == "wb" else -1)
+    def fdopen(self, handle, mode, closefd):
+        file = os.fdopen(handle, mode, 0 if mode == "wb" else -1, closefd=closefd)
         return KillingFile(file, self.point) if mode == "wb" else file
 
 
@@ -72,8 +72,11 @@ class KillingFile:
     def __init__(self, file, point):
         self._file, self._point = file, point
 
-    def __getattr__(self, name):
-        return getattr(self._file, name)
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._file.close()
 
     def write(self, content):
         half = len(content) // 2

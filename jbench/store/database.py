@@ -6,8 +6,8 @@ from pathlib import Path
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import files
-from jbench.store.manifest import MANIFEST, Json, Kind, Manifest
-from jbench.store.record import ID, Record
+from jbench.store.manifest import ID, MANIFEST, Json, Kind, Manifest
+from jbench.store.record import Record
 
 _MAX_SHOWN = 5  # ids in a message
 

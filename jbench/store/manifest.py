@@ -1,5 +1,6 @@
 """The manifest of a record: settings, status, provenance and list of files."""
 
+import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,9 @@ A record keeps the version with which it was created; `listed.py` upgrades rows 
 OLDEST_SCHEMA_VERSION = 1
 
 MANIFEST = "manifest.json"
+
+# A part of an id becomes a directory: no separators and no leading dot.
+ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9][A-Za-z0-9_.-]{0,99})*")
 
 Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
 Json = Mapping[str, Any]

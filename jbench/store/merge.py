@@ -16,8 +16,7 @@ from jbench.store import listed, schema
 from jbench.store.database import Results
 from jbench.store.manifest import KINDS, MANIFEST
 from jbench.store.record import Record
-from jbench.store.repair import Quarantine
-from jbench.store.verify import Progress, examine, no_progress
+from jbench.store.verify import Progress, Quarantine, examine, no_progress
 
 TIMES = ("wall_time", "processor_time")
 """Columns that may differ between two computations of the same record."""

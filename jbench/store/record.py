@@ -5,7 +5,6 @@ it. A writer adds new files beside the old ones, syncs them, and then replaces t
 """
 
 import contextlib
-import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,12 +13,9 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.store import files, listed, locks, schema
-from jbench.store.manifest import MANIFEST, FileEntry, Json, Kind, Manifest, Status
+from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Kind, Manifest, Status
 from jbench.store.provenance import differences, provenance, utc_now
 from jbench.wording import with_results
-
-# A part of an id becomes a directory: no separators and no leading dot.
-ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9][A-Za-z0-9_.-]{0,99})*")
 
 _Read = TypeVar("_Read")
 
@@ -128,15 +124,6 @@ class Record:
             if name in (entry.name, entry.role):
                 return listed.read(self.path, entry, self.advice)
         raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
-
-    def damages(self) -> Iterator[files.RecordError]:
-        """Checks all files in chunks, and yields the errors of `listed.read`."""
-        for entry in self.manifest.files:
-            columns = None if self.manifest.is_old else schema.FILES.get(entry.table or "")
-            try:
-                listed.check(self.path, entry, () if columns is None else columns.names)
-            except files.RecordError as error:
-                yield error
 
     @property
     def advice(self) -> str:

@@ -1,25 +1,34 @@
-"""Checking a results directory: manifests, the files that they list, and unlisted files.
+"""Checking a results directory (manifests, their files, unlisted files), and repairing it.
 
-Files are read in chunks, so memory use does not depend on their size or number. Nothing is changed,
-and concurrent writers are not disturbed.
+Files are read in chunks, so memory use does not depend on their size or number. A check changes
+nothing, and does not disturb concurrent writers. A repair deletes nothing:
+
+    results/set-aside/2026-11-21T09-06-01Z/runs/face_direction/...
+
+All files of a damaged record are moved there, its manifest first. The record then no longer exists,
+and the command that made it makes it again. Its lock stays, since another process may hold it.
 """
 
-from collections.abc import Callable, Collection, Iterator
+import contextlib
+import itertools
+import os
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jbench.errors import RequestError, WorkError
 from jbench.settings.base import settings_hash
-from jbench.store import locks
+from jbench.store import files, listed, locks, schema
 from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
 from jbench.store.listing import make_row
 from jbench.store.manifest import KINDS, MANIFEST, Kind
+from jbench.store.provenance import shell_command
 from jbench.store.record import Record
 
-Progress = Callable[[int], AbstractContextManager[Callable[[int], None]]]
+Progress = Callable[[int], contextlib.AbstractContextManager[Callable[[int], None]]]
 """Takes the total of some work; during the work, yields a function that takes how much is done."""
 
 _MAX_TRIES = 5  # for a record that changes during the check
@@ -52,9 +61,9 @@ class Verified(NamedTuple):
         return [flaw for flaw in self.findings if flaw.sort != "warning"]
 
 
-def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
+def no_progress(total: int) -> contextlib.AbstractContextManager[Callable[[int], None]]:
     """Shows nothing."""
-    return nullcontext(lambda done: None)
+    return contextlib.nullcontext(lambda done: None)
 
 
 def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
@@ -101,7 +110,7 @@ def _check_beside_writers(results: Results, record: Record) -> tuple[Record | No
 
 def _check(record: Record) -> tuple[Record | None, list[Flaw]]:
     """Loads a record, if it is one; returns also what is wrong with its files and unlisted ones."""
-    errors, listed, is_loaded = list[RecordError](), set[str](), False
+    errors, is_loaded = list[RecordError](), False
     try:
         if is_loaded := record.load():
             make_row(record)
@@ -112,11 +121,16 @@ def _check(record: Record) -> tuple[Record | None, list[Flaw]]:
     except RecordError as error:
         errors.append(error)
     if is_loaded:
-        errors += record.damages()
-        listed = {entry.name for entry in record.manifest.files}
+        for entry in record.manifest.files:
+            columns = None if record.manifest.is_old else schema.FILES.get(entry.table or "")
+            try:
+                listed.check(record.path, entry, () if columns is None else columns.names)
+            except RecordError as error:
+                errors.append(error)
     flaws = [Flaw(e.sort, record.kind, record.id, e.path, e.problem) for e in errors]
     if is_loaded or MANIFEST not in record.names:
-        for name in sorted({*record.names} - listed - {MANIFEST, locks.LOCK}):
+        named = {entry.name for entry in record.manifest.files} if is_loaded else set()
+        for name in sorted({*record.names} - named - {MANIFEST, locks.LOCK}):
             path = record.path / name
             flaws.append(Flaw("leftover", record.kind, record.id, path, "is listed by no manifest"))
     return record if is_loaded else None, flaws
@@ -147,3 +161,79 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
         problems += [f"was {what} {date!r}: {reason}"] if reason else []
     for problem in problems:
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
+
+
+class Repaired(NamedTuple):
+    """What was moved from where to where, why the rest was not, and commands to make it again."""
+
+    moved: list[tuple[Path, Path]]
+    left: list[str]
+    commands: list[str]
+
+
+class Quarantine:
+    """A new quarantine directory, created on first use."""
+
+    def __init__(self, results: Results, dry_run: bool = False) -> None:
+        self.moved: dict[Path, Path] = {}
+        self.dry_run = dry_run
+        self._results = results
+        root, now = results.inside("set-aside"), datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
+        # The clock may have been set back.
+        names = itertools.chain((now,), (f"{now}-{n}" for n in itertools.count(2)))
+        self._path = next(root / name for name in names if not (root / name).exists())
+
+    def take(self, path: Path) -> None:
+        """Moves a file or directory, keeping its path relative to the results."""
+        if path not in self.moved:
+            to = self._path / path.relative_to(self._results.path)
+            if not self.dry_run:
+                files.move(path, to)
+            self.moved[path] = to
+
+    def take_record(self, record: Record) -> None:
+        """Moves the files of a record of `Results.look`, its manifest first, but not its lock."""
+        record.check()
+        for name in sorted(record.names, key=lambda name: (name != MANIFEST, name)):
+            if name != locks.LOCK:
+                self.take(record.path / name)
+
+
+def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) -> Repaired:
+    """Moves damaged records and files that no manifest lists to the quarantine directory.
+
+    Records that are being written, that can't be read at present or that a newer jbench wrote are
+    not changed. Each record is checked again before it is moved. A dry run moves nothing.
+    """
+    quarantine, left, commands = Quarantine(results, dry_run), [], []
+    faults = [flaw for flaw in findings if flaw.sort != "warning"]
+    for kind, id in dict.fromkeys((flaw.kind, flaw.id) for flaw in faults):
+        try:
+            commands += _repair_folder(results, kind, id, quarantine)
+        except (WorkError, RequestError) as error:
+            left.append(str(error))
+    return Repaired(list(quarantine.moved.items()), left, list(dict.fromkeys(commands)))
+
+
+def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
+    """Repairs a folder unless it is locked; returns the command that makes its record again."""
+    folder, dry_run, whose = results.look(kind, id), quarantine.dry_run, f"the {kind} {id}"
+    folder.check()
+    if dry_run and locks.is_held(folder.path):
+        raise locks.HeldError(whose)
+    # Folders without a lock have no writer.
+    unlocked = dry_run or not os.path.lexists(folder.path / locks.LOCK)
+    with contextlib.nullcontext() if unlocked else locks.hold(folder.path, whose):
+        record, flaws = examine(results, kind, id)
+        for flaw in flaws:
+            if flaw.sort == "foreign":
+                raise WorkError(f"{flaw} It is left alone.")
+        is_damaged = any(flaw.sort == "damaged" for flaw in flaws)
+        if is_damaged:
+            quarantine.take_record(results.look(kind, id))
+        # Problems that `take_record` has not moved, such as a directory with the name of a file.
+        for flaw in flaws:
+            if os.path.lexists(flaw.path):
+                quarantine.take(flaw.path)
+    made = {} if record is None or not is_damaged else record.manifest.provenance
+    return [shell_command(made)] if isinstance(made.get("command"), list) else []

@@ -277,10 +277,10 @@ if __name__ == "__main__":
     names.EPISODE_STEPS = int(sys.argv[2])  # before other modules copy it
     import_all()
     from jbench.encoders import evaluation
-    from jbench.training import speed
+    from jbench.training import engines
 
     # The speed of training is measured on few steps, encoders are evaluated on few episodes.
-    speed._STEPS, speed._UPDATES = 20, 2
+    engines._STEPS, engines._UPDATES = 20, 2
     evaluation._EPISODES = 2
     with contextlib.suppress(KeyboardInterrupt):
         serve(socket.socket(fileno=int(sys.argv[1])))

@@ -18,9 +18,8 @@ from jbench.store.listing import evaluation_return
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
-from jbench.training.continuation import check_state_can_be_kept
 from jbench.training.events import Event
-from jbench.training.status import State
+from jbench.training.status import State, check_state_can_be_kept
 from jbench.wording import counted, duration
 
 

@@ -163,6 +163,6 @@ def _write(
         is_new = existing is None or existing.status != "finished"
         if is_new:
             record = results.create("import", settings.id, settings.values, {"files": names})
-            record.append({"import_points": to_table(rows, schema.IMPORT_POINTS)})
+            record.append({"import_points": to_table(rows, schema.TABLES["import_points"])})
             record.finish(last)
     return Imported(settings.id, settings.seed, **last, is_new=is_new)

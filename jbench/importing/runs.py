@@ -49,7 +49,7 @@ def as_runs(
     named = points.merge(chosen[["import", "run", "returns"]], on="import")
     named = named.assign(evaluation=named["point"], processor_time=np.nan)
     named.loc[named["returns"] == "training", "episode"] = named["point"]
-    tables = {"runs": to_table(_runs(chosen), schema.RUNS)}
+    tables = {"runs": to_table(_runs(chosen), schema.TABLES["runs"])}
     for name, kind in _RETURNS.items():
         tables[name] = to_table(named[named["returns"] == kind], schema.TABLES[name])
     return tables, _notes(frame, chosen), problems

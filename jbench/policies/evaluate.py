@@ -79,7 +79,7 @@ def _episodes(
                 "action": transition.actions[:, 0].astype(np.float32),
                 "reward": transition.rewards.astype(np.float32),
             }
-            states.append(pa.table(columns, schema=schema.POLICY_STATES))
+            states.append(pa.table(columns, schema=schema.FILES["policy_states"]))
         if step % 100 == 0:
             progress(episodes.start * EPISODE_STEPS + step * len(episodes))
     rows = {
@@ -89,7 +89,7 @@ def _episodes(
         "length": [EPISODE_STEPS] * len(episodes),
         **target,
     }
-    tables = {"policy_episodes": pa.table(rows, schema=schema.POLICY_EPISODES)}
+    tables = {"policy_episodes": pa.table(rows, schema=schema.TABLES["policy_episodes"])}
     if states:
         tables["policy_states"] = pa.concat_tables(states).combine_chunks()
     return tables

@@ -184,7 +184,7 @@ class JitterbugWorlds(Worlds):
         return np.stack(points, axis=-1).astype(np.float32)
 
     def robot_columns(self) -> dict[str, NDArray[np.float32]]:
-        """Returns the columns of `schema.POLICY_STATES` on the robots, each (worlds,)."""
+        """Returns the columns of `policy_states` on the robots, each (worlds,)."""
         state = self.robot_state
         columns = {
             **dict(zip("xyz", state.position[:, :3].T, strict=True)),

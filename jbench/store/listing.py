@@ -26,9 +26,9 @@ Row = dict[str, Any]
 KIND_TABLES: dict[Kind, tuple[str, dict[str, pa.Schema]]] = {
     "run": ("runs", schema.RUN_TABLES),
     "encoder": ("encoders", schema.ENCODER_TABLES),
-    "evaluation": ("policy_evaluations", {"policy_episodes": schema.POLICY_EPISODES}),
+    "evaluation": ("policy_evaluations", {"policy_episodes": schema.TABLES["policy_episodes"]}),
     "dataset": ("datasets", {}),
-    "import": ("imports", {"import_points": schema.IMPORT_POINTS}),
+    "import": ("imports", {"import_points": schema.TABLES["import_points"]}),
 }
 """By kind, the table with a row for each record, and the tables that its files hold."""
 

@@ -82,7 +82,7 @@ def published() -> pa.Table:
     names = rows["representation"].str.replace(r"^full-\d+", FULL, regex=True)
     rows["representation"] = names.str.replace("dae-", "dae", regex=False)
     rows = rows.rename(columns={"training_steps": "control_steps"})
-    return pa.Table.from_pandas(rows, schema.PUBLISHED, preserve_index=False, nthreads=1)
+    return pa.Table.from_pandas(rows, schema.TABLES["published"], preserve_index=False, nthreads=1)
 
 
 def query_results(results: Results, sql: str) -> tuple[pd.DataFrame, list[str]]:

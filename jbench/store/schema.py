@@ -68,28 +68,6 @@ LOG_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS, "metrics": METRI
 
 RUN_TABLES = {**LOG_TABLES, "paths": PATHS}
 
-RUNS = columns(f"""
-    run: string | {_CELL}
-    encoder: string | seed: int64 | steps: int64, control steps asked for
-    engine time_limit: string | variant: string, hash of the settings but seed and steps
-    status: string | episodes: int64
-    wall_time processor_time: float64, s
-    diverged: string, JSON; null unless the run diverged
-    {_MANIFEST}
-""")
-
-POLICY_EPISODES = columns(f"""
-    evaluation: string | episode: int32 | {_RETURN} | {_LENGTH}
-    target_x target_y: float64, m | target_yaw: float64, rad
-""")
-
-POLICY_STATES = columns("""
-    episode: int32 | step: int16, control steps; the state after it
-    x y z: float32, m | heading: float32, rad | upright: float32, reward
-    motor_position: float32, rad | motor_velocity: float32, rad/s
-    action reward: float32
-""")
-
 _ERRORS = """test_mse test_variance pca_mse random_mse: float64, scaled features squared
     heuristic_mse heuristic_variance: float64, scaled features squared
     pca_heuristic_mse random_heuristic_mse: float64, scaled features squared"""
@@ -157,22 +135,16 @@ DATASET_EPISODES = columns(f"""
 """)
 """The target of each task (m, m, rad)."""
 
-IMPORT_POINTS = columns(f"""
-    import: string | point: int32
-    control_steps: int64, control steps before the point, all environments
-    episode: int32 | {_RETURN} | {_LENGTH}
-    wall_time: float64, s since the first point; null if unknown
-""")
-"""A point is a training episode, an evaluation, or a value of a TensorBoard tag or a CSV column."""
-
-PUBLISHED = columns(f"""
-    figure: string | {_CELL}
-    control_steps: float64, control steps, center of the window
-    quantile: int64, percent | {_RETURN} | source: string
-""")
-
 TABLES = {
-    "runs": RUNS,
+    "runs": columns(f"""
+        run: string | {_CELL}
+        encoder: string | seed: int64 | steps: int64, control steps asked for
+        engine time_limit: string | variant: string, hash of the settings but seed and steps
+        status: string | episodes: int64
+        wall_time processor_time: float64, s
+        diverged: string, JSON; null unless the run diverged
+        {_MANIFEST}
+    """),
     **RUN_TABLES,
     "encoders": columns(f"""
         encoder task kind representation: string | latents seed: int64 | dataset status: string
@@ -194,7 +166,10 @@ TABLES = {
         median q10 q90: float64, sum of rewards
         {_MANIFEST}
     """),
-    "policy_episodes": POLICY_EPISODES,
+    "policy_episodes": columns(f"""
+        evaluation: string | episode: int32 | {_RETURN} | {_LENGTH}
+        target_x target_y: float64, m | target_yaw: float64, rad
+    """),
     "imports": columns(f"""
         import: string | {_CELL} | seed: int64
         format: string | returns: string, training or evaluation
@@ -202,14 +177,29 @@ TABLES = {
         files: string, JSON: names by SHA-256 | status: string
         {_MANIFEST}
     """),
-    "import_points": IMPORT_POINTS,
-    "published": PUBLISHED,
+    # A point is a training episode, an evaluation, or a value of a TensorBoard tag or a CSV column.
+    "import_points": columns(f"""
+        import: string | point: int32
+        control_steps: int64, control steps before the point, all environments
+        episode: int32 | {_RETURN} | {_LENGTH}
+        wall_time: float64, s since the first point; null if unknown
+    """),
+    "published": columns(f"""
+        figure: string | {_CELL}
+        control_steps: float64, control steps, center of the window
+        quantile: int64, percent | {_RETURN} | source: string
+    """),
 }
 """The tables of `jbench query`."""
 
 FILES = {
     **TABLES,
-    "policy_states": POLICY_STATES,
+    "policy_states": columns("""
+        episode: int32 | step: int16, control steps; the state after it
+        x y z: float32, m | heading: float32, rad | upright: float32, reward
+        motor_position: float32, rad | motor_velocity: float32, rad/s
+        action reward: float32
+    """),
     "steps": STEPS,
     "dataset_episodes": DATASET_EPISODES,
 }

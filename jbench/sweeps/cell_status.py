@@ -17,7 +17,7 @@ from jbench.simulation.find import checked_task, find_task
 from jbench.store import Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell
-from jbench.training import speed
+from jbench.training import engines
 from jbench.training.status import State, run_status
 from jbench.wording import counted, duration
 
@@ -141,8 +141,8 @@ def _available() -> int | None:
 
 
 def _evaluating(run: RunSettings, seconds: float) -> float:
-    steps = speed.evaluation_steps(run)
-    return 0.0 if steps <= 1 else min(1.0, steps * speed.stepping(run) / seconds)
+    steps = engines.evaluation_steps(run)
+    return 0.0 if steps <= 1 else min(1.0, steps * engines.stepping(run) / seconds)
 
 
 def _measured(results: Results, device: str) -> dict[str, tuple[float | None, str]]:
@@ -171,7 +171,7 @@ def _quick_measurement(runs: Sequence[RunSettings], device: str) -> tuple[float 
     together = runs[:1] if device == "cpu" else runs
     try:
         with one_thread():
-            seconds = speed.seconds_per_step(together, device) / len(together)
+            seconds = engines.seconds_per_step(together, device) / len(together)
         return seconds, "a quick measurement"
     except (RequestError, WorkError, RuntimeError):
         return None, "unknown"

@@ -25,9 +25,15 @@ from jbench.store.follow import LOOK_EVERY
 from jbench.sweeps.cell import Cell, all_runs, prepare, with_runs
 from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
 from jbench.sweeps.executors import Local, Ray
-from jbench.training.continuation import new_beginnings
 from jbench.training.events import Event, Report, ignore
-from jbench.training.status import failures_among, plan, record_failure, run_status, sentences
+from jbench.training.status import (
+    failures_among,
+    new_beginnings,
+    plan,
+    record_failure,
+    run_status,
+    sentences,
+)
 
 Executor: TypeAlias = Local | Ray  # its `train` is called from threads, `jobs` at a time
 _Task: TypeAlias = Future[list[RunSettings]]

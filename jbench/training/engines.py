@@ -1,5 +1,9 @@
-"""What trains the agents of a batch of runs: jbench's engine, or the loop of another package."""
+"""What trains the agents of a batch of runs: jbench's engine, or the loop of another package.
 
+Its speed on this machine is measured within seconds with temporary agents.
+"""
+
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -14,16 +18,20 @@ from jbench.agents.plugin_engine import PluginEngine
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.encoders import Encoder
+from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
+from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation import Act
+from jbench.simulation import Act, find_task
 from jbench.simulation.find import check_specs
-from jbench.training.evaluation import derive_seeds
+from jbench.training.evaluation import derive_seeds, final_evaluation_episodes
 
 if TYPE_CHECKING:
     from jbench.training.sb3_engine import SB3Engine
 
 Trainer: TypeAlias = "Engine | SB3Engine"
+
+_STEPS, _UPDATES = 300, 40  # of a measurement of the speed
 
 
 def make_trainer(
@@ -69,3 +77,64 @@ def policy_function(engine: Trainer, seeds: int) -> Act:
         return actions.reshape(*observations.shape[:-1], -1)
 
     return act
+
+
+def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
+    """Returns the seconds per control step of each run of a process, evaluations included.
+
+    The measurement uses temporary agents and does not affect the runs. Encoders are left out: their
+    cost is negligible. Raises a WorkError if neither the algorithm nor the engine is jbench's own.
+    """
+    settings, changes = runs[0], {}
+    if not settings.is_ours and settings.engine != "batched":
+        raise WorkError(f"The speed of {settings.algo} is not measured.")
+    idle, algorithm = len(runs) * stepping(settings), hyperparameters(settings)
+    evaluating, count = evaluation_steps(settings) * idle, settings.environments
+    if isinstance(algorithm, PPOSettings):
+        rollout = algorithm.n_steps * algorithm.n_envs
+        first = 0 if device == "cpu" else rollout  # a GPU's first calls take longer
+    else:
+        assert isinstance(algorithm, OffPolicySettings)
+        if settings.last_step < algorithm.first_update:
+            return idle + evaluating  # it ends before it learns
+        # A schedule of the same ratio, but shorter.
+        steps, updates = algorithm.schedule(count)
+        max_parts = max(1, updates // _UPDATES)
+        parts = max(n for n in range(1, max_parts + 1) if steps % n == updates % n == 0)
+        often = {"train_freq": steps // parts * count, "gradient_steps": updates // parts}
+        rollout = max(often["train_freq"], _UPDATES)
+        first = algorithm.batch_size + rollout
+        changes = {"buffer_size": first + rollout, "learning_starts": algorithm.batch_size, **often}
+    changed = {**settings.hyperparameters, **changes}
+    measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
+    with make_trainer(measured, [None] * len(runs), device) as engine:
+        before, began = 0, time.perf_counter()
+
+        def after_step(_: object) -> bool:
+            nonlocal before, began
+            if before < first < engine.control_steps:  # the first updates have been made
+                before, began = engine.control_steps, time.perf_counter()
+            return True
+
+        unmeasured = count if first else 0  # the step after the first updates
+        engine.train(first + unmeasured + rollout, after_step)
+        return evaluating + (time.perf_counter() - began) / (engine.control_steps - before)
+
+
+def evaluation_steps(settings: RunSettings) -> float:
+    """Returns the control steps in evaluations of a run per control step of its training."""
+    evaluations = max(1, settings.steps // settings.evaluate_every) - 1
+    episodes = evaluations * settings.evaluate_episodes + final_evaluation_episodes(settings, None)
+    return episodes * EPISODE_STEPS / settings.steps
+
+
+def stepping(settings: RunSettings) -> float:
+    """Returns the seconds per control step without training."""
+    task = find_task(settings.task)
+    actions = np.zeros((1, task.action_size), np.float32)
+    with task.worlds(1, augment=settings.augment) as worlds:
+        worlds.reset([np.random.default_rng(0)])
+        began = time.perf_counter()
+        for _ in range(_STEPS):
+            worlds.step(actions)
+        return (time.perf_counter() - began) / _STEPS

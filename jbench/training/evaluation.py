@@ -52,7 +52,6 @@ def evaluate_policies(
     threads: int = 1,
     control_steps: int = 0,
     episodes: int | None = None,
-    drawn: int = 0,
 ) -> list[Evaluation]:
     """Evaluates the deterministic policies of runs that differ in their seeds.
 
@@ -67,8 +66,7 @@ def evaluate_policies(
             order of the runs.
         threads: of the simulation; the returns do not depend on them.
         control_steps: of the training so far; they determine the robot.
-        episodes: of each run; None for the number in the settings.
-        drawn: number of episodes in the run's earlier evaluations.
+        episodes: of each run; None for the number in the settings, as in all earlier evaluations.
     """
     # As many at a time as in other evaluations: a matrix product rounds by its size.
     block = settings.evaluate_episodes
@@ -83,7 +81,7 @@ def evaluate_policies(
         block, generators = 1, [np.random.default_rng(*seeds)]
         of_all, act = act, lambda rows: of_all(rows[0])[None]  # it may round by their shape
         with task.worlds(1) as worlds:
-            for _ in range(1 + drawn):
+            for _ in range(1 + number * settings.evaluate_episodes):
                 worlds.reset(generators)
     blocks = []
     for done in range(0, episodes, block):

@@ -136,7 +136,6 @@ class TrainingGroup:
             threads=engine.environments.threads if isinstance(engine, Engine) else 1,
             control_steps=engine.control_steps,
             episodes=self._final_episodes if engine.has_made(settings.steps) else None,
-            drawn=log.rows("evaluations"),
         )
         self._fail_diverged()
         self._share_processor_time()

@@ -85,19 +85,21 @@ class RunLog:
             row = {"evaluation": number, "episode": episode, "episode_return": episode_return}
             self._add("evaluations", steps, row)
         if path is not None:
+            target = {f"target_{name}": path.target.get(name) for name in ("x", "y", "yaw")}
+            where = {"run": self._record.id, "evaluation": number, "control_steps": steps, **target}
+            points = [
+                {**where, "time": n * PATH_EVERY * CONTROL_TIMESTEP, "x": x, "y": y, "heading": yaw}
+                for n, (x, y, yaw) in enumerate(path.points.tolist())
+            ]
             first = self._paths.filter(pc.field("evaluation") == 0)
-            self._paths = pa.concat_tables([first, self._path_rows(steps, path)])
-            self._paths_changed = True
+            latest = pa.Table.from_pylist(points, schema.PATHS)
+            self._paths, self._paths_changed = pa.concat_tables([first, latest]), True
         self._advance(evaluations=number + 1, last_evaluation=steps)
 
     def metrics(self, control_steps: int, values: Mapping[str, float]) -> None:
         """Adds values that a training loop logs, by name."""
         for name, value in values.items():
             self._add("metrics", control_steps, {"name": name, "value": value})
-
-    def rows(self, table: str) -> int:
-        """Returns the number of rows of a table, pending ones included."""
-        return self._record.rows(table) + len(self._rows[table])
 
     def commit(self, files: Mapping[str, bytes] | None = None, drop: Collection[str] = ()) -> float:
         """Commits pending rows and a checkpoint atomically; returns the seconds that it took.
@@ -129,19 +131,6 @@ class RunLog:
 
     def _advance(self, **changes: float) -> None:
         self.progress = self.progress.model_copy(update=changes)
-
-    def _path_rows(self, control_steps: int, path: Path) -> pa.Table:
-        constant = {
-            "run": self._record.id,
-            "evaluation": self.progress.evaluations,
-            "control_steps": control_steps,
-            **{f"target_{name}": path.target.get(name) for name in ("x", "y", "yaw")},
-        }
-        points = (
-            {"time": point * PATH_EVERY * CONTROL_TIMESTEP, "x": x, "y": y, "heading": heading}
-            for point, (x, y, heading) in enumerate(path.points.tolist())
-        )
-        return pa.Table.from_pylist([{**constant, **point} for point in points], schema.PATHS)
 
     def _add(self, table: str, control_steps: int, row: Mapping[str, Any]) -> None:
         # A table keeps the values that it has columns for.

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import torch
 
 from jbench.agents.batched.engine import BatchedEngine
 from jbench.cores import one_thread
@@ -71,13 +70,14 @@ def reevaluate(results: Results, record: Record) -> Repeated:
     number = max(number for _, _, number, _ in rows)
     recorded = {key: row for key, row in rows.items() if key[2] == number}
     control_steps = max(steps for steps, *_ in recorded)
-    device = _device_for(record.manifest.provenance)
     try:
         agent = load_agent(results, record.id)
         with one_thread(), contextlib.ExitStack() as stack:
             act: Act = agent.act
             if settings.engine == "batched":
-                engine = stack.enter_context(make_trainer([settings], [agent.encoder], device))
+                engine = stack.enter_context(
+                    make_trainer([settings], [agent.encoder], _device(record))
+                )
                 assert isinstance(engine, BatchedEngine)
                 engine.load_policy(0, agent.policy, control_steps)
                 act = policy_function(engine, 1)
@@ -88,7 +88,6 @@ def reevaluate(results: Results, record: Record) -> Repeated:
                 act,
                 control_steps=control_steps,
                 episodes=max(len(recorded), settings.evaluate_episodes),
-                drawn=len(rows) - len(recorded),
             )
     except (RequestError, ValueError) as error:
         reason = f"Its policy can't be run: {str(error).rstrip('.')}."
@@ -130,7 +129,7 @@ def retrain(
             [settings],
             temporary,
             encoders=results,
-            device=_device_for(record.manifest.provenance),
+            device=_device(record),
             until=until if until < settings.steps else None,
             report=lambda event: progress(event.steps),
         )
@@ -159,14 +158,14 @@ def default_episodes(record: Record) -> int:
 
 def changes_since(record: Record) -> dict[str, list[Any]]:
     """Returns what may round numbers differently: its values when the run began, and now."""
-    recorded = record.manifest.provenance
-    device = torch.device(_device_for(recorded))
-    return differences(recorded, {**provenance(), **device_provenance(device)})
+    now = {**provenance(), **device_provenance(find_device(_device(record)))}
+    return differences(record.manifest.provenance, now)
 
 
-def _device_for(provenance: Mapping[str, Any]) -> str:
+def _device(record: Record) -> str:
     """Returns the device that a run was trained on, if it exists here; otherwise `cpu`."""
-    return find_device("auto").type if provenance.get("device") == "cuda" else "cpu"
+    on_gpu = record.manifest.provenance.get("device") == "cuda"
+    return find_device("auto" if on_gpu else "cpu").type
 
 
 def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
@@ -175,7 +174,7 @@ def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
         return "Another program or version wrote its settings."
     if not rows:
         return "It has no evaluation."
-    if record.manifest.provenance.get("device", "cpu") != _device_for(record.manifest.provenance):
+    if record.manifest.provenance.get("device", "cpu") != _device(record):
         return "A GPU evaluated it, and this machine has none."
     if settings.engine == "plugin":
         return "Its evaluations ran the agent's own code; the kept copy rounds sums differently."
@@ -205,26 +204,21 @@ def _rows(record: Record, *kinds: str, until: float = math.inf) -> _Rows:
 
 
 def _compared(record: Record, until: int, recorded: _Rows, computed: _Rows, what: str) -> Repeated:
-    difference = _difference(recorded, computed)
-    returns = (
+    """Compares rows in the order of training; the reason is a sentence on the first difference."""
+    returns = [
         tuple(row["episode_return"] for key, row in sorted(rows.items()) if key[1] == what)
         for rows in (recorded, computed)
-    )
-    verdict: Verdict = "different" if difference else "equal"
-    return Repeated(record.id, verdict, difference, until, *returns)
-
-
-def _difference(recorded: _Rows, computed: _Rows) -> str:
-    """Returns a sentence on the first row that differs, in the order of training; "" if none."""
+    ]
     for key in sorted(recorded.keys() | computed.keys()):
         then, now = recorded.get(key), computed.get(key)
-        control_steps, what, number, _ = key
-        where = f"{what} {number}, at control step {control_steps:,}"
+        where = f"{key[1]} {key[2]}, at control step {key[0]:,}"
         if then is None or now is None:
-            return f"A row of {where}, is missing {'in the record' if then is None else 'here'}."
+            reason = f"A row of {where}, is missing {'in the record' if then is None else 'here'}."
+            return Repeated(record.id, "different", reason, until, *returns)
         for column in now:
             before, here = repr(then[column]), repr(now[column])  # nan is no other nan
             if before != here:
                 values = f"recorded {before}, here {here}"
-                return f"The first difference is {column} of {where}: {values}."
-    return ""
+                reason = f"The first difference is {column} of {where}: {values}."
+                return Repeated(record.id, "different", reason, until, *returns)
+    return Repeated(record.id, "equal", "", until, *returns)

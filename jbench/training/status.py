@@ -1,14 +1,24 @@
-"""Status of runs in the results."""
+"""Status of runs in the results, and the finished runs that longer ones continue.
+
+Steps are part of a run's settings, so a run that continues one whose last checkpoint was kept
+(`--keep-state`) has a record of its own. It begins with a copy of the shorter run's rows and
+checkpoint, which `run_batch` makes, and ends with the rows and weights of a run trained at once,
+since nothing but a sequence of robots depends on the number of steps.
+"""
 
 import contextlib
+import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
+from jbench.agents.algorithms import find_class
+from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
+from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
-from jbench.store import Results
-from jbench.training.continuation import kept_runs
+from jbench.store import Record, Results
 from jbench.wording import are, counted
 
 State = Literal["finished", "partial", "failed", "missing"]
@@ -83,3 +93,85 @@ def record_failure(run: RunSettings, results: Results, reason: str) -> None:
 def failures_among(statuses: Mapping[str, RunStatus]) -> dict[str, str]:
     """Returns the errors of failed runs by id."""
     return {id: status.error for id, status in statuses.items() if status.state == "failed"}
+
+
+def kept_runs(run: RunSettings, results: Results) -> list[Record]:
+    """Returns the finished runs that a run can continue, the longest first."""
+    if run.robots > 1:
+        return []
+    return [record for record in shorter_runs(run, results) if record.roles()]
+
+
+def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
+    """Returns finished runs with fewer steps, longest first; they may differ in `free`, too."""
+    same = {name: getattr(run, name) for name in ("steps", *free)}
+    records, _ = results.scan("run", f"{run.id.rpartition('-')[0]}-")
+    shorter = [
+        record
+        for record in records
+        if record.status == "finished"
+        and isinstance(other := read_run(record.settings), RunSettings)
+        and other.steps < run.steps
+        and other.model_copy(update=same) == run
+    ]
+    return sorted(shorter, key=lambda record: -record.settings["steps"])
+
+
+def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[str]:
+    """Yields sentences on new runs that can't continue the shorter ones that are finished."""
+    reasons: Counter[tuple[int, str]] = Counter()
+    for run in runs:
+        shorter = shorter_runs(run, results, "evaluate_every")
+        same = [r for r in shorter if r.settings["evaluate_every"] == run.evaluate_every]
+        kept = [r for r in shorter if r.roles()]
+        if run.robots == 1 and any(r.roles() for r in same):
+            continue
+        if same:
+            longest, why = same[0], obstacle(run) or "the state was not kept, as --keep-state does"
+        elif kept:
+            longest = kept[0]
+            every = longest.settings["evaluate_every"]
+            why = f"evaluations have another distance; type --evaluate-every {every}"
+        else:
+            continue
+        reasons[longest.settings["steps"], why] += 1
+    for (steps, why), count in reasons.items():
+        if count == 1:
+            what = "1 run trains from the beginning, not from the end of a finished run"
+        else:
+            what = f"{count:,} runs train from the beginning, not from the end of finished runs"
+        yield f"{what} of {steps:,} control steps: {why}."
+
+
+def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
+    """Raises a RequestError if no longer run could continue one of these runs."""
+    for run in runs:
+        why, hint = obstacle(run), "leave --keep-state out"
+        episodes = EPISODE_STEPS * run.environments  # control steps from one end to the next
+        if why is None and run.specs is not None and run.last_step % episodes:
+            why = (
+                f"{run.task} has a state between two episodes only, and the run's last control "
+                f"step is the {run.last_step:,}th"
+            )
+            enough = math.lcm(episodes, run.rollout)
+            hint = f"type --steps {-(-run.steps // enough) * enough}, or {hint}"
+        if why is not None:
+            raise RequestError(f"A finished run of {run.algo} can't be continued: {why}; {hint}.")
+
+
+def obstacle(run: RunSettings) -> str | None:
+    """Returns why runs of these settings can't be continued, as a clause; None if they can."""
+    if run.robots > 1:
+        return "the steps of each robot in a sequence depend on the total"
+    return without_state(run)
+
+
+def without_state(run: RunSettings) -> str | None:
+    """Returns a clause if the agent of a run can't be resumed; otherwise None."""
+    if run.engine == "sb3":
+        return "stable-baselines3 has no checkpoints here"
+    if run.engine != "plugin":
+        return None
+    kind = find_class(run.algo)
+    resumable = issubclass(kind, Agent) and is_resumable(kind)
+    return None if resumable else f"the agent {run.algo} has no state and restore"

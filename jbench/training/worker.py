@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jbench.settings.run import RunSettings
     from jbench.store import Results
-    from jbench.training.events import Event, Report
+    from jbench.training.events import Event
 
 
 def main() -> int:
@@ -29,7 +29,8 @@ def main() -> int:
     if not line.endswith(b"\n"):
         return 1  # the parent died while writing
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    send = _sender()
+    events = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(2, 1)  # what libraries print is no event
     import torch
 
     from jbench.settings.run import RunSettings
@@ -42,6 +43,10 @@ def main() -> int:
     sys.argv = request["command"]
     runs = [RunSettings(**settings) for settings in request["runs"]]
     results = Results(Path(request["results"]))
+
+    def send(event: "Event") -> None:
+        events.write(event.to_json() + "\n")
+
     try:
         failures = run_batch(runs, results, report=send, **request["options"])
     except Exception as error:
@@ -53,7 +58,7 @@ def main() -> int:
 
 def _ended(run: "RunSettings", results: "Results", failure: Exception | None) -> "Event":
     """Returns the last event of a run; records a failure that is not recorded yet."""
-    from jbench.errors import sentence_of_failure
+    from jbench.errors import RequestError, WorkError, sentence_of_failure
     from jbench.store.locks import HeldError
     from jbench.training.events import Event
     from jbench.training.status import record_failure, run_status
@@ -65,22 +70,10 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
         return Event("held", run.id, str(failure))
     reason = sentence_of_failure(failure)
     record_failure(run, results, reason)
-    return Event("failed", run.id, reason, traceback=_traceback(failure))
-
-
-def _traceback(failure: Exception) -> str:
-    """Returns the traceback of an error that is not jbench's sentence; else an empty text."""
-    from jbench.errors import RequestError, WorkError
-
-    ours = isinstance(failure, RequestError | WorkError)
-    error = failure.__cause__ if ours else failure
-    return "" if error is None else "".join(traceback.format_exception(error)).rstrip()
-
-
-def _sender() -> "Report":
-    events = os.fdopen(os.dup(1), "w", buffering=1)
-    os.dup2(2, 1)
-    return lambda event: events.write(event.to_json() + "\n")
+    # A sentence of jbench needs no traceback, but that of its cause.
+    error = failure.__cause__ if isinstance(failure, RequestError | WorkError) else failure
+    lines = [] if error is None else traceback.format_exception(error)
+    return Event("failed", run.id, reason, traceback="".join(lines).rstrip())
 
 
 def _end_with_parent() -> None:

@@ -35,7 +35,7 @@ from jbench.store import Results
 from jbench.store.manifest import KINDS
 from jbench.store.merge import TIMES
 from jbench.sweeps import executors
-from jbench.training import speed
+from jbench.training import engines
 from tests.faults.fault_injection import CALLS, Fault
 from tests.faults.fault_verbs import FILES, VERBS
 from tests.faults.forked_commands import ForkedWorker, run_command
@@ -173,7 +173,7 @@ def run(request):
     """Runs the cases of a request; yields a dictionary for each."""
     os.environ |= {"MUJOCO_GL": "disable", "OMP_NUM_THREADS": "1"}
     import_all()
-    speed.seconds_per_step = lambda *_: 1e-3
+    engines.seconds_per_step = lambda *_: 1e-3
     executors.subprocess = type("Forking", (), {"Popen": ForkedWorker, "PIPE": -1})
     collecting = importlib.import_module("jbench.datasets.collect")
     collecting._PART_EPISODES = 4

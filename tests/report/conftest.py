@@ -90,7 +90,7 @@ class FabricatedResults:
         record = self.results.create("evaluation", id, settings)
         columns = {"evaluation": id, "episode": range(len(returns)), "episode_return": returns}
         rows = pd.DataFrame({**columns, "length": 1000})
-        record.append({"policy_episodes": listed.to_table(rows, schema.POLICY_EPISODES)})
+        record.append({"policy_episodes": listed.to_table(rows, schema.TABLES["policy_episodes"])})
         record.finish({"median": float(np.median(returns))})
 
     def flat(self, finals, episodes=40, **settings):

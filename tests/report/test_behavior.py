@@ -20,8 +20,10 @@ def add(results, policy, median=100.0, states=STATES, **more):
     settings["states"] = states is not None
     record = results.create("evaluation", f"face_direction/{policy}", settings)
     if states is not None:
-        columns = {name: [0.0] * len(states["x"]) for name in schema.POLICY_STATES.names} | states
-        rows = listed.to_table(pd.DataFrame(columns), schema.POLICY_STATES)
+        columns = {
+            name: [0.0] * len(states["x"]) for name in schema.FILES["policy_states"].names
+        } | states
+        rows = listed.to_table(pd.DataFrame(columns), schema.FILES["policy_states"])
         record.append({"policy_states": rows})
     record.finish({"median": median})
 

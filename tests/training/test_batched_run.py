@@ -9,11 +9,11 @@ from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.store import Results
 from jbench.training import batched_run, evaluation
 from jbench.training.batched_run import run_batch
+from jbench.training.engines import seconds_per_step
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import Event
 from jbench.training.repeat import reevaluate
 from jbench.training.request import training_device
-from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
 from tests.training.small_runs import EPISODE, TanhEncoder, paths, rows, small_run
 

@@ -11,8 +11,7 @@ from jbench.policies.saved import WEIGHTS
 from jbench.store import Results, merge
 from jbench.store.verify import verify
 from jbench.training.batched_run import run_batch
-from jbench.training.continuation import check_state_can_be_kept, new_beginnings
-from jbench.training.status import run_status
+from jbench.training.status import check_state_can_be_kept, new_beginnings, run_status
 from tests.training.small_runs import paths, rows, train_batch
 from tests.training.test_checkpoints import find_file
 from tests.training.test_resume import settings

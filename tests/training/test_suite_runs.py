@@ -12,9 +12,9 @@ from jbench.settings.run import RunSettings
 from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
-from jbench.training.continuation import check_state_can_be_kept
 from jbench.training.log import POLICY_EVALUATION
 from jbench.training.repeat import reevaluate, retrain
+from jbench.training.status import check_state_can_be_kept
 from tests.training.small_runs import EPISODE, rows, shorten_episodes, train
 from tests.training.test_resume import kill
 

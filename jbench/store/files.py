@@ -1,7 +1,6 @@
 """Atomic writing and safe reading of files, and what can be wrong with those of a record.
 
-A file is written under a temporary name, synced and renamed, so that it is either complete or
-absent. The directory is synced too, so that the name survives a power cut.
+A directory is synced after its files, so that their names survive a power cut.
 """
 
 import contextlib

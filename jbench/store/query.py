@@ -118,7 +118,10 @@ def _select(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
     """Runs one SELECT, which Ctrl-C interrupts."""
     # DuckDB handles Ctrl-C only at some points and turns it into its own errors. It therefore runs
     # in another thread, and this one receives Ctrl-C.
-    connection = duckdb.connect(":memory:", config={"python_enable_replacements": False})
+    # No spilling to files in the working directory; no files, network and extensions, permanently.
+    limits = {"temp_directory": "", "enable_external_access": False, "lock_configuration": True}
+    config: Any = {"python_enable_replacements": False, **limits}
+    connection = duckdb.connect(":memory:", config=config)
     try:
         with ThreadPoolExecutor(1) as thread:
             answer = thread.submit(_answer, connection, sql, tables)
@@ -138,10 +141,6 @@ def _answer(
 ) -> pd.DataFrame:
     for name, rows in tables.items():
         connection.register(name, rows)
-    # No spilling to files in the working directory; no files, network and extensions, permanently.
-    connection.execute("SET temp_directory = ''")
-    connection.execute("SET enable_external_access = false")
-    connection.execute("SET lock_configuration = true")
     statements = connection.extract_statements(sql)
     if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
         raise RequestError("A query is one SELECT statement; the results are read-only.")

@@ -1,11 +1,8 @@
-"""A record: its manifest and its files.
-
-The manifest is the commit: readers ignore files that it does not list, and check the others against
-it. A writer adds new files beside the old ones, syncs them, and then replaces the manifest.
-"""
+"""A record: its manifest, which is the commit, and its files; see `docs/durability.md`."""
 
 import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +17,7 @@ from jbench.wording import with_results
 _Read = TypeVar("_Read")
 
 
+@dataclass(eq=False, repr=False)
 class Record:
     """A dataset, an encoder, a run, an evaluation or an import: its manifest and its files.
 
@@ -27,22 +25,17 @@ class Record:
     manifest's even if that is a folder; `problem` is a clause on why it can't be read.
     """
 
-    manifest: Manifest
-
-    def __init__(
-        self,
-        path: Path,
-        kind: Kind,
-        id: str,
-        names: Collection[str] = (MANIFEST,),
-        problem: str | None = None,
-    ) -> None:
-        self.path, self.kind, self.id, self.names, self._problem = path, kind, id, names, problem
+    path: Path
+    kind: Kind
+    id: str
+    names: Collection[str] = (MANIFEST,)
+    problem: str | None = None
+    manifest: Manifest = field(init=False)
 
     def check(self) -> None:
         """Raises an `UnreadableError` if the folder can't be read."""
-        if self._problem is not None:
-            raise files.UnreadableError(self.path, self._problem)
+        if self.problem is not None:
+            raise files.UnreadableError(self.path, self.problem)
 
     def load(self) -> bool:
         """Reads the manifest, see `Manifest.read`; returns whether it exists."""

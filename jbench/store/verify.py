@@ -1,12 +1,9 @@
 """Checking a results directory (manifests, their files, unlisted files), and repairing it.
 
 Files are read in chunks, so memory use does not depend on their size or number. A check changes
-nothing, and does not disturb concurrent writers. A repair deletes nothing:
-
-    results/set-aside/2026-11-21T09-06-01Z/runs/face_direction/...
-
-All files of a damaged record are moved there, its manifest first. The record then no longer exists,
-and the command that made it makes it again. Its lock stays, since another process may hold it.
+nothing, and does not disturb concurrent writers. A repair moves all files of a damaged record to
+set-aside/<time>/runs/face_direction/..., its manifest first: the record then no longer exists, and
+the command that made it makes it again. Its lock stays, since another process may hold it.
 """
 
 import contextlib

@@ -1,8 +1,4 @@
-"""Computes parts of a run again, and compares them with its rows bit for bit.
-
-The parts are the last evaluation of a finished run, with the policy that was kept, and its first
-training episodes.
-"""
+"""Computes the last evaluation or first episodes of a run again; compares its rows bit for bit."""
 
 import contextlib
 import math

@@ -1,9 +1,8 @@
 """Status of runs in the results, and the finished runs that longer ones continue.
 
 Steps are part of a run's settings, so a run that continues one whose last checkpoint was kept
-(`--keep-state`) has a record of its own. It begins with a copy of the shorter run's rows and
-checkpoint, which `run_batch` makes, and ends with the rows and weights of a run trained at once,
-since nothing but a sequence of robots depends on the number of steps.
+(`--keep-state`) has a record of its own, which begins with a copy that `run_batch` makes. Nothing
+but a sequence of robots depends on the number of steps.
 """
 
 import contextlib

@@ -20,7 +20,7 @@ from jbench.recording.writer import RecordedEnvironment, RunWriter, as_numbers
 from jbench.settings.records import ExternalSettings
 from jbench.simulation import find_task
 from jbench.store import Results, schema
-from jbench.training.environment import load_run_encoder, make_env
+from jbench.training.evaluation import load_run_encoder, make_env
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback

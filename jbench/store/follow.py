@@ -69,11 +69,7 @@ class Follower:
 def grouped(rows: Sequence[tuple[str, Row]]) -> Iterator[tuple[str, list[Row]]]:
     """Yields the table and the rows of an episode (one), an evaluation, or a step's metrics."""
     number = {"episodes": "episode", "evaluations": "evaluation", "metrics": "control_steps"}
-
-    def key(row: tuple[str, Row]) -> tuple[str, int]:
-        return row[0], row[1][number[row[0]]]
-
-    for (table, _), group in groupby(rows, key):
+    for (table, _), group in groupby(rows, lambda row: (row[0], row[1][number[row[0]]])):
         yield table, [row for _, row in group]
 
 

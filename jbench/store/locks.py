@@ -26,7 +26,10 @@ class HeldError(WorkError):
 
 @contextlib.contextmanager
 def hold(
-    directory: Path, whose: str, kind: LockFlags = LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING
+    directory: Path,
+    whose: str,
+    kind: LockFlags = LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING,
+    access: int = os.O_RDWR | os.O_CREAT,
 ) -> Iterator[None]:
     """Holds a lock of a directory during the block; by default exclusive, without waiting.
 
@@ -35,7 +38,7 @@ def hold(
     """
     path = directory / LOCK
     try:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | files.PLAIN, 0o644)
+        handle = os.open(path, access | files.PLAIN, 0o644)
     except OSError as error:
         raise WorkError(f"{path} can't be opened ({error.strerror}).") from None
     try:
@@ -65,13 +68,7 @@ def is_held(directory: Path, shared: bool = False) -> bool:
     """
     access, kind = (os.O_RDWR, LockFlags.EXCLUSIVE) if shared else (os.O_RDONLY, LockFlags.SHARED)
     try:
-        handle = os.open(directory / LOCK, access | files.PLAIN)
-    except OSError:
-        return False
-    try:
-        portalocker.lock(handle, kind | LockFlags.NON_BLOCKING)
-    except portalocker.LockException:
-        return True
-    finally:
-        files.close(handle)
-    return False
+        with hold(directory, "", kind | LockFlags.NON_BLOCKING, access):
+            return False
+    except WorkError as error:
+        return isinstance(error, HeldError)

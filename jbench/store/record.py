@@ -173,8 +173,8 @@ class Record:
         before = self.manifest.provenance
         changed = differences(before, {**provenance(), **(made_on or {})})
         notes = before.get("continued")
-        continued = notes if isinstance(notes, list) else []
-        continued = [*continued, {"at": utc_now(), **where, "changed": changed}]
+        known = notes if isinstance(notes, list) else []
+        continued = [*known, {"at": utc_now(), **where, "changed": changed}]
         made = {**before, "continued": continued}
         self._update(status="unfinished", summary={}, provenance=made)
         return changed

@@ -15,7 +15,7 @@ from jbench.store import Record, Results
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, device_provenance, provenance
 from jbench.training.checkpoints import copied, load
-from jbench.training.environment import load_run_encoder
+from jbench.training.evaluation import load_run_encoder
 from jbench.training.events import Event, Report, ignore
 from jbench.training.group import Member, TrainingGroup
 from jbench.training.log import RunLog

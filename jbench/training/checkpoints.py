@@ -29,7 +29,6 @@ from jbench.training.log import Position, RunLog, rows_before
 
 FORMAT = 1
 
-_KEPT = 2
 _MAX_PIECES = 32  # of the replay buffer
 _STATE = re.compile(r"checkpoint-(\d+)-(\d+)\.safetensors")
 _PIECE = re.compile(r"replay-(\d+)-(\d+)\.safetensors")
@@ -77,7 +76,7 @@ def save(record: Record, log: RunLog, engine: Engine, index: int, only: bool = F
     """
     roles = record.roles()
     states = [match for role in roles if (match := _STATE.fullmatch(role))]
-    ended = set(roles) if only else {match[0] for match in states[: 1 - _KEPT or None]}
+    ended = set(roles) if only else {match[0] for match in states[:-1]}  # two are kept
     files: dict[str, bytes] = {}
     row = 0
     if isinstance(engine, OffPolicyEngine):

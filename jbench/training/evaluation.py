@@ -1,21 +1,56 @@
-"""Evaluations of the policies of runs."""
+"""The encoder, the environment and the evaluations that follow from the settings of a run."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.encoders import Encoder, load_encoder
+from jbench.encoders.wrapper import EncodedObservation
 from jbench.names import EPISODE_STEPS
+from jbench.registration import environment_id
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Act, Worlds, find_task, rollout
 from jbench.simulation.task import PATH_EVERY, Path
+from jbench.store import Results
 from jbench.tasks import resets
 
 FINAL_EPISODES = 100
 """Episodes of the last evaluation, with which runs are compared. Ten are enough for a curve, but
 the returns of an agent's episodes vary more than the expected returns of agents."""
+
+
+def load_run_encoder(settings: RunSettings | ExternalSettings, results: Results) -> Encoder | None:
+    """Returns the encoder of a run, or None for the full observation."""
+    return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
+
+
+def make_env(
+    settings: RunSettings | ExternalSettings, encoder: Encoder | None, robot: int = 0
+) -> gymnasium.Env[Any, Any]:
+    """Returns an environment with the wrappers of a run, and its robot with the given index."""
+    augment = settings.augment
+    env: gymnasium.Env[Any, Any] = gymnasium.make(
+        environment_id(settings.task, augmented=augment is not None),
+        disable_env_checker=True,
+        **({} if augment is None else {"augment": augment + robot}),
+    )
+    env = gymnasium.wrappers.RecordEpisodeStatistics(env, buffer_length=1)
+    if settings.time_limit == "terminal":
+        env = TerminalTimeLimit(env)
+    return env if encoder is None else EncodedObservation(env, encoder)
+
+
+class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Treats the time limit as terminal, without bootstrapping, as the paper's agents did."""
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the environment; a truncation becomes a termination."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated or truncated, False, info
 
 
 def final_evaluation_episodes(settings: RunSettings, requested: int | None) -> int:

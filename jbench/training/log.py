@@ -40,18 +40,16 @@ class RunLog:
     def __init__(self, record: Record, position: Position | None = None) -> None:
         """Starts the clock of a run, which resumes at a position; rows after it will be dropped."""
         self._record = record
-        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.LOG_TABLES}
+        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.RUN_TABLES}
         self.progress = position or Position(processor_time=0.0)
         self._began = time.perf_counter() - self.progress.wall_time
-        self._before: dict[str, pa.Table] | None = None
-        # Of the first evaluation and of the latest one, which replace the committed ones.
-        self._paths, self._paths_changed = schema.PATHS.empty_table(), False
+        # Tables that the next commit writes anew; of the paths, the first and the latest are kept.
+        self._before: dict[str, pa.Table] = {}
+        self._paths = schema.PATHS.empty_table()
         if position is not None:
             before = rows_before(record, position)
-            self._paths = before.pop("paths")
-            self._paths_changed = self._paths.num_rows < record.rows("paths")
-            if any(rows.num_rows < record.rows(name) for name, rows in before.items()):
-                self._before = before
+            self._paths = before["paths"]
+            self._before = {n: rows for n, rows in before.items() if len(rows) < record.rows(n)}
 
     def summary(self, control_steps: int, *, evaluated: bool) -> dict[str, Any]:
         """Returns the entries of a manifest; `evaluated`: the kept policy is the last evaluated."""
@@ -93,7 +91,7 @@ class RunLog:
             ]
             first = self._paths.filter(pc.field("evaluation") == 0)
             latest = pa.Table.from_pylist(points, schema.PATHS)
-            self._paths, self._paths_changed = pa.concat_tables([first, latest]), True
+            self._paths = self._before["paths"] = pa.concat_tables([first, latest])
         self._advance(evaluations=number + 1, last_evaluation=steps)
 
     def metrics(self, control_steps: int, values: Mapping[str, float]) -> None:
@@ -107,23 +105,15 @@ class RunLog:
         When a table has many files, its rows are written again as one, so that a long run does not
         end with thousands. The checkpoint's files are by role; `drop` are roles to remove.
         """
-        began, record = time.perf_counter(), self._record
-        tables = {
-            name: pa.Table.from_pylist(self._rows[name], columns)
-            for name, columns in schema.LOG_TABLES.items()
-        }
-        replace, before = set[str](), self._before
-        if before is None and any(len(record.parts(name)) >= _MAX_PARTS for name in tables):
-            before = {name: record.read(name) for name in tables}
-        if before is not None:
-            replace = {*tables}
-            tables = {name: pa.concat_tables([before[name], tables[name]]) for name in tables}
-        if self._paths_changed:
-            replace.add("paths")
-            tables["paths"] = self._paths
-        record.append(tables, files, drop=drop, replace=replace)
-        self._rows = {name: [] for name in self._rows}
-        self._before, self._paths_changed = None, False
+        began, record, before = time.perf_counter(), self._record, self._before
+        if any(len(record.parts(name)) >= _MAX_PARTS for name in schema.LOG_TABLES):
+            before = {name: record.read(name) for name in schema.LOG_TABLES} | before
+        tables = {}
+        for name, columns in schema.RUN_TABLES.items():
+            rows = pa.Table.from_pylist(self._rows[name], columns)
+            tables[name] = pa.concat_tables([before[name], rows]) if name in before else rows
+        record.append(tables, files, drop=drop, replace=before)
+        self._rows, self._before = {name: [] for name in self._rows}, {}
         return time.perf_counter() - began
 
     def _wall_time(self) -> float:

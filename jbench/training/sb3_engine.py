@@ -3,6 +3,7 @@
 from contextlib import AbstractContextManager
 from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -13,7 +14,7 @@ from jbench.agents.engine import AfterStep
 from jbench.encoders import Encoder, on_observations
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
-from jbench.training.environment import RobotSequence
+from jbench.training.evaluation import make_env
 
 
 class SB3Engine(AbstractContextManager["SB3Engine"]):
@@ -88,3 +89,31 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         infinite = [name for name, numbers in values.items() if not np.isfinite(numbers).all()]
         for what in filter(None, (divergent_loss(sb3.losses(self._agent)), *infinite)):
             self.diverged.setdefault(0, Divergence(self.updates, self.control_steps, what))
+
+
+class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Switches through the robots of a run, one or several; each has as many episodes.
+
+    The paper's authors kept the policy from robot to robot. Here the agent does not notice the
+    switch: it keeps its networks, optimizers, entropy coefficient, step count and replay buffer,
+    in which the new robot's transitions gradually replace the old ones. The switch is made at the
+    beginning of an episode and not between two calls of the agent's `learn`: those end with a
+    rollout, which may be in the middle of an episode, so that robots would begin late.
+    """
+
+    def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
+        super().__init__(make_env(settings, encoder))
+        self._settings, self._encoder, self._robot = settings, encoder, 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode; switches to the next robot after the last episode of this one."""
+        before, episodes = self.env, self.env.get_wrapper_attr("episode_count")
+        is_last = self._robot == self._settings.robots - 1
+        if episodes >= self._settings.episodes_on_each and not is_last:
+            self._robot += 1
+            self.env = make_env(self._settings, self._encoder, self._robot)
+            self.env.unwrapped.np_random = before.unwrapped.np_random
+            before.close()
+        return self.env.reset(seed=seed, options=options)

@@ -9,7 +9,8 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.robots import load_model
 from jbench.training import evaluation, group
-from jbench.training.environment import RobotSequence, make_env
+from jbench.training.evaluation import make_env
+from jbench.training.sb3_engine import RobotSequence
 from tests.store.store_rows import episodes
 from tests.training.small_runs import EPISODE, small_run, train
 

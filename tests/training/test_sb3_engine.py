@@ -6,7 +6,7 @@ import pytest
 from jbench.policies.saved import load_agent
 from jbench.store import Results
 from jbench.tasks import geometry
-from jbench.training.environment import make_env
+from jbench.training.evaluation import make_env
 from jbench.training.status import plan
 from tests.training.small_runs import EPISODE, paths, small_run, train
 

@@ -84,15 +84,16 @@ class Engine(AbstractContextManager["Engine"]):
         return self.control_steps >= steps and self._collected in (0, self._rollout_steps)
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns deterministic actions (seeds, N, dim(A)) in [-1, 1]; 0 for diverged agents.
+        """Returns deterministic actions (..., dim(A)) in [-1, 1]; 0 for diverged agents.
 
-        The observations (seeds, N, dim(O)) are those of the task, not encoded.
+        The observations (..., dim(O)) are those of the task, not encoded, as many for each seed.
         """
-        seen = torch.from_numpy(observations)
+        per_seed = len(self.environments.generators), -1, observations.shape[-1]
+        seen = torch.from_numpy(observations.reshape(per_seed))
         actions = self._act(self.environments.encode(seen))
         actions[list(self.diverged)] = 0
         robot_actions: NDArray[np.floating] = actions * self.environments.action_signs(seen)
-        return robot_actions
+        return robot_actions.reshape(*observations.shape[:-1], -1)
 
     @abstractmethod
     def policy(self, seed: int) -> SavedNetwork | None:

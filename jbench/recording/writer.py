@@ -18,7 +18,7 @@ from jbench.settings.records import ExternalSettings
 from jbench.simulation import Act
 from jbench.store import Record
 from jbench.training.evaluation import derive_seeds, evaluate_policies
-from jbench.training.log import CommitTimer, ProcessorClock, RunLog
+from jbench.training.log import Clock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
 # A run is complete after this share of its control steps. Gymnasium's vector environments spend a
@@ -34,7 +34,7 @@ class RunWriter:
         self.losses: dict[str, Any] = {}  # of the next episodes; read when one ends
         self.kept: tuple[SavedNetwork, int] | None = None  # after how many control steps
         self._record, self._settings, self._encoder = record, settings, encoder
-        self._clock, self._pace = ProcessorClock(), CommitTimer(_COMMIT_EVERY)
+        self._clock = Clock(_COMMIT_EVERY)
 
     @contextlib.contextmanager
     def block(self) -> Iterator[None]:
@@ -70,9 +70,9 @@ class RunWriter:
 
     def commit_if_due(self) -> None:
         """Commits the rows so far, at most every 15 s."""
-        if self._pace.is_due():
+        if self._clock.is_commit_due():
             self._clock.share([self.log])
-            self._pace.restart(self.log.commit())
+            self._clock.committed(self.log.commit())
 
     @property
     def _is_complete(self) -> bool:

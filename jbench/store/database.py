@@ -24,8 +24,7 @@ class Results:
             raise WorkError(f"{path} can't be read ({error.strerror}).") from None
         if is_file:
             raise RequestError(f"{path} is a file; name a directory with --results.")
-        self.path = path
-        self.name = path if name is None else name
+        self.path, self.name = path, name or path
 
     def record(self, kind: Kind, id: str) -> Record:
         """Returns a record, which need not exist yet; raises a RequestError for an invalid id."""
@@ -102,11 +101,11 @@ class Results:
         Each may be a record, which is not loaded yet. Symlinks are not followed. Iterative, since
         folders may be nested deeper than Python's stack.
         """
-        top = self.path / f"{kind}s"
-        stack = [top / id]
-        if not self._holds(stack[0]):
-            problem = "leads out of the results directory; it is not used"
-            yield Record(stack.pop(), kind, id, problem=problem)
+        top, stack = self.path / f"{kind}s", list[Path]()
+        try:
+            stack.append(self.inside(f"{kind}s/{id}"))
+        except files.UnreadableError as error:
+            yield Record(error.path, kind, id, problem=error.problem)
         while stack:
             path = stack.pop()
             id = path.relative_to(top).as_posix()
@@ -126,11 +125,8 @@ class Results:
         return next(self.walk(kind, id), Record(self.path / f"{kind}s" / id, kind, id, ()))
 
     def inside(self, name: str) -> Path:
-        """Returns a path below the directory; raises a WorkError if a symlink leads out of it."""
+        """Returns a path below the directory; an UnreadableError if a symlink leads out of it."""
         path = self.path / name
-        if not self._holds(path):
-            raise WorkError(f"{path} leads out of the results directory; it is not used.")
+        if not path.resolve().is_relative_to(self.path.resolve()):
+            raise files.UnreadableError(path, "leads out of the results directory; it is not used")
         return path
-
-    def _holds(self, path: Path) -> bool:
-        return path.resolve().is_relative_to(self.path.resolve())

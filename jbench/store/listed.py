@@ -18,10 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _RENAMED = {"encoder_epochs": {"train_mse": "train_loss"}}
-"""Columns with another name in version 1, by table.
-
-Not every kind of encoder minimizes a squared error. Columns that later versions added are null.
-"""
+"""Columns with another name in version 1, by table."""
 
 
 def write(directory: Path, name: str, content: bytes, **about: Any) -> FileEntry:
@@ -49,7 +46,7 @@ def read(directory: Path, entry: FileEntry, advice: str = "") -> bytes:
 def read_rows(
     directory: Path, entry: FileEntry, advice: str, columns: pa.Schema | None, is_old: bool
 ) -> pa.Table:
-    """Returns columns, or all, of a file, which may be of an older schema version; see `read`."""
+    """Returns columns, or all, of a file; see `read`. Columns that an old one lacks are null."""
     with _opened(directory, entry, advice) as file:
         _check_digest(files.sha256(content := file.read()), entry)
         source = pa.BufferReader(content)

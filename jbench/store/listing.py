@@ -128,7 +128,7 @@ def make_line(record: Record) -> Row:
     episodes, or of the finished run; `returns`, the kind of return of an import, whose points are
     its `episodes`; `error`, why a failed run failed; and, null until they are read, the final
     returns `last_return`, that of training or of an import's kind, and `evaluation_return`. Raises
-    a DamagedError if a value of the manifest does not fit into its column.
+    as `make_row`.
     """
     row, is_import = make_row(record), record.kind == "import"
     episodes = (row["points"] or 0) if is_import else row["episodes"]

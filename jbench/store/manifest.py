@@ -166,9 +166,8 @@ class Manifest(BaseModel):
             version = _Versioned.model_validate_json(content).schema_version
             if not OLDEST_SCHEMA_VERSION <= version <= SCHEMA_VERSION:
                 readable = f"{OLDEST_SCHEMA_VERSION} to {SCHEMA_VERSION}"
-                advice = "install the jbench that wrote it"
                 problem = f"is of schema version {version}, and this jbench reads {readable}"
-                raise files.UnreadableError(path, f"{problem}; {advice}")
+                raise files.UnreadableError(path, f"{problem}; install the jbench that wrote it")
             return cls.model_validate_json(content)
         except ValidationError as error:
             problem = f"is not a manifest that can be read ({_reason(error)})"

@@ -1,7 +1,6 @@
 """Merging results directories: intact records are copied; the sources are not changed.
 
-A record is committed as usual, its files first and its manifest last, so an interrupted merge can
-be repeated.
+A record is committed as usual, so an interrupted merge can be repeated.
 """
 
 from collections.abc import Iterator, Sequence
@@ -88,11 +87,9 @@ def _merged(results: Results, source: Results, record: Record, quarantine: Quara
 
 def _choose(mine: Record, other: Record) -> Outcome:
     """Returns the outcome for a record that exists already; raises a WorkError if they conflict."""
-    finished = mine.status == "finished", other.status == "finished"
-    if finished == (True, False):
-        return "kept"
-    if finished == (False, True):
-        return "replaced"
+    finished = [record.status == "finished" for record in (mine, other)]
+    if finished[0] != finished[1]:
+        return "kept" if finished[0] else "replaced"
     if mine.manifest.files == other.manifest.files:
         return "same"
     entries = (*mine.manifest.files, *other.manifest.files)
@@ -100,7 +97,7 @@ def _choose(mine: Record, other: Record) -> Outcome:
     tables = sorted({entry.table for entry in entries if entry.table not in (None, "paths")})
     difference = next(filter(None, (_difference(mine, other, table) for table in tables)), None)
     more = [other.rows(table) - mine.rows(table) for table in tables]
-    if difference is None and finished == (True, True):
+    if difference is None and all(finished):
         difference = _other_files(mine, other) or ("another number of rows" if any(more) else None)
     if difference is None:
         if not any(more):

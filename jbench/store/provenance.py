@@ -64,10 +64,9 @@ def device_provenance(device: "torch.device") -> dict[str, str | None]:
 
 
 def _driver() -> str | None:
-    try:
+    with contextlib.suppress(OSError):
         return Path("/sys/module/nvidia/version").read_text().strip()
-    except OSError:
-        return None
+    return None
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:

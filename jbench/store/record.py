@@ -1,7 +1,7 @@
 """A record: its manifest, which is the commit, and its files; see `docs/durability.md`."""
 
 import contextlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -124,12 +124,10 @@ class Record:
         results = self.path.parents[len(Path(self.id).parts)]
         return f"restore it, or set it aside with `{with_results('jbench repair', results)}`"
 
-    @contextlib.contextmanager
-    def lock(self) -> Iterator[None]:
-        """Locks the record during the block; see `locks.hold`."""
+    def lock(self) -> contextlib.AbstractContextManager[None]:
+        """Locks the record during a block; see `locks.hold`."""
         files.make_directory(self.path)
-        with locks.hold(self.path, f"the {self.kind} {self.id}"):
-            yield
+        return locks.hold(self.path, f"the {self.kind} {self.id}")
 
     def begin(self, manifest: Manifest) -> None:
         """Makes the record, or replaces what it holds.
@@ -151,11 +149,9 @@ class Record:
     ) -> None:
         """Adds rows to tables and replaces checkpoints in one atomic commit.
 
-        Args:
-            checkpoints: the state to resume after these rows: content by role, a file name such as
-                `checkpoint.safetensors`, which replaces the previous file of the role.
-            drop: roles of checkpoints to remove.
-            replace: tables whose existing rows are dropped.
+        `checkpoints` are the state to resume after these rows: content by role, a file name such as
+        `checkpoint.safetensors`, which replaces the previous file of the role. `drop` are roles to
+        remove; of the tables to `replace`, the existing rows are dropped.
         """
         states = checkpoints or {}
         added = [self._write_rows(name, rows) for name, rows in tables.items() if rows.num_rows]

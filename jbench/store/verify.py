@@ -203,8 +203,7 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
     not changed. Each record is checked again before it is moved. A dry run moves nothing.
     """
     quarantine, left, commands = Quarantine(results, dry_run), [], []
-    faults = [flaw for flaw in findings if flaw.sort != "warning"]
-    for kind, id in dict.fromkeys((flaw.kind, flaw.id) for flaw in faults):
+    for kind, id in dict.fromkeys((f.kind, f.id) for f in findings if f.sort != "warning"):
         try:
             commands += _repair_folder(results, kind, id, quarantine)
         except (WorkError, RequestError) as error:

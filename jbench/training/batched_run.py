@@ -19,7 +19,7 @@ from jbench.training.evaluation import load_run_encoder
 from jbench.training.events import Event, Report, ignore
 from jbench.training.group import Member, TrainingGroup
 from jbench.training.log import RunLog
-from jbench.training.status import kept_runs, without_state
+from jbench.training.status import kept_runs, obstacle
 
 
 def run_batch(
@@ -36,12 +36,10 @@ def run_batch(
 ) -> dict[str, Exception]:
     """Trains and evaluates an agent for each run, and saves the results.
 
-    Finished runs are skipped. A run that was interrupted or failed resumes from its last
-    checkpoint, and ends with the same rows and weights as an uninterrupted run. So does a new run
-    that continues the longest finished run whose settings differ only in fewer steps, and whose
-    state was kept. A run whose agent diverges fails, and keeps its rows and checkpoints up to that
-    point. Training is deterministic: resumed with the same versions on the same machine, it
-    diverges again. A run on stable-baselines3 has no checkpoints, and starts over.
+    Finished runs are skipped. Others resume from their last checkpoint, and a new run continues the
+    longest finished run whose settings differ only in fewer steps, and whose state was kept. A run
+    whose agent diverges fails, and keeps its rows and checkpoints up to that point; resumed, it
+    diverges again.
 
     Args:
         runs: settings that differ only in their seeds, and in their encoders if those have seeds
@@ -137,7 +135,7 @@ def _begin(
         report(Event("resumed", run.id, " ".join(refused), steps, continues=continues))
         return Member(run, encoder, resumed, log, checkpoint, steps)
     if record is not None or refused:
-        if reason := without_state(run):
+        if reason := obstacle(run, finished=False):
             refused.append(f"{reason[0].upper()}{reason[1:]}, so its runs can't be resumed.")
         continues = shorter[0].id if shorter and record is None else ""
         report(Event("resumed", run.id, " ".join(refused), continues=continues))

@@ -1,9 +1,8 @@
 """Checkpoints of a run, from which it resumes bit for bit.
 
-A checkpoint is committed together with the result rows before it; the newest two are kept, and
-with `--keep-state` the last one after the end of the run, from which a longer run continues. The
-replay buffer is stored in pieces: each checkpoint adds one with the new rows, and when there are 32
-pieces they are rewritten as one.
+The newest two are kept, and with `--keep-state` the last one after the end of the run. The replay
+buffer is stored in pieces: each checkpoint adds one with the new rows, and when there are 32 pieces
+they are rewritten as one.
 """
 
 import json

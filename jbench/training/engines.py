@@ -1,14 +1,10 @@
-"""What trains the agents of a batch of runs: jbench's engine, or the loop of another package.
-
-Its speed on this machine is measured within seconds with temporary agents.
-"""
+"""What trains the agents of a batch of runs, jbench's engine or another loop, and its speed."""
 
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jbench.agents.algorithms import find_class, hyperparameters
 from jbench.agents.batched.make import make_engine
@@ -22,7 +18,7 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation import Act, find_task
+from jbench.simulation import find_task
 from jbench.simulation.find import check_specs
 from jbench.training.evaluation import derive_seeds, final_evaluation_episodes
 
@@ -69,21 +65,11 @@ def make_trainer(
     return make_engine(algorithm, values, environments, **options)
 
 
-def policy_function(engine: Trainer, seeds: int) -> Act:
-    """Returns what acts on observations (..., dim(O)) in the order of the engine's seeds."""
-
-    def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        actions = engine.act(observations.reshape(seeds, -1, observations.shape[-1]))
-        return actions.reshape(*observations.shape[:-1], -1)
-
-    return act
-
-
 def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     """Returns the seconds per control step of each run of a process, evaluations included.
 
-    The measurement uses temporary agents and does not affect the runs. Encoders are left out: their
-    cost is negligible. Raises a WorkError if neither the algorithm nor the engine is jbench's own.
+    The measurement takes seconds, with temporary agents. Encoders are left out: their cost is
+    negligible. Raises a WorkError if neither the algorithm nor the engine is jbench's own.
     """
     settings, changes = runs[0], {}
     if not settings.is_ours and settings.engine != "batched":

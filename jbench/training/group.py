@@ -17,17 +17,16 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record
 from jbench.training import evaluation
 from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
-from jbench.training.engines import make_trainer, policy_function
+from jbench.training.engines import make_trainer
 from jbench.training.events import Event, Report
-from jbench.training.log import CommitTimer, ProcessorClock, RunLog
+from jbench.training.log import Clock, RunLog
 
 
 @dataclass
 class Member:
     """A run of a batch, at a control step, or to be resumed there.
 
-    Its `evaluated` policy is that of the last evaluation; the last updates may come after it. It
-    has a failure if its agent has diverged.
+    `evaluated` is the policy of the last evaluation, which the last updates may follow.
     """
 
     settings: RunSettings
@@ -55,8 +54,7 @@ class TrainingGroup:
     ) -> None:
         """Makes or restores the engine; `sharing` runs, also at other steps, share the process."""
         self._members, self._sharing, self._report = members, sharing, report
-        self._timer, self._clock = CommitTimer(checkpoint_every), ProcessorClock()
-        self._keep_state = keep_state
+        self._clock, self._keep_state = Clock(checkpoint_every), keep_state
         self._settings = settings = members[0].settings
         self._final_episodes = evaluation.final_evaluation_episodes(settings, final_episodes)
         runs, encoders = [m.settings for m in members], [m.encoder for m in members]
@@ -90,7 +88,7 @@ class TrainingGroup:
         if steps == self._until:
             return False
         is_last = self._keep_state and self._engine.has_made(self._settings.steps)
-        if is_last or (returns is not None and self._timer.is_due()):
+        if is_last or (returns is not None and self._clock.is_commit_due()):
             self._save()
         return True
 
@@ -132,7 +130,7 @@ class TrainingGroup:
             settings,
             [evaluation.derive_seeds(member.settings.seed)[1] for member in self._members],
             log.progress.evaluations,
-            policy_function(engine, len(self._members)),
+            engine.act,
             threads=engine.environments.threads if isinstance(engine, Engine) else 1,
             control_steps=engine.control_steps,
             episodes=self._final_episodes if engine.has_made(settings.steps) else None,
@@ -154,16 +152,15 @@ class TrainingGroup:
         self._share_processor_time()
         for index, _ in self._active():
             self._save_one(index)
-        self._timer.restart(time.perf_counter() - began)
+        self._clock.committed(time.perf_counter() - began)
 
     def _save_one(self, index: int, *, only: bool = False) -> None:
         member, engine = self._members[index], self._engine
         member.control_steps = engine.control_steps
-        if not engine.is_resumable:
+        if isinstance(engine, Engine) and engine.is_resumable:
+            member.checkpoint = save(member.record, member.log, engine, index, only=only)
+        else:
             member.log.commit()
-            return
-        assert isinstance(engine, Engine)
-        member.checkpoint = save(member.record, member.log, engine, index, only=only)
 
     def _end(self) -> None:
         self._fail_diverged(weights=True)

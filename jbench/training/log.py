@@ -146,34 +146,27 @@ def rows_before(record: Record, position: Position) -> dict[str, pa.Table]:
     return {name: record.read(name).filter(rows) for name, rows in kept.items()}
 
 
-class ProcessorClock:
-    """Processor time (user and system) of this process, over all its threads."""
+class Clock:
+    """Divides the processor time (user and system) of this process among runs; times commits."""
 
-    def __init__(self) -> None:
-        self._last = time.process_time()
+    def __init__(self, commit_every: float) -> None:
+        """A first commit is due at once, so that a run is soon in the results; 0: always."""
+        self._last, self._next = time.process_time(), time.perf_counter()
+        self._commit_every = commit_every
 
     def share(self, logs: Sequence[RunLog]) -> None:
-        """Divides the time since the last call equally among runs."""
+        """Divides the processor time since the last call, over all threads, equally among runs."""
         now = time.process_time()
         for log in logs:
             if (before := log.progress.processor_time) is not None:
                 log._advance(processor_time=before + (now - self._last) / len(logs))
         self._last = now
 
-
-class CommitTimer:
-    """Decides when to commit, so that commits take at most `_MAX_COMMIT_SHARE` of the time."""
-
-    def __init__(self, every: float) -> None:
-        """A first commit is due at once, so that a run is soon in the results; 0: always."""
-        self._every = every
-        self._next = time.perf_counter()
-
-    def is_due(self) -> bool:
+    def is_commit_due(self) -> bool:
         """Returns whether it is time to commit."""
         return time.perf_counter() >= self._next
 
-    def restart(self, seconds: float) -> None:
-        """Restarts the timer after a commit that took this many seconds."""
-        wait = max(self._every, seconds / _MAX_COMMIT_SHARE) if self._every else 0.0
+    def committed(self, seconds: float) -> None:
+        """Restarts after a commit; they take at most `_MAX_COMMIT_SHARE` of the time."""
+        wait = max(self._commit_every, seconds / _MAX_COMMIT_SHARE) if self._commit_every else 0.0
         self._next = time.perf_counter() + wait

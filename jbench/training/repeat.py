@@ -23,7 +23,7 @@ from jbench.store import Record, Results, schema
 from jbench.store.merge import TIMES
 from jbench.store.provenance import device_provenance, differences, provenance
 from jbench.training.batched_run import run_batch
-from jbench.training.engines import make_trainer, policy_function
+from jbench.training.engines import make_trainer
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import POLICY_EVALUATION
 
@@ -76,7 +76,7 @@ def reevaluate(results: Results, record: Record) -> Repeated:
                 )
                 assert isinstance(engine, BatchedEngine)
                 engine.load_policy(0, agent.policy, control_steps)
-                act = policy_function(engine, 1)
+                act = engine.act
             (evaluation,) = evaluate_policies(
                 settings,
                 [derive_seeds(settings.seed)[1]],

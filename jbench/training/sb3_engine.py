@@ -38,8 +38,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
     @property
     def updates(self) -> int:
         """Number of updates; of PPO, epochs."""
-        made: int = self._agent._n_updates
-        return made
+        return int(self._agent._n_updates)
 
     def __exit__(self, *_: object) -> None:
         """Closes the environments."""
@@ -64,10 +63,10 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         return self.control_steps >= steps
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns the deterministic action (1, 1, dim(A)) for an observation (1, 1, dim(O))."""
+        """Returns deterministic actions (..., dim(A)) for observations (..., dim(O))."""
         act = on_observations(self._encoder, self.policy(0).act)
-        action: NDArray[np.floating] = act(observations[0, 0])
-        return action[None, None]
+        actions: NDArray[np.floating] = act(observations)
+        return actions
 
     def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the agent's deterministic policy."""

@@ -158,15 +158,10 @@ def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
             raise RequestError(f"A finished run of {run.algo} can't be continued: {why}; {hint}.")
 
 
-def obstacle(run: RunSettings) -> str | None:
-    """Returns why runs of these settings can't be continued, as a clause; None if they can."""
-    if run.robots > 1:
+def obstacle(run: RunSettings, finished: bool = True) -> str | None:
+    """Returns why a finished run can't be continued, or another one resumed; None if it can."""
+    if finished and run.robots > 1:
         return "the steps of each robot in a sequence depend on the total"
-    return without_state(run)
-
-
-def without_state(run: RunSettings) -> str | None:
-    """Returns a clause if the agent of a run can't be resumed; otherwise None."""
     if run.engine == "sb3":
         return "stable-baselines3 has no checkpoints here"
     if run.engine != "plugin":

@@ -1,9 +1,8 @@
 """Trains runs in a separate process, which ends when its parent does.
 
 `python -m jbench.training.worker` reads a request (one line of JSON, see `Local.request`) from
-standard input, and writes an `Event` of a run (one line of JSON each) to standard output, the last
-one of each run when it has finished, failed, or is held by another process. multiprocessing is not
-used because it pickles. The process exits when its standard input is closed.
+standard input, and writes each `Event` of a run as a line of JSON to standard output.
+multiprocessing is not used because it pickles. The process exits when its standard input is closed.
 """
 
 import json

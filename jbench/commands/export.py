@@ -84,7 +84,7 @@ def export(
 def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: Path) -> None:
     import pandas as pd
 
-    from jbench.importing.curve_file import to_json
+    from jbench.importing.curves import to_json
     from jbench.report.data import sources
     from jbench.report.data.configuration import with_returns
     from jbench.report.request import Request

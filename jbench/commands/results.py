@@ -9,6 +9,7 @@ from typer import Argument, Option
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.importing.request import ImportRequest
+from jbench.settings.base import validated
 from jbench.wording import are, counted, json_text, repair_hint, with_results
 
 _SHOWN, _LONGEST = 100, 80  # rows of a query, and characters of a cell, in a table for people
@@ -125,7 +126,7 @@ def import_(
     from jbench.simulation import find_task
 
     database = parsing.results_to_write(results)
-    request = ImportRequest(task=find_task(task).name, **chosen)
+    request = validated(ImportRequest, "the import", task=find_task(task).name, **chosen)
     imported = import_curves(database, files, request)
     for curve in imported:
         output.say(

@@ -1,7 +1,7 @@
 """Settings of everything but runs: datasets, evaluations, recorded loops and imported curves."""
 
 import re
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -123,14 +123,14 @@ LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """Labels of algorithms and representations: part of an id, so valid as names of directories."""
 
 
-class LabeledSettings(Settings):
-    """Base class of the settings of runs and of imported learning curves."""
+class Labels(Settings):
+    """What a learning curve of another program is of."""
 
     task: str
-    algo: str = Field(description="name of the algorithm, such as td3, or a label")
-    representation: str = Field(FULL, description="what the agent observes: full, or such as dae12")
-    if TYPE_CHECKING:
-        seed: Seed  # a field of the subclasses, in the order of each
+    algo: str = Field(description="label of the algorithm, such as cleanrl-td3")
+    representation: str = Field(
+        FULL, description="label of what the agent observes: full, or one such as dae12"
+    )
 
     @field_validator("task", "algo", "representation")
     @classmethod
@@ -142,6 +142,12 @@ class LabeledSettings(Settings):
         raise ValueError(
             f"type {'the name of a task, such as face_direction' if is_task else letters}"
         )
+
+
+class LabeledSettings(Labels):
+    """Base class of the settings of recorded training loops and of imported learning curves."""
+
+    seed: Seed
 
     @property
     def id(self) -> str:
@@ -155,7 +161,6 @@ class TrainedSettings(LabeledSettings):
 
     specs: Specs | None = omissible(None, description="of a task of another robot")
     encoder: str | None = Field(None, description="id of the encoder")
-    seed: Seed
     steps: Count = typed(
         5_000_000,
         unit="control steps",

@@ -37,6 +37,7 @@ def sb3_files(tmp_path_factory):
 @pytest.fixture
 def event_file(tmp_path):
     """Returns a function that writes an event file as CleanRL does."""
+    from tensorboard.compat.proto.event_pb2 import Event
     from torch.utils.tensorboard import SummaryWriter
 
     def write(seed, returns, tag="charts/episodic_return", first=0):
@@ -44,6 +45,7 @@ def event_file(tmp_path):
         for index, value in enumerate(returns):
             writer.add_scalar("losses/qf1_loss", 0.5, (first + index) * 1000 + 500)
             writer.add_scalar(tag, value, (first + index + 1) * 1000)
+        writer.file_writer.add_event(Event(graph_def=b"of the network"))
         writer.close()
         (path,) = (tmp_path / f"td3__{seed}__{first}").iterdir()
         return path

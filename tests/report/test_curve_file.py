@@ -10,7 +10,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from jbench.cli import main
-from jbench.importing.curve_file import read_curves, to_json
+from jbench.importing.curves import read_curves, to_json
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from tests.report.browser import HOSTILE, SIDEWAYS

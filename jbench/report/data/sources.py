@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError
-from jbench.importing.curve_file import as_imports, read_curves
-from jbench.importing.runs import as_runs
+from jbench.importing.curves import as_imports, as_runs, read_curves
 from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order

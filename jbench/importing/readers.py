@@ -1,0 +1,227 @@
+"""Readers of each format: a CSV file, one that W&B exported, a Monitor's, npz and TensorBoard's.
+
+A `RequestError` says what is wrong with a file that is cut off or not of its format.
+"""
+
+import io
+import json
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from jbench.errors import RequestError
+from jbench.importing.request import RETURN, STEPS, TAGS, ImportRequest
+from jbench.importing.tables import ImportedFile, check_column, numbers, read_table, seeds
+from jbench.names import TASKS, ImportFormat, ReturnsName
+from jbench.registration import environment_id
+from jbench.task_specs import SUITE_TASKS
+
+# Axes of W&B, whose `Step` counts calls of `wandb.log`, and endings of columns without a metric.
+_NOT_CONTROL_STEPS = ("Step", "Wall Time", "Relative Time (Wall)", "Relative Time (Process)")
+_NO_METRICS = ("__MIN", "__MAX", "_step", "_runtime", "_timestamp")
+_MAX_TIME = 1e12  # s since 1970; excludes NaN and infinity
+_ARRAYS = ("timesteps", "results", "ep_lengths")
+_FRAME = 16  # bytes of a record of TensorBoard around its data: its length, and two checksums
+
+
+class Series(NamedTuple):
+    """The learning curve of a seed, or a part of it, in one file; columns are those that were read.
+
+    Points are control_steps and episode_return, and if known episode, length and wall_time; of
+    several episodes in one evaluation with the column point. Messages call a row by the name of the
+    index and its value, such as `line 3`.
+    """
+
+    file: ImportedFile
+    seed: int
+    returns: ReturnsName
+    points: pd.DataFrame
+    columns: Mapping[str, str] = {}
+
+
+def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
+    """Returns the learning curve of each seed of a file with a row per point."""
+    table = read_table(file)
+    columns = {
+        "steps": request.steps_column or next(filter(table.__contains__, STEPS), STEPS[0]),
+        "return": request.return_column or next(filter(table.__contains__, RETURN), RETURN[0]),
+    }
+    if request.seed_from is None:
+        columns["seed"] = request.seed_column or "seed"
+        if request.seed_column is None and "seed" not in table:
+            raise request.no_seed()
+    for role, column in columns.items():
+        check_column(table, column, file, f"type --{role}-column with one of")
+    points, kind = _points(table, columns, file), request.returns_kind(columns["return"])
+    if "seed" not in columns:
+        return [Series(file, request.seed_in(str(file.path)), kind, points, columns)]
+    by_seed = points.groupby(seeds(table.loc[points.index], columns["seed"], file))
+    return [Series(file, seed, kind, rows, columns) for seed, rows in by_seed]
+
+
+def _read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
+    """Returns the learning curve of each run of a chart that W&B exported.
+
+    The first column is the horizontal axis. A run has the column "RUN - METRIC", and with the
+    endings __MIN and __MAX those of the values that W&B has averaged.
+    """
+    # W&B ends the last line without a line break.
+    table = read_table(file, ends_line=False)
+    steps = request.steps_column or str(table.columns[0])
+    check_column(table, steps, file, "type --steps-column with one of")
+    if request.steps_column is None and steps in _NOT_CONTROL_STEPS:
+        raise RequestError(
+            f"The horizontal axis of {file.path} is {steps!r}, which need not be control steps; "
+            f"choose the axis global_step in W&B, or type --steps-column {steps!r} if it is."
+        )
+    runs: dict[str, dict[str, str]] = {}  # columns of each metric, by run
+    for column in map(str, table.columns):
+        run, dash, metric = column.rpartition(" - ")
+        if dash and not metric.endswith(_NO_METRICS):
+            runs.setdefault(metric, {})[run] = column
+    metric = request.return_column or (next(iter(runs)) if len(runs) == 1 else "")
+    if metric not in runs:
+        reason = f"no metric {metric!r}" if metric else "not exactly one metric"
+        raise RequestError(
+            f"{file.path} has {reason}; type --return-column with one of "
+            f"{', '.join(sorted(runs)) or '(none)'}; a chart has columns 'RUN - METRIC'."
+        )
+    kind, series = request.returns_kind(metric), []
+    for run, column in runs[metric].items():
+        columns = {"steps": steps, "return": column}
+        seed = request.seed_in(run, f"{file.path}, the run")
+        series.append(Series(file, seed, kind, _points(table, columns, file), columns))
+    return series
+
+
+def _points(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile) -> pd.DataFrame:
+    """Returns the points of rows with a return, which logs of several quantities may lack."""
+    rows = table[table[columns["return"]] != ""]
+    if rows.empty:
+        raise RequestError(f"{file.path} has no value of {columns['return']}; leave it out.")
+    names = {"control_steps": columns["steps"], "episode_return": columns["return"]}
+    return numbers(rows, names, file)
+
+
+def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
+    """Returns the episodes of one environment of stable-baselines3, at times of the clock in s."""
+    first, _, _ = file.content.partition(b"\n")
+    try:
+        head = json.loads(first.removeprefix(b"#"))
+        start = float(head["t_start"])
+    except (ValueError, TypeError, KeyError, OverflowError):
+        start = math.nan
+    if not abs(start) < _MAX_TIME:
+        raise RequestError(
+            f'{file.path}, line 1: not a file of a Monitor, which begins with {{"t_start": …}} '
+            "after a #."
+        )
+    for task in (*TASKS, *SUITE_TASKS):
+        ids = environment_id(task), environment_id(task, augmented=True)
+        if task != request.task and head.get("env_id") in ids:
+            raise RequestError(
+                f"{file.path} is of {head['env_id']}, which is --task {task}, not {request.task}."
+            )
+    columns = {"episode_return": "r", "length": "l", "wall_time": "t"}
+    points = numbers(read_table(file, skip=1), columns, file)
+    back = points.index[points["wall_time"].diff() < 0]
+    if len(back):
+        raise RequestError(
+            f"{file.path}, line {back[0]}: the time t goes back, so a second training was "
+            "appended; split the file."
+        )
+    points["wall_time"] += start
+    points["control_steps"] = points["length"].cumsum()
+    return [Series(file, request.seed_in(str(file.path)), "training", points)]
+
+
+def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series]:
+    """Returns the episodes of all evaluations of an `EvalCallback` of stable-baselines3."""
+    try:
+        with np.load(io.BytesIO(file.content), allow_pickle=False) as arrays:
+            steps, returns, lengths = (arrays[name].astype(np.float64) for name in _ARRAYS)
+    except KeyError as error:
+        raise RequestError(f"{file.path} is not of an EvalCallback: {error.args[0]}.") from None
+    except Exception as error:  # a damaged file may raise almost any
+        reason = next(iter(str(error).splitlines()), type(error).__name__)
+        raise RequestError(
+            f"{file.path} is cut off, or not an evaluations.npz ({reason})."
+        ) from None
+    if returns.ndim != 2 or steps.shape != returns.shape[:1] or lengths.shape != returns.shape:
+        raise RequestError(
+            f"{file.path} is not of an EvalCallback: its arrays have the shapes {steps.shape}, "
+            f"{returns.shape} and {lengths.shape}."
+        )
+    point, episode = (index.ravel() for index in np.indices(returns.shape))
+    values = {"episode_return": returns.ravel(), "length": lengths.ravel()}
+    columns = {"point": point, "control_steps": steps[point], "episode": episode, **values}
+    points = pd.DataFrame(columns, pd.Index(point + 1, name="evaluation"))
+    return [Series(file, request.seed_in(str(file.path)), "evaluation", points)]
+
+
+def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
+    """Returns the values of one tag of TensorBoard; their time is that of the clock, in s."""
+    scalars, tag = _scalars(file), request.tag
+    if not scalars:
+        raise RequestError(f"{file.path} has no scalars; leave the file out.")
+    tags = [name for name in ([tag] if tag is not None else TAGS) if name in scalars]
+    if len(tags) != 1:
+        reason = f"no tag {tag!r}" if tag is not None else "not exactly one known tag of returns"
+        raise RequestError(
+            f"{file.path} has {reason}; type --tag with one of {', '.join(sorted(scalars))}."
+        )
+    names = ["control_steps", "wall_time", "episode_return"]
+    points = pd.DataFrame(scalars[tags[0]], columns=names).rename_axis("value")
+    points.index += 1
+    seed, kind = request.seed_in(str(file.path)), request.returns_kind(tags[0])
+    return [Series(file, seed, kind, points, {"return": tags[0]})]
+
+
+def _scalars(file: ImportedFile) -> dict[str, list[tuple[int, float, float]]]:
+    """Returns the step, the time in s and the value of all scalars, by tag."""
+    try:
+        from tensorboard.backend.event_processing.event_file_loader import RawEventFileLoader
+        from tensorboard.compat.proto.event_pb2 import Event
+        from tensorboard.data_compat import migrate_event
+        from tensorboard.util.tensor_util import make_ndarray
+    except ImportError:
+        raise RequestError(
+            'TensorBoard is not installed; type pip install "jbench[tensorboard]".'
+        ) from None
+    end, scalars, plugins = 0, dict[str, list[tuple[int, float, float]]](), dict[str, str]()
+    for record in RawEventFileLoader(str(file.path)).Load():
+        end += _FRAME + len(record)
+        event = migrate_event(Event.FromString(record))
+        for value in event.summary.value:
+            # Only the first value of a tag says which plugin the tag belongs to.
+            plugin = plugins.setdefault(value.tag, value.metadata.plugin_data.plugin_name)
+            if plugin == "scalars":
+                try:
+                    number = float(make_ndarray(value.tensor).item())
+                except (TypeError, ValueError):
+                    raise RequestError(
+                        f"{file.path}: a value of {value.tag[:40]!r} is not one number."
+                    ) from None
+                scalars.setdefault(value.tag, []).append((event.step, event.wall_time, number))
+    if end == 0:
+        raise RequestError(f"{file.path} is not an event file of TensorBoard.")
+    # The loader stops at a damaged record without a message.
+    if end != len(file.content):
+        raise RequestError(f"{file.path} is cut off or damaged after {end:,} bytes; copy it again.")
+    return scalars
+
+
+_Reader = Callable[[ImportedFile, ImportRequest], list[Series]]
+
+FORMATS: dict[ImportFormat, tuple[_Reader, str | None]] = {
+    "sb3-monitor": (_read_monitor, "wall_time"),
+    "sb3-evaluations": (_read_evaluations, None),
+    "tensorboard": (_read_events, "control_steps"),
+    "wandb-csv": (_read_wandb, None),
+    "csv": (_read_csv, None),
+}
+"""The reader of each, and the column whose first value orders the files of a seed; None: it has
+only one."""

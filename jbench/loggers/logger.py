@@ -1,26 +1,148 @@
-"""Copying committed rows to the logger of an experiment tracker."""
+"""Copying committed rows to the logs of an experiment tracker, whose library is imported then."""
 
+import contextlib
+import hashlib
+import json
+import os
+import sys
 import threading
-from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from jbench.errors import RequestError
-from jbench.loggers.trackers import Point, TensorBoard, Trackio, WeightsAndBiases
 from jbench.store import Results
 from jbench.store.follow import LOOK_EVERY, Change, Follower, grouped
 from jbench.store.schema import LOSSES
 
-Logger = TensorBoard | Trackio | WeightsAndBiases
-"""Starts the log of a run, which replaces an earlier one, adds points, and ends it if started.
+_PROJECT = "jbench"
+_Values = dict[str, float]  # by name, such as training/episode_return
 
-`where` is a sentence on where the log can be seen."""
+
+class Logger(ABC):
+    """The logs of runs in a tracker; `where` is a sentence on where they can be seen."""
+
+    where: str
+
+    def __init__(self) -> None:
+        self._logs: dict[str, Any] = {}  # objects of the tracker's library, by run
+
+    def copy(self, change: Change) -> None:
+        """Adds new rows of a run to its log; one that starts replaces its earlier log."""
+        run = change.record.id
+        if change.is_new:
+            self.end(run)
+            # What a library prints must not mix with a JSON document.
+            with contextlib.redirect_stdout(sys.stderr):
+                self._logs[run] = self._begin(run, change.record.settings)
+        for steps, time, values in _points(change):
+            self._add(self._logs[run], steps, time, values)
+        if change.record.status == "finished":
+            self.end(run)
+
+    def end(self, run: str) -> None:
+        """Ends the log of a run, if it was started, and waits until its points are written."""
+        if run in self._logs:
+            with contextlib.redirect_stdout(sys.stderr):
+                self._finish(self._logs.pop(run))
+
+    @abstractmethod
+    def _begin(self, run: str, settings: Mapping[str, Any]) -> Any: ...
+
+    @abstractmethod
+    def _add(self, log: Any, steps: int, time: float, values: _Values) -> None: ...
+
+    def _finish(self, log: Any) -> None:
+        log.finish()
+
+
+class _TensorBoard(Logger):
+    """Writes event files to the directory of a run's id below `directory`."""
+
+    def __init__(self, directory: Path) -> None:
+        from torch.utils.tensorboard import SummaryWriter
+
+        super().__init__()
+        self._make_writer, self._directory = SummaryWriter, directory
+        self.where = f"tensorboard --logdir {directory} shows the log."
+
+    def _begin(self, run: str, settings: Mapping[str, Any]) -> Any:
+        # The new file hides the points of earlier files from step 0 on.
+        place = str(self._directory / run)
+        writer = self._make_writer(place, purge_step=0, flush_secs=int(LOOK_EVERY))
+        writer.add_text("settings", f"    {json.dumps(settings, indent=4)}")
+        return writer
+
+    def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
+        for name, value in values.items():
+            log.add_scalar(name, value, steps, time)
+
+    def _finish(self, log: Any) -> None:
+        log.close()
+
+
+class _Trackio(Logger):
+    """Writes to `directory`, unless TRACKIO_DIR names another one."""
+
+    def __init__(self, directory: Path) -> None:
+        # It is read when the library is imported.
+        where = os.environ.setdefault("TRACKIO_DIR", str(directory.absolute()))
+        import trackio
+
+        super().__init__()
+        self._library: Any = trackio
+        self.where = f"TRACKIO_DIR={where} trackio show --project {_PROJECT} shows the log."
+
+    def _begin(self, run: str, settings: Mapping[str, Any]) -> Any:
+        with contextlib.suppress(ValueError):  # there is no project yet
+            for earlier in self._library.Api().runs(_PROJECT):
+                if earlier.name == run:
+                    earlier.delete()
+        off = dict.fromkeys(("embed", "auto_log_gpu", "auto_log_cpu"), False)
+        about = {"name": run, "group": run.rpartition("/")[0], "config": dict(settings)}
+        return self._library.init(project=_PROJECT, **about, **off)
+
+    def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
+        log.log(values, step=steps)
+
+
+class _WeightsAndBiases(Logger):
+    """Keeps the local files of W&B in `directory`, which must be called wandb."""
+
+    def __init__(self, directory: Path) -> None:
+        import wandb
+
+        super().__init__()
+        directory.mkdir(parents=True, exist_ok=True)
+        self._library: Any = wandb
+        project = os.environ.get("WANDB_PROJECT", _PROJECT)
+        # W&B adds the directory wandb.
+        self._arguments: dict[str, Any] = {
+            "project": project,
+            "dir": directory.parent,
+            "reinit": "create_new",
+        }
+        self._arguments["settings"] = wandb.Settings(console="off")
+        self.where = f"The log is the project {project} of Weights & Biases."
+
+    def _begin(self, run: str, settings: Mapping[str, Any]) -> Any:
+        # A run of the same id is overwritten.
+        id = hashlib.sha256(run.encode()).hexdigest()[:16]
+        about = {"name": run, "group": run.rpartition("/")[0], "config": dict(settings)}
+        log = self._library.init(id=id, **about, **self._arguments)
+        log.define_metric("*", step_metric="control_steps")
+        return log
+
+    def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
+        log.log({"control_steps": steps, **values})
+
 
 _TRACKERS: dict[str, Callable[[Path], Logger]] = {
-    "tensorboard": TensorBoard,
-    "trackio": Trackio,
-    "wandb": WeightsAndBiases,
+    "tensorboard": _TensorBoard,
+    "trackio": _Trackio,
+    "wandb": _WeightsAndBiases,
 }
 
 
@@ -35,14 +157,14 @@ def make_logger(name: str, results: Path) -> Logger:
         ) from None
 
 
-def points(change: Change) -> list[Point]:
-    """Returns a point for each episode, evaluation and logged step, without unknown values.
+def _points(change: Change) -> Iterator[tuple[int, float, _Values]]:
+    """Yields the values of each episode, evaluation and logged step; unknown ones are left out.
 
-    The time is that of the run's creation plus the wall time of its training, so the time between
-    the processes of a resumed run is left out.
+    Before them come the control steps of the run, and the time in s since the epoch: that of the
+    run's creation plus the wall time of its training, so the time between the processes of a
+    resumed run is left out.
     """
     created = datetime.fromisoformat(change.record.manifest.created).timestamp()
-    made = []
     for table, rows in grouped(change.rows):
         first, values = rows[0], dict[str, float | None]()
         if table == "metrics":
@@ -53,11 +175,10 @@ def points(change: Change) -> list[Point]:
         elif None not in (returns := [row["episode_return"] for row in rows]):
             values["evaluation/mean_return"] = sum(returns) / len(returns)
         known = {name: value for name, value in values.items() if value is not None}
-        made.append(Point(first["control_steps"], created + (first["wall_time"] or 0.0), known))
-    return made
+        yield first["control_steps"], created + (first["wall_time"] or 0.0), known
 
 
-@contextmanager
+@contextlib.contextmanager
 def copying_rows(
     results: Results, runs: Collection[str], logger: Logger, warn: Callable[[str], None]
 ) -> Iterator[None]:
@@ -71,10 +192,15 @@ def copying_rows(
     follower = Follower(results, {"run": set(runs)})
 
     def copy_until_done() -> None:
+        is_last = False
         try:
-            while not done.wait(LOOK_EVERY):
-                _copy(follower, logger, warn)
-            _copy(follower, logger, warn)
+            while not is_last:
+                is_last = done.wait(LOOK_EVERY)
+                for change in follower.look():
+                    if isinstance(change, str):
+                        warn(change)
+                    else:
+                        logger.copy(change)
             for run in runs:
                 logger.end(run)
         except Exception as error:
@@ -88,16 +214,3 @@ def copying_rows(
     finally:
         done.set()
         thread.join()
-
-
-def _copy(follower: Follower, logger: Logger, warn: Callable[[str], None]) -> None:
-    for change in follower.look():
-        if isinstance(change, str):
-            warn(change)
-            continue
-        run = change.record.id
-        if change.is_new:
-            logger.start(run, change.record.settings)
-        logger.log(run, points(change))
-        if change.record.status == "finished":
-            logger.end(run)

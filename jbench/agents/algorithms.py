@@ -18,13 +18,12 @@ from jbench.settings.algorithms import SETTINGS, OffPolicySettings, algorithm_se
 from jbench.settings.base import Settings, canonical_json, omissible, settings_with
 from jbench.settings.run import RunSettings
 
-GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched"}
-"""Groups of entry points, agents and update rules, and the engine that trains each."""
-
-_INTERFACES: dict[str, tuple[str, Any, Any, str]] = {
-    "plugin": ("agent", Agent, AgentSettings, " with explore, act and learn"),
-    "batched": ("rule", Rule, OffPolicySettings, ""),
+_GROUPS: dict[str, tuple[str, Any, Any, str]] = {
+    "jbench.agents": ("agent", Agent, AgentSettings, " with explore, act and learn"),
+    "jbench.rules": ("rule", Rule, OffPolicySettings, ""),
 }
+"""Groups of entry points: what they offer, the base classes of it and of its settings, and what it
+must have."""
 
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
@@ -47,7 +46,7 @@ _ELSEWHERE = {
 
 def installed() -> dict[str, EntryPoint]:
     """Returns the entry points of the installed agents and update rules by name."""
-    return {point.name: point for point in sorted(_offered(), key=lambda point: point.name)}
+    return {point.name: point for point in _offered()}
 
 
 def find_class(name: str) -> Any:
@@ -55,21 +54,27 @@ def find_class(name: str) -> Any:
 
     Raises:
         RequestError: if there is none of this name.
-        WorkError: if its package can't be imported, or its class is no agent or rule.
+        WorkError: if its package can't be imported, its class is no agent or rule, or an agent and
+            an update rule have this name.
     """
-    engine, is_imported = choose_engine(name), plugins.is_imported(name)
-    if engine == "sb3":
+    if plugins.is_imported(name):
+        kind = plugins.imported("algorithm", name)
+        bases = inspect.getmro(kind) if isinstance(kind, type) else ()
+        group = next((group for group, (_, base, *_) in _GROUPS.items() if base in bases), None)
+    else:
+        point = _entry_point(name)
+        group = point.group
+        kind = plugins.load(_GROUPS[group][0], point)
+    if group is None:
         from stable_baselines3.common.base_class import BaseAlgorithm  # takes a second to import
 
-        kind = plugins.imported("algorithm", name)
         if not (isinstance(kind, type) and issubclass(kind, BaseAlgorithm)):
             raise RequestError(
                 f"{name} is no subclass of jbench.Agent, jbench.Rule or stable-baselines3's "
                 "BaseAlgorithm; record its training loop with jbench.record (docs/recording.md)."
             )
         return kind
-    what, base, settings, methods = _INTERFACES[engine]
-    kind = plugins.imported(what, name) if is_imported else plugins.load(what, _entry_point(name))
+    what, base, settings, methods = _GROUPS[group]
     is_subclass = isinstance(kind, type) and issubclass(kind, base) and kind is not base
     if not is_subclass or inspect.isabstract(kind):
         raise WorkError(
@@ -98,32 +103,35 @@ def settings_class(algo: str) -> type[Settings]:
     for name, argument in inspect.signature(kind.__init__).parameters.items():
         is_setting = name not in _NOT_SETTINGS and not name.startswith("_")
         if is_setting and not name.endswith("_class") and argument.kind not in _ANY_NUMBER:
-            given = argument.default if _is_json(argument.default) else omissible(_NOT_RECORDED)
-            fields[name] = Any, given
+            try:
+                canonical_json({name: argument.default})
+                fields[name] = Any, argument.default
+            except (TypeError, ValueError):
+                fields[name] = Any, omissible(_NOT_RECORDED)
     return create_model(kind.__name__, __base__=Settings, **fields)
 
 
-def describe_settings(algo: str) -> dict[str, tuple[Any, str]]:
-    """Returns the default (JSON or "required") and the meaning of each setting of an algorithm."""
-    kind = settings_class(algo)
-    return {
-        name: (
-            "required"
-            if field.is_required()
-            else to_jsonable_python(field.get_default(call_default_factory=True)),
-            _meaning(kind, name),
+def describe_settings(algo: str) -> list[dict[str, Any]]:
+    """Returns name, default (JSON or "required") and description of each setting of an algorithm.
+
+    A subclass adds the source of its own default to the description.
+    """
+    kind, described = settings_class(algo), []
+    bases = [base for base in reversed(kind.__mro__) if issubclass(base, Settings)]
+    for name, field in kind.model_fields.items():
+        if field.default is _NOT_RECORDED:
+            continue
+        default = field.get_default(call_default_factory=True)
+        texts = [base.model_fields[name].description for base in bases if name in base.model_fields]
+        parts = [part for text in texts for part in (text or "").split("; ") if part]
+        described.append(
+            {
+                "name": name,
+                "default": "required" if field.is_required() else to_jsonable_python(default),
+                "description": "; ".join(dict.fromkeys(parts)),
+            }
         )
-        for name, field in kind.model_fields.items()
-        if field.default is not _NOT_RECORDED
-    }
-
-
-def _meaning(kind: type[Settings], name: str) -> str:
-    """Returns the description of a setting; a subclass adds the source of its own default."""
-    classes = [base for base in reversed(kind.__mro__) if issubclass(base, Settings)]
-    fields = [base.model_fields[name] for base in classes if name in base.model_fields]
-    parts = [part for field in fields for part in (field.description or "").split("; ")]
-    return "; ".join(dict.fromkeys(filter(None, parts)))
+    return described
 
 
 def choose_engine(algo: str, wanted: Engine | None = None) -> Engine:
@@ -131,18 +139,15 @@ def choose_engine(algo: str, wanted: Engine | None = None) -> Engine:
 
     Raises:
         RequestError: if there is no such algorithm, or it has another engine.
-        WorkError: if an agent and an update rule have this name.
+        WorkError: see `find_class`.
     """
     if algo in SETTINGS:
         if wanted == "plugin":
             raise RequestError(f"{algo} is not an agent of another package: type batched or sb3.")
         return wanted or "batched"
-    if plugins.is_imported(algo):
-        kind = plugins.imported("algorithm", algo)
-        bases = kind.__mro__ if isinstance(kind, type) else ()
-        engine: Engine = "plugin" if Agent in bases else "batched" if Rule in bases else "sb3"
-    else:
-        engine = GROUPS[_entry_point(algo).group]
+    kind = find_class(algo)
+    is_rule = issubclass(kind, Rule)
+    engine: Engine = "plugin" if issubclass(kind, Agent) else "batched" if is_rule else "sb3"
     if wanted not in (None, engine):
         raise RequestError(f"{algo} has the engine {engine}, not {wanted}; leave the engine out.")
     return engine
@@ -191,22 +196,21 @@ def algorithm_provenance(algo: str) -> dict[str, str | None]:
     """Returns provenance of the code of an algorithm; none for those of jbench."""
     if algo in SETTINGS:
         return {}
-    if not plugins.is_imported(algo):
-        _entry_point(algo)
-    return plugins.provenance("algorithm", algo, installed())
+    points = {} if plugins.is_imported(algo) else {algo: _entry_point(algo)}
+    return plugins.provenance("algorithm", algo, points)
 
 
 def _offered() -> list[EntryPoint]:
-    return [point for g in GROUPS for point in plugins.offered(g, _NAME, SETTINGS).values()]
+    points = [p for group in _GROUPS for p in plugins.offered(group, _NAME, SETTINGS).values()]
+    return sorted(points, key=lambda point: point.name)
 
 
 def _entry_point(name: str) -> EntryPoint:
-    offered = _offered()
-    points = [point for point in offered if point.name == name]
+    points = [point for point in _offered() if point.name == name]
     if not points and name.lower() in _ELSEWHERE:
         raise RequestError(f"Unknown algorithm {name!r}; {_ELSEWHERE[name.lower()]}.")
     try:
-        known("algorithm", name, [*SETTINGS, *sorted({point.name for point in offered})])
+        known("algorithm", name, [*SETTINGS, *installed()])
     except RequestError as error:
         raise RequestError(
             f"{str(error).rstrip('.')}, install the package of another agent, or type MODULE:CLASS."
@@ -215,11 +219,3 @@ def _entry_point(name: str) -> EntryPoint:
         agent, rule = map(plugins.distribution, points)
         raise WorkError(f"{name} is an agent of {agent} and a rule of {rule}; uninstall one.")
     return points[0]
-
-
-def _is_json(value: Any) -> bool:
-    try:
-        canonical_json({"value": value})
-    except (TypeError, ValueError):
-        return False
-    return True

@@ -1,17 +1,17 @@
-"""The training loop of several seeds, and the state of their robots."""
+"""The training loop of several seeds, and the divergence of their agents."""
 
+import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.divergence import Divergence
-from jbench.agents.environments import Environments, StepResult
+from jbench.agents.environments import Environments, SeedState, StepResult
+from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
 
 AfterStep = Callable[[NDArray[np.float64] | None], bool]
@@ -19,14 +19,40 @@ AfterStep = Callable[[NDArray[np.float64] | None], bool]
 
 CPU = torch.device("cpu")
 
-_WORLD = "environments/"  # prefix of the tensors of the robots in a state
+
+class DivergedError(WorkError):
+    """The first sign that an agent diverged; its run fails, and its episodes until then are kept.
+
+    `summary` is that in the manifest of the run.
+    """
+
+    def __init__(self, update: int | None, control_steps: int, what: str) -> None:
+        """Names what is not finite: actions, weights, episode_return, or a loss.
+
+        Args:
+            update: number of updates made (PPO: epochs); None if unknown.
+            control_steps: number of control steps made, over all environments.
+        """
+        self.what = what
+        values = {"update": update, "control_steps": control_steps, "what": what}
+        self.summary = {"diverged": values}
+        verb = "are" if what in ("actions", "weights") else "is"
+        after = "" if update is None else f" after update {update:,},"
+        super().__init__(
+            f"The agent diverged: its {what} {verb} not finite{after} at control step "
+            f"{control_steps:,}."
+        )
 
 
-class SeedState(NamedTuple):
-    """The state of one seed, except for its replay buffer."""
+def divergent_loss(losses: Mapping[str, float]) -> str | None:
+    """Returns the name of the first updated loss that is not finite, or None.
 
-    tensors: dict[str, Tensor]  # by name, on the CPU, without shared memory (safetensors)
-    scalars: dict[str, Any]  # everything else, serialisable as JSON
+    Features are updated before the critic and the critic before the actor, so a later loss is often
+    not finite because of an earlier one.
+    """
+    names = [name for name, loss in losses.items() if not math.isfinite(loss)]
+    first = [name for name in ("prediction_loss", "critic_loss") if name in names]
+    return next(iter((*first, *names)), None)
 
 
 class Engine(AbstractContextManager["Engine"]):
@@ -44,7 +70,7 @@ class Engine(AbstractContextManager["Engine"]):
         """Starts with untrained agents, which learn every `rollout_steps` of each environment."""
         self.environments = environments
         self.control_steps = 0
-        self.diverged: dict[int, Divergence] = {}
+        self.diverged: dict[int, DivergedError] = {}
         self._rollout_steps, self._collected = rollout_steps, 0
 
     def __exit__(self, *_: object) -> None:
@@ -122,23 +148,8 @@ class Engine(AbstractContextManager["Engine"]):
         The replay rows of an off-policy engine must be restored before.
         """
 
-    def _robots_state(self, seed: int) -> SeedState:
-        world = self.environments.state(seed)
-        scalars = {
-            "episodes": self.environments.episodes,
-            "episode_steps": self.environments.steps,
-            "streams": self.environments.generators[seed].state(),
-        }
-        return SeedState({_WORLD + n: torch.from_numpy(v) for n, v in world.items()}, scalars)
-
-    def _restore_robots(self, seed: int, state: SeedState) -> None:
-        world = {name: tensor.numpy() for name, tensor in under(_WORLD, state.tensors).items()}
-        scalars = state.scalars
-        self.environments.restore(seed, world, scalars["episodes"], scalars["episode_steps"])
-        self.environments.generators[seed].restore(scalars["streams"])
-
     def _record_divergence(self, seed: int, what: str) -> None:
-        self.diverged.setdefault(seed, Divergence(self.updates, self.control_steps, what))
+        self.diverged.setdefault(seed, DivergedError(self.updates, self.control_steps, what))
 
     def _checked_actions(self, actions: NDArray[np.floating]) -> NDArray[np.floating]:
         """Replaces actions that are not finite by 0, as MuJoCo would with a warning; notes it."""
@@ -163,8 +174,3 @@ class Engine(AbstractContextManager["Engine"]):
 
     def _learn(self) -> None:
         """Makes the updates that are due after a rollout."""
-
-
-def under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Returns the tensors whose names start with a prefix, with the prefix removed."""
-    return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}

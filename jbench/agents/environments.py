@@ -17,6 +17,8 @@ from jbench.simulation import Worlds, find_task
 Augment = Callable[[int], int | None]
 """Maps an episode, counted from 0, to the seed of its augmented robot; None is the plain robot."""
 
+_WORLD = "environments/"  # prefix of the tensors of the robots in a state
+
 
 class Generators:
     """The generators of one seed, independent of the other seeds.
@@ -37,17 +39,21 @@ class Generators:
         """Returns a new generator of the initial weights."""
         return torch.Generator().manual_seed(int(self._weights.generate_state(1, np.uint64)[0]))
 
-    def state(self) -> list[dict[str, Any]]:
-        """Returns the state of every generator, serialisable as JSON."""
-        return [dict(generator.bit_generator.state) for generator in self._all()]
-
-    def restore(self, state: list[dict[str, Any]]) -> None:
-        """Restores what `state` returned."""
-        for generator, saved in zip(self._all(), state, strict=True):
-            generator.bit_generator.state = saved
-
-    def _all(self) -> list[Generator]:
+    def all(self) -> list[Generator]:
+        """Returns those whose states are part of a checkpoint."""
         return [self.actions, self.updates, *self.environments]
+
+
+class SeedState(NamedTuple):
+    """The state of one seed, except for its replay buffer."""
+
+    tensors: dict[str, Tensor]  # by name, on the CPU, without shared memory (safetensors)
+    scalars: dict[str, Any]  # everything else, serialisable as JSON
+
+
+def under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Returns the tensors whose names start with a prefix, with the prefix removed."""
+    return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
 
 
 class StepResult(NamedTuple):
@@ -76,16 +82,15 @@ class Environments:
         augment: Augment = lambda episode: None,
         episode_steps: int = EPISODE_STEPS,
     ) -> None:
-        """Starts the first episodes; encoders of different numbers of latents are a ValueError."""
+        """Starts the first episodes; all encoders must have the same number of latents."""
         self.task, self.threads, self.episode_steps = task, threads, episode_steps
         self.encoders = encoders or [None] * len(seeds)
         self.generators = [Generators(seed, count) for seed in seeds]
         self._task, self._shape = find_task(task), (len(seeds), count)
         self.action_size, full = self._task.action_size, self._task.observation_size
-        sizes = {full if encoder is None else encoder.latent_size for encoder in self.encoders}
-        if len(sizes) > 1:
-            raise ValueError(f"All seeds must have the same number of inputs, not {sizes}.")
-        (self.size,) = sizes
+        (self.size,) = {
+            full if encoder is None else encoder.latent_size for encoder in self.encoders
+        }
         blank = torch.zeros(1, full)
         self._mirrors = any(action_signs(encoder, blank) is not None for encoder in self.encoders)
         self._augment, self._robot = augment, augment(0)
@@ -132,16 +137,23 @@ class Environments:
                     signs[seed] = mirrored
         return signs
 
-    def state(self, seed: int) -> dict[str, NDArray[Any]]:
-        """Returns the simulation state of one seed, for `restore`; see `Worlds.state`."""
-        return {**self._worlds.state(self._robots(seed)), "returns": self._returns[seed].copy()}
+    def state(self, seed: int) -> SeedState:
+        """Returns the state of one seed's robots and generators; see `Worlds.state`."""
+        world = {**self._worlds.state(self._robots(seed)), "returns": self._returns[seed].copy()}
+        streams = [dict(generator.bit_generator.state) for generator in self.generators[seed].all()]
+        scalars = {"episodes": self.episodes, "episode_steps": self.steps, "streams": streams}
+        return SeedState({_WORLD + n: torch.from_numpy(v) for n, v in world.items()}, scalars)
 
-    def restore(self, seed: int, state: dict[str, NDArray[Any]], episodes: int, steps: int) -> None:
-        """Restores one seed's simulation exactly; `episodes` and `steps` are those of all seeds."""
-        self._switch_robot(episodes)
-        self._returns[seed] = state["returns"]
-        self.episodes, self.steps = episodes, steps
-        self.observations = self._inputs(self._worlds.restore(self._robots(seed), state))
+    def restore(self, seed: int, state: SeedState) -> None:
+        """Restores one seed exactly; numbers of episodes and their steps are those of all seeds."""
+        scalars = state.scalars
+        world = {name: tensor.numpy() for name, tensor in under(_WORLD, state.tensors).items()}
+        self._switch_robot(scalars["episodes"])
+        self._returns[seed] = world["returns"]
+        self.episodes, self.steps = scalars["episodes"], scalars["episode_steps"]
+        self.observations = self._inputs(self._worlds.restore(self._robots(seed), world))
+        for generator, saved in zip(self.generators[seed].all(), scalars["streams"], strict=True):
+            generator.bit_generator.state = saved
 
     def _begin_episodes(self) -> None:
         self._switch_robot(self.episodes)

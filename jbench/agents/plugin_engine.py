@@ -10,9 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from jbench.agents.divergence import divergent_loss
-from jbench.agents.engine import CPU, Engine, SeedState
-from jbench.agents.environments import Environments, StepResult
+from jbench.agents.engine import CPU, Engine, divergent_loss
+from jbench.agents.environments import Environments, SeedState, StepResult
 from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable, pack, unpack
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import TimeLimit
@@ -79,7 +78,7 @@ class PluginEngine(Engine):
     def state(self, seed: int) -> SeedState:
         """See `Engine.state`; the agent's may contain something that can't be saved: WorkError."""
         tensors: dict[str, Tensor] = {}
-        robots = self._robots_state(0)
+        robots = self.environments.state(0)
         scalars = {
             "control_steps": self.control_steps,
             **robots.scalars,
@@ -93,7 +92,7 @@ class PluginEngine(Engine):
         """See `Engine.restore`."""
         (state,) = states
         tensors, scalars = state
-        self._restore_robots(0, state)
+        self.environments.restore(0, state)
         self.control_steps = scalars["control_steps"]
         self._losses = unpack(scalars["losses"], tensors)
         self._call(self._agent.restore, unpack(scalars["agent"], tensors))

@@ -88,9 +88,19 @@ def build(
     """
     shape: Any = env.action_space.shape
     if isinstance(settings, AlgorithmSettings):
-        kind, arguments = _ours(algo, settings, shape)
+        kind, chosen = _ours(algo, settings, shape)
     else:
-        kind, arguments = find_class(algo), _class_arguments(settings, shape)
+        kind, chosen = find_class(algo), settings
+    arguments: dict[str, Any] = {
+        n: tuple(v) if isinstance(v, list) else v for n, v in chosen.items()
+    }
+    if isinstance(sigma := arguments.get("action_noise"), int | float):
+        arguments["action_noise"] = noise.NormalActionNoise(np.zeros(shape), np.full(shape, sigma))
+    if isinstance(arguments.get("policy_kwargs"), Mapping):
+        arguments["policy_kwargs"] = {
+            n: getattr(nn, v) if n.endswith("_fn") and isinstance(v, str) else v
+            for n, v in arguments["policy_kwargs"].items()
+        }
     agent: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
     # No output to the terminal; the losses are read from the logger.
     agent.set_logger(Logger(folder=None, output_formats=[]))
@@ -105,25 +115,17 @@ def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict
     taken = inspect.signature(kind).parameters.keys()
     arguments = settings.model_dump(include=set(taken))
     if isinstance(settings, OffPolicySettings):
-        arguments["action_noise"] = _noise(settings, shape)
+        mean, sigma = np.full(shape, settings.noise_mean), np.full(shape, settings.noise_sigma)
+        arguments["action_noise"] = None
+        if settings.action_noise == "normal":
+            arguments["action_noise"] = noise.NormalActionNoise(mean, sigma)
+        elif settings.action_noise == "ornstein-uhlenbeck":
+            given = {"theta": settings.noise_theta, "dt": settings.noise_dt}
+            arguments["action_noise"] = noise.OrnsteinUhlenbeckActionNoise(mean, sigma, **given)
         if algo == "ddpg" and not settings.uniform_warmup:
             kind = _DDPGWithPolicyWarmup
     net_arch = {"pi": layers, "vf" if algo == "ppo" else "qf": layers}
-    return kind, {**arguments, "policy_kwargs": {"net_arch": net_arch, "activation_fn": nn.ReLU}}
-
-
-def _class_arguments(settings: Mapping[str, Any], shape: Any) -> dict[str, Any]:
-    arguments: dict[str, Any] = {
-        n: tuple(v) if isinstance(v, list) else v for n, v in settings.items()
-    }
-    if isinstance(sigma := arguments.get("action_noise"), int | float):
-        arguments["action_noise"] = noise.NormalActionNoise(np.zeros(shape), np.full(shape, sigma))
-    if isinstance(arguments.get("policy_kwargs"), Mapping):
-        arguments["policy_kwargs"] = {
-            n: getattr(nn, v) if n.endswith("_fn") and isinstance(v, str) else v
-            for n, v in arguments["policy_kwargs"].items()
-        }
-    return arguments
+    return kind, {**arguments, "policy_kwargs": {"net_arch": net_arch, "activation_fn": "ReLU"}}
 
 
 def losses(agent: BaseAlgorithm) -> dict[str, float]:
@@ -169,16 +171,6 @@ def actor_module(policy: Any) -> nn.Module:
         squash = nn.Tanh() if policy.squash_output else nn.Hardtanh()
         return nn.Sequential(policy.mlp_extractor.policy_net, policy.action_net, squash)
     raise UnsupportedPolicyError(f"the actor of a {type(policy).__name__} is not known")
-
-
-def _noise(settings: OffPolicySettings, shape: Any) -> noise.ActionNoise | None:
-    mean, sigma = np.full(shape, settings.noise_mean), np.full(shape, settings.noise_sigma)
-    if settings.action_noise == "normal":
-        return noise.NormalActionNoise(mean, sigma)
-    if settings.action_noise == "ornstein-uhlenbeck":
-        theta, dt = settings.noise_theta, settings.noise_dt
-        return noise.OrnsteinUhlenbeckActionNoise(mean, sigma, theta=theta, dt=dt)
-    return None
 
 
 class Spaces(gymnasium.Env[Any, Any]):

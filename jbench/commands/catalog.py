@@ -33,10 +33,7 @@ def algorithms(
             "name": algorithm,
             "engine": known.choose_engine(algorithm),
             "package": code.get("package"),
-            "settings": [
-                {"name": setting, "default": default, "description": description}
-                for setting, (default, description) in known.describe_settings(algorithm).items()
-            ],
+            "settings": known.describe_settings(algorithm),
         }
 
     if name is not None:

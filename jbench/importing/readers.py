@@ -51,10 +51,9 @@ def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
     }
     if request.seed_from is None:
         columns["seed"] = request.seed_column or "seed"
-        if request.seed_column is None and "seed" not in table:
-            raise request.no_seed()
     for role, column in columns.items():
-        check_column(table, column, file, f"type --{role}-column with one of")
+        other = "--seed-from REGEX, or " if role == "seed" else ""
+        check_column(table, column, file, f"type {other}--{role}-column with one of")
     points, kind = _points(table, columns, file), request.returns_kind(columns["return"])
     if "seed" not in columns:
         return [Series(file, request.seed_in(str(file.path)), kind, points, columns)]
@@ -141,20 +140,20 @@ def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
 def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the episodes of all evaluations of an `EvalCallback` of stable-baselines3."""
     try:
-        with np.load(io.BytesIO(file.content), allow_pickle=False) as arrays:
-            steps, returns, lengths = (arrays[name].astype(np.float64) for name in _ARRAYS)
-    except KeyError as error:
-        raise RequestError(f"{file.path} is not of an EvalCallback: {error.args[0]}.") from None
+        with np.load(io.BytesIO(file.content), allow_pickle=False) as saved:
+            arrays = [saved[name].astype(np.float64) for name in _ARRAYS if name in saved]
     except Exception as error:  # a damaged file may raise almost any
         reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise RequestError(
             f"{file.path} is cut off, or not an evaluations.npz ({reason})."
         ) from None
-    if returns.ndim != 2 or steps.shape != returns.shape[:1] or lengths.shape != returns.shape:
+    shapes, dimensions = [a.shape for a in arrays], [a.ndim for a in arrays]
+    if dimensions != [1, 2, 2] or shapes[0] != shapes[1][:1] or shapes[1] != shapes[2]:
         raise RequestError(
-            f"{file.path} is not of an EvalCallback: its arrays have the shapes {steps.shape}, "
-            f"{returns.shape} and {lengths.shape}."
+            f"{file.path} is not of an EvalCallback: its arrays have the shapes "
+            f"{', '.join(map(str, shapes))}."
         )
+    steps, returns, lengths = arrays
     point, episode = (index.ravel() for index in np.indices(returns.shape))
     values = {"episode_return": returns.ravel(), "length": lengths.ravel()}
     columns = {"point": point, "control_steps": steps[point], "episode": episode, **values}
@@ -165,13 +164,12 @@ def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series
 def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the values of one tag of TensorBoard; their time is that of the clock, in s."""
     scalars, tag = _scalars(file), request.tag
-    if not scalars:
-        raise RequestError(f"{file.path} has no scalars; leave the file out.")
     tags = [name for name in ([tag] if tag is not None else TAGS) if name in scalars]
     if len(tags) != 1:
         reason = f"no tag {tag!r}" if tag is not None else "not exactly one known tag of returns"
         raise RequestError(
-            f"{file.path} has {reason}; type --tag with one of {', '.join(sorted(scalars))}."
+            f"{file.path} has {reason}; type --tag with one of "
+            f"{', '.join(sorted(scalars)) or '(none)'}."
         )
     names = ["control_steps", "wall_time", "episode_return"]
     points = pd.DataFrame(scalars[tags[0]], columns=names).rename_axis("value")
@@ -206,11 +204,11 @@ def _scalars(file: ImportedFile) -> dict[str, list[tuple[int, float, float]]]:
                         f"{file.path}: a value of {value.tag[:40]!r} is not one number."
                     ) from None
                 scalars.setdefault(value.tag, []).append((event.step, event.wall_time, number))
-    if end == 0:
-        raise RequestError(f"{file.path} is not an event file of TensorBoard.")
     # The loader stops at a damaged record without a message.
     if end != len(file.content):
-        raise RequestError(f"{file.path} is cut off or damaged after {end:,} bytes; copy it again.")
+        raise RequestError(
+            f"{file.path} is cut off or damaged after {end:,} bytes, or no file of TensorBoard."
+        )
     return scalars
 
 

@@ -69,7 +69,10 @@ class ImportRequest(Labels):
                 )
         given = [self.seed_from, self.seed_column]
         if None not in given or (given == [None, None] and self.format != "csv"):
-            raise self.no_seed()
+            raise RequestError(
+                "The number of the seed must come from one place: type --seed-from REGEX, such as "
+                r"--seed-from 'seed(\d+)', or with --from csv --seed-column NAME."
+            )
         try:
             re.compile(self.seed_from or "")
         except re.error as error:
@@ -79,22 +82,13 @@ class ImportRequest(Labels):
             ) from None
         return self
 
-    def no_seed(self) -> RequestError:
-        """Returns the error for a seed that is given in two places, or in none."""
-        more = " or --seed-column NAME" if self.format == "csv" else ""
-        return RequestError(
-            f"The number of the seed must come from one place: type --seed-from REGEX{more}, "
-            r"such as --seed-from 'seed(\d+)'."
-        )
-
     def seed_in(self, text: str, what: str = "the path") -> int:
         """Returns the seed that `seed_from` finds in a text, which messages call `what`."""
         match = re.search(self.seed_from or "", text)
         if match is None:
-            column = ", or type --seed-column NAME instead" if self.format == "csv" else ""
             raise RequestError(
                 f"--seed-from {self.seed_from} finds nothing in {what} {text}; type an expression "
-                rf"that matches its seed, such as 'seed(\d+)', or add the seed to the name{column}."
+                rf"that matches its seed, such as 'seed(\d+)', or add the seed to the name."
             )
         digits = match[1] if match.re.groups else match[0]
         return parse_seed(digits or "", f"--seed-from {self.seed_from} finds in {what} {text}")

@@ -7,7 +7,7 @@ import os
 import sys
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,8 @@ class Logger(ABC):
             self.end(run)
             # What a library prints must not mix with a JSON document.
             with contextlib.redirect_stdout(sys.stderr):
-                self._logs[run] = self._begin(run, change.record.settings)
+                group, settings = run.rpartition("/")[0], dict(change.record.settings)
+                self._logs[run] = self._begin(run, group, settings)
         for steps, time, values in _points(change):
             self._add(self._logs[run], steps, time, values)
         if change.record.status == "finished":
@@ -49,7 +50,7 @@ class Logger(ABC):
                 self._finish(self._logs.pop(run))
 
     @abstractmethod
-    def _begin(self, run: str, settings: Mapping[str, Any]) -> Any: ...
+    def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any: ...
 
     @abstractmethod
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None: ...
@@ -68,11 +69,11 @@ class _TensorBoard(Logger):
         self._make_writer, self._directory = SummaryWriter, directory
         self.where = f"tensorboard --logdir {directory} shows the log."
 
-    def _begin(self, run: str, settings: Mapping[str, Any]) -> Any:
+    def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
         # The new file hides the points of earlier files from step 0 on.
-        place = str(self._directory / run)
+        place = str(self._directory / name)
         writer = self._make_writer(place, purge_step=0, flush_secs=int(LOOK_EVERY))
-        writer.add_text("settings", f"    {json.dumps(settings, indent=4)}")
+        writer.add_text("settings", f"    {json.dumps(config, indent=4)}")
         return writer
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
@@ -95,14 +96,13 @@ class _Trackio(Logger):
         self._library: Any = trackio
         self.where = f"TRACKIO_DIR={where} trackio show --project {_PROJECT} shows the log."
 
-    def _begin(self, run: str, settings: Mapping[str, Any]) -> Any:
+    def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
         with contextlib.suppress(ValueError):  # there is no project yet
             for earlier in self._library.Api().runs(_PROJECT):
-                if earlier.name == run:
+                if earlier.name == name:
                     earlier.delete()
         off = dict.fromkeys(("embed", "auto_log_gpu", "auto_log_cpu"), False)
-        about = {"name": run, "group": run.rpartition("/")[0], "config": dict(settings)}
-        return self._library.init(project=_PROJECT, **about, **off)
+        return self._library.init(project=_PROJECT, name=name, group=group, config=config, **off)
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
         log.log(values, step=steps)
@@ -127,11 +127,10 @@ class _WeightsAndBiases(Logger):
         self._arguments["settings"] = wandb.Settings(console="off")
         self.where = f"The log is the project {project} of Weights & Biases."
 
-    def _begin(self, run: str, settings: Mapping[str, Any]) -> Any:
+    def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
         # A run of the same id is overwritten.
-        id = hashlib.sha256(run.encode()).hexdigest()[:16]
-        about = {"name": run, "group": run.rpartition("/")[0], "config": dict(settings)}
-        log = self._library.init(id=id, **about, **self._arguments)
+        about = {"id": hashlib.sha256(name.encode()).hexdigest()[:16], "name": name}
+        log = self._library.init(group=group, config=config, **about, **self._arguments)
         log.define_metric("*", step_metric="control_steps")
         return log
 

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
+from jbench.agents.engine import DivergedError, divergent_loss
 from jbench.cores import cores
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError, WorkError, sentence_of_failure
@@ -54,7 +54,7 @@ class RunWriter:
         """Adds an ended training episode; a loss must be a finite number, else the run diverged."""
         losses = as_numbers(self.losses)
         if (name := divergent_loss(losses)) is not None:
-            raise DivergedError(Divergence(None, self.control_steps, name))
+            raise DivergedError(None, self.control_steps, name)
         self._clock.share([self.log])
         self.log.episode(self.control_steps, episode_return, losses)
         self.commit_if_due()
@@ -107,7 +107,7 @@ class RunWriter:
             self.log.commit()
         if not isinstance(error, Exception):
             return
-        details = error.divergence.to_summary() if isinstance(error, DivergedError) else {}
+        details = error.summary if isinstance(error, DivergedError) else {}
         with contextlib.suppress(WorkError):
             self._record.fail(sentence_of_failure(error), details)
 
@@ -137,7 +137,7 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Steps the environment; raises a DivergedError if the action is not finite."""
         writer = self._running()
         if not np.isfinite(np.asarray(action, np.float64)).all():
-            raise DivergedError(Divergence(None, writer.control_steps, "actions"))
+            raise DivergedError(None, writer.control_steps, "actions")
         observation, reward, terminated, truncated, info = self.env.step(action)
         writer.control_steps += 1
         # Removed, since a RecordEpisodeStatistics of the caller's own would refuse the key.

@@ -19,7 +19,8 @@ from pydantic import BaseModel, ValidationError
 from torch import Tensor
 
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.engine import Engine, SeedState
+from jbench.agents.engine import Engine
+from jbench.agents.environments import SeedState
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.divergence import DivergedError, Divergence
-from jbench.agents.engine import Engine
+from jbench.agents.engine import DivergedError, Engine
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
@@ -113,7 +112,7 @@ class TrainingGroup:
         self._share_processor_time()
         for index, member in self._active():
             if not np.isfinite(returns[index]).all():
-                self._fail(member, Divergence(self._engine.updates, steps, "episode_return"))
+                self._fail(member, DivergedError(self._engine.updates, steps, "episode_return"))
                 continue
             losses = self._engine.losses(index)
             for episode_return in returns[index].tolist():
@@ -187,11 +186,11 @@ class TrainingGroup:
             if self._members[index].failure is None:
                 self._fail(self._members[index], divergence)
 
-    def _fail(self, member: Member, divergence: Divergence) -> None:
+    def _fail(self, member: Member, divergence: DivergedError) -> None:
         self._share_processor_time()
         member.log.commit()
-        member.record.fail(str(divergence), divergence.to_summary())
-        member.failure = DivergedError(divergence)
+        member.record.fail(str(divergence), divergence.summary)
+        member.failure = divergence
 
     def _share_processor_time(self) -> None:
         self._clock.share([member.log for _, member in self._active()])

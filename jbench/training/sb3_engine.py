@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
-from jbench.agents.divergence import Divergence, divergent_loss
-from jbench.agents.engine import AfterStep
+from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
 from jbench.encoders import Encoder, on_observations
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
@@ -27,7 +26,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
         values = settings.algorithm if settings.is_ours else settings.hyperparameters
         self._agent = sb3.build(settings.algo, values, env, seed)
-        self.diverged: dict[int, Divergence] = {}
+        self.diverged: dict[int, DivergedError] = {}
         self._policy: SavedNetwork | None = None
 
     @property
@@ -87,7 +86,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         """Records a divergence if a loss or one of the values, by name, is not finite."""
         infinite = [name for name, numbers in values.items() if not np.isfinite(numbers).all()]
         for what in filter(None, (divergent_loss(sb3.losses(self._agent)), *infinite)):
-            self.diverged.setdefault(0, Divergence(self.updates, self.control_steps, what))
+            self.diverged.setdefault(0, DivergedError(self.updates, self.control_steps, what))
 
 
 class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.agents.divergence import Divergence
 from jbench.settings.algorithms import ALGORITHMS
 from tests.agents.test_batched_engine import FEW, STEPS, build_engine, slow
 
@@ -52,8 +51,8 @@ def test_diverged_seed_does_not_affect_others(algo, stacked, capfd):
         assert engine.diverged == {}
     with build_engine(algo, SEEDS, stacked=stacked) as engine:
         returns_beside, state_beside = trained(engine, algo, poisoned_at=42)
-        ((diverged, (_, _, what)),) = engine.diverged.items()
-        assert (diverged, what) == (DIVERGED, POISONED[algo][1])
+        ((diverged, error),) = engine.diverged.items()
+        assert (diverged, error.what) == (DIVERGED, POISONED[algo][1])
         actions = engine.act(np.zeros((3, 4, 16), np.float32))
     assert returns_beside == returns
     assert state_beside.scalars == state.scalars
@@ -76,7 +75,8 @@ def test_diverged_features_are_detected_and_do_not_affect_others(stacked):
                     last.weight[0, 0] = math.inf
             engine.check_weights()
             states.append(engine.state(2).tensors)
-    assert engine.diverged == {DIVERGED: Divergence(24, 60, "prediction_loss")}
+    values = {"update": 24, "control_steps": 60, "what": "prediction_loss"}
+    assert {n: e.summary for n, e in engine.diverged.items()} == {DIVERGED: {"diverged": values}}
     for name, tensor in states[0].items():
         assert torch.equal(states[1][name], tensor), name
 

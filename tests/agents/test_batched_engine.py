@@ -292,7 +292,8 @@ def test_indivisible_number_of_environments_is_refused():
 @pytest.mark.parametrize("algo", ["ddpg", "td3"])
 def test_action_noise_equals_stable_baselines3(algo):
     settings = build_settings(algo)
-    ours, theirs = ActionNoise(settings, (1, 1, 3)), sb3._noise(settings, (3,))
+    agent = sb3.build(algo, settings, DummyVecEnv([lambda: sb3.Spaces(16, 3)]), 0)
+    ours, theirs = ActionNoise(settings, (1, 1, 3)), agent.action_noise
     np.random.seed(6)
     normals = iter(np.random.normal(size=(100, 3)))
     np.random.seed(6)

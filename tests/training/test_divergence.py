@@ -6,7 +6,7 @@ import pytest
 import safetensors.torch
 
 import jbench.training.engines
-from jbench.agents.divergence import DivergedError
+from jbench.agents.engine import DivergedError
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from tests.training.small_runs import EPISODE, resumed, rows
@@ -57,7 +57,7 @@ def test_diverged_run_fails_with_its_rows_and_ends_batch(algo, tmp_path):
     error = failures[run.id]
     assert isinstance(error, DivergedError)
     diverged = record.manifest.summary["diverged"]
-    assert diverged == error.divergence._asdict()
+    assert diverged == error.summary["diverged"]
     assert record.manifest.summary["error"] == str(error)
     assert str(error).startswith("The agent diverged: its ")
     assert f"after update {diverged['update']:,}, at control step" in str(error)

@@ -68,7 +68,7 @@ def test_robots_in_training_get_negated_actions_where_target_is_on_right():
         signs = []
         for step in range(40):
             if step == 20:
-                agents.restore(1, agents.state(1), agents.episodes, agents.steps)
+                agents.restore(1, agents.state(1))
             actions = random.uniform(-1, 1, (2, 3)).astype(np.float32)
             signs.append(np.sign(robots.observations.numpy()[1, :, 15]))  # the angle to the target
             taken = np.stack([actions[0], signs[-1] * actions[1]])

@@ -12,9 +12,8 @@ from torch import Tensor
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import LOSS_SUMS, Learner
 from jbench.agents.batched.tensors import Tensors
-from jbench.agents.divergence import divergent_loss
-from jbench.agents.engine import Engine, SeedState, under
-from jbench.agents.environments import Environments, Generators
+from jbench.agents.engine import Engine, divergent_loss
+from jbench.agents.environments import Environments, Generators, SeedState, under
 from jbench.names import TimeLimit
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
@@ -105,7 +104,7 @@ class BatchedEngine(Engine):
 
     def state(self, seed: int) -> SeedState:
         """See `Engine.state`."""
-        robots = self._robots_state(seed)
+        robots = self.environments.state(seed)
         tensors = {_AGENT + name: values[seed] for name, values in self._saved.items()}
         tensors |= robots.tensors
         tensors |= {_LOOP + name: values for name, values in self._loop_state(seed).items()}
@@ -129,7 +128,7 @@ class BatchedEngine(Engine):
             agent = under(_AGENT, state.tensors)
             for name, values in self._saved.items():
                 values[seed] = agent[name]
-            self._restore_robots(seed, state)
+            self.environments.restore(seed, state)
             self._restore_loop(seed, under(_LOOP, state.tensors))
         self.control_steps, self.updates = first["control_steps"], first["updates"]
         self._collected = first["collected"]

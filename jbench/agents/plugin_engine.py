@@ -118,7 +118,21 @@ class PluginEngine(Engine):
             np.full(actions.shape[1], ends and self._time_limit == "terminal"),
             np.full(actions.shape[1], ends and self._time_limit == "bootstrap"),
         )
-        self._note_losses(self._call(self._agent.learn, transition))
+        losses = self._call(self._agent.learn, transition)
+        if not isinstance(losses, Mapping):
+            raise WorkError(
+                f"learn of the agent {self._name} returned a {type(losses).__name__}; it must "
+                "return a dictionary of losses, {} if there are none."
+            )
+        numbers = {name: float(value) for name, value in losses.items()}
+        if unknown := sorted(numbers.keys() - schema.LOSSES):
+            raise WorkError(
+                f"learn of the agent {self._name} returned the loss {', '.join(unknown)}; there "
+                f"are columns for {', '.join(schema.LOSSES)}."
+            )
+        self._losses |= numbers
+        if (name := divergent_loss(numbers)) is not None:
+            self._record_divergence(0, name)
 
     def _module(self) -> nn.Module | None:
         """Returns the agent's policy; a new module draws its initial weights."""
@@ -151,22 +165,6 @@ class PluginEngine(Engine):
                 f"actions {wanted}."
             )
         return np.array(actions, np.float64)[None]
-
-    def _note_losses(self, losses: Mapping[str, float]) -> None:
-        if not isinstance(losses, Mapping):
-            raise WorkError(
-                f"learn of the agent {self._name} returned a {type(losses).__name__}; it must "
-                "return a dictionary of losses, {} if there are none."
-            )
-        numbers = {name: float(value) for name, value in losses.items()}
-        if unknown := sorted(numbers.keys() - schema.LOSSES):
-            raise WorkError(
-                f"learn of the agent {self._name} returned the loss {', '.join(unknown)}; there "
-                f"are columns for {', '.join(schema.LOSSES)}."
-            )
-        self._losses |= numbers
-        if (name := divergent_loss(numbers)) is not None:
-            self._record_divergence(0, name)
 
 
 def _name(method: Callable[..., Any]) -> str:

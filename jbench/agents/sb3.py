@@ -87,6 +87,7 @@ def build(
             noise.
     """
     shape: Any = env.action_space.shape
+    chosen: Mapping[str, Any]
     if isinstance(settings, AlgorithmSettings):
         kind, chosen = _ours(algo, settings, shape)
     else:
@@ -120,7 +121,7 @@ def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict
         if settings.action_noise == "normal":
             arguments["action_noise"] = noise.NormalActionNoise(mean, sigma)
         elif settings.action_noise == "ornstein-uhlenbeck":
-            given = {"theta": settings.noise_theta, "dt": settings.noise_dt}
+            given: Any = {"theta": settings.noise_theta, "dt": settings.noise_dt}
             arguments["action_noise"] = noise.OrnsteinUhlenbeckActionNoise(mean, sigma, **given)
         if algo == "ddpg" and not settings.uniform_warmup:
             kind = _DDPGWithPolicyWarmup

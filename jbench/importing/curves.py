@@ -112,8 +112,17 @@ def read_curves(path: Path) -> pd.DataFrame:
         RequestError: if it can't be read, lacks a column, or has a value that is none.
     """
     file = tables.open_file(path)
-    is_json = file.content.removeprefix(BOM_UTF8).lstrip().startswith(b"{")
-    points = (_from_json if is_json else _from_csv)(file)[_COLUMNS]
+    if file.content.removeprefix(BOM_UTF8).lstrip().startswith(b"{"):
+        points = _from_json(file)
+    else:
+        # Spreadsheets end the last line without a line break.
+        table = tables.read_table(file, ends_line=False)
+        for name in _COLUMNS:
+            tables.check_column(table, name, file, f"it needs {', '.join(_COLUMNS)}, but has")
+        points = tables.numbers(table, {name: name for name in ("steps", "return")}, file)
+        points[["task", "method"]] = table[["task", "method"]]
+        points["seed"] = tables.seeds(table, "seed", file)
+    points = points[_COLUMNS]
 
     def check(is_right: pd.Series, reason: str) -> None:
         if not is_right.all():
@@ -131,15 +140,6 @@ def read_curves(path: Path) -> pd.DataFrame:
     doubled = points.duplicated(_COLUMNS[:-1])
     check(~doubled, "two returns at {steps:,} steps; remove one of them")
     return points
-
-
-def _from_csv(file: tables.ImportedFile) -> pd.DataFrame:
-    # Spreadsheets end the last line without a line break.
-    table = tables.read_table(file, ends_line=False)
-    for name in _COLUMNS:
-        tables.check_column(table, name, file, f"it needs {', '.join(_COLUMNS)}, but has")
-    values = tables.numbers(table, {name: name for name in ("steps", "return")}, file)
-    return table[["task", "method"]].assign(seed=tables.seeds(table, "seed", file), **values)
 
 
 def _from_json(file: tables.ImportedFile) -> pd.DataFrame:

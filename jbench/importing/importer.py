@@ -53,8 +53,18 @@ def import_curves(
         for series in read(file, request):
             _check_points(series.points, file)
             by_seed.setdefault(series.seed, []).append(series)
-    curves = [_curve(parts, request) for _, parts in sorted(by_seed.items())]
-    return [_write(results, *curve) for curve in curves]
+    imported = []
+    for settings, rows, names in [_curve(parts, request) for _, parts in sorted(by_seed.items())]:
+        points, steps = rows[["point", "control_steps"]].iloc[-1]
+        last = {"points": int(points) + 1, "control_steps": int(steps)}
+        with results.locked("import", settings.id) as existing:
+            is_new = existing is None or existing.status != "finished"
+            if is_new:
+                record = results.create("import", settings.id, settings.values, {"files": names})
+                record.append({"import_points": to_table(rows, schema.TABLES["import_points"])})
+                record.finish(last)
+        imported.append(Imported(settings.id, settings.seed, **last, is_new=is_new))
+    return imported
 
 
 def _check_points(points: pd.DataFrame, file: ImportedFile) -> None:
@@ -132,17 +142,3 @@ def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:
     if order is not None:
         points["wall_time"] -= points["wall_time"].min()
     return points if "point" in points else points.assign(point=points.index, episode=0)
-
-
-def _write(
-    results: Results, settings: ImportSettings, rows: pd.DataFrame, names: list[str]
-) -> Imported:
-    points, steps = rows[["point", "control_steps"]].iloc[-1]
-    last = {"points": int(points) + 1, "control_steps": int(steps)}
-    with results.locked("import", settings.id) as existing:
-        is_new = existing is None or existing.status != "finished"
-        if is_new:
-            record = results.create("import", settings.id, settings.values, {"files": names})
-            record.append({"import_points": to_table(rows, schema.TABLES["import_points"])})
-            record.finish(last)
-    return Imported(settings.id, settings.seed, **last, is_new=is_new)

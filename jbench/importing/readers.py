@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -57,7 +57,7 @@ def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
     points, kind = _points(table, columns, file), request.returns_kind(columns["return"])
     if "seed" not in columns:
         return [Series(file, request.seed_in(str(file.path)), kind, points, columns)]
-    by_seed = points.groupby(seeds(table.loc[points.index], columns["seed"], file))
+    by_seed: Any = points.groupby("seed")
     return [Series(file, seed, kind, rows, columns) for seed, rows in by_seed]
 
 
@@ -102,7 +102,8 @@ def _points(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
     if rows.empty:
         raise RequestError(f"{file.path} has no value of {columns['return']}; leave it out.")
     names = {"control_steps": columns["steps"], "episode_return": columns["return"]}
-    return numbers(rows, names, file)
+    points = numbers(rows, names, file)
+    return points.assign(seed=seeds(rows, columns["seed"], file)) if "seed" in columns else points
 
 
 def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:

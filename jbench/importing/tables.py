@@ -99,13 +99,15 @@ def numbers(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
     frame = pd.DataFrame(index=table.index)
     for name, column in columns.items():
         check_column(table, column, file)
-        frame[name] = pd.to_numeric(table[column], errors="coerce").astype(np.float64)
-        bad = table[column][~np.isfinite(frame[name])]
+        values = pd.to_numeric(table[column], errors="coerce").to_numpy(np.float64)
+        bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
+            line, text = table.index[bad[0]], table[column].iloc[bad[0]]
             raise RequestError(
-                f"{file.path}, line {bad.index[0]}: {column} is {bad.iloc[0][:40]!r}, which is not "
-                "a finite number."
+                f"{file.path}, line {line}: {column} is {text[:40]!r}, which is not a finite "
+                "number."
             )
+        frame[name] = values
     return frame
 
 

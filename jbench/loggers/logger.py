@@ -31,16 +31,15 @@ class Logger(ABC):
 
     def copy(self, change: Change) -> None:
         """Adds new rows of a run to its log; one that starts replaces its earlier log."""
-        run = change.record.id
+        record, run = change.record, change.record.id
         if change.is_new:
             self.end(run)
             # What a library prints must not mix with a JSON document.
             with contextlib.redirect_stdout(sys.stderr):
-                group, settings = run.rpartition("/")[0], dict(change.record.settings)
-                self._logs[run] = self._begin(run, group, settings)
+                self._logs[run] = self._begin(run, run.rpartition("/")[0], dict(record.settings))
         for steps, time, values in _points(change):
             self._add(self._logs[run], steps, time, values)
-        if change.record.status == "finished":
+        if record.status == "finished":
             self.end(run)
 
     def end(self, run: str) -> None:

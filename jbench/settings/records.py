@@ -207,7 +207,6 @@ class ExternalSettings(TrainedSettings):
 class ImportSettings(LabeledSettings):
     """Settings that identify an import: the content of its files and how they were read."""
 
-    seed: Seed
     format: ImportFormat
     returns: ReturnsName
     files: list[str] = Field(min_length=1, description="SHA-256 of each file")

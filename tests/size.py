@@ -11,7 +11,7 @@ from pathlib import Path
 
 FILE = 250
 FUNCTION = 50
-TOTAL = 29_360
+TOTAL = 28_000
 WORDS = 23_900
 """Of README and docs/."""
 

@@ -37,7 +37,7 @@ def test_settings_are_named_by_path_and_include_omitted_ones(found):
     assert first["hyperparameters.learning_rate"] == "1e-04"
     assert third["hyperparameters.learning_rate"] == "3e-04"
     assert first["precision"] == "float32"  # the record omits this default
-    fields = ("task", "algo", "representation", "encoder", "seed")
+    fields = ("task", "algo", "representation", "seed", "encoder")
     assert [name for name in first if name in fields] == [*fields]
     assert {name for name in first if first[name] != second[name]} == {"seed"}
 

@@ -180,7 +180,7 @@ def sparkline(returns: Sequence[float]) -> str:
 
 def published_median(run: RunSettings, control_steps: float) -> float | None:
     """Returns the paper's median return at a control step, if it has a curve like the run."""
-    from jbench.report.data.published import best_median
+    from jbench.report.data.curves import best_median
 
     cell = run.task, run.algo, run.representation
     best = best_median(_published_curves(), cell, control_steps)
@@ -189,7 +189,7 @@ def published_median(run: RunSettings, control_steps: float) -> float | None:
 
 @cache
 def _published_curves() -> "pd.DataFrame":
-    from jbench.report.data.published import read_published
+    from jbench.report.data.curves import read_published
     from jbench.store import query
 
     return read_published(query.published())

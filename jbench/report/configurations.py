@@ -10,8 +10,15 @@ from jbench.names import kind_in
 from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, long_frame
-from jbench.report.data.curves import Curve, centers, moving_average, steps_to_threshold
-from jbench.report.data.published import NAMES, PUBLISHED, SEQUENCE_ROBOTS, best_median
+from jbench.report.data.curves import (
+    NAMES,
+    PUBLISHED,
+    SEQUENCE_ROBOTS,
+    Curve,
+    best_median,
+    centers,
+    moving_average,
+)
 from jbench.report.data.returns import SOLVED, TRAINING, display_name, shown_representation
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -70,7 +77,9 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
             known = np.isfinite(config.returns).any(axis=1)
             at = moving_average(config.control_steps[known], curve.window)
             smooth = curve.by_seed[known][:, curve.widths == curve.window]
-            steps = steps_to_threshold(smooth, at, SOLVED)
+            reaches = np.nan_to_num(smooth, nan=-np.inf) >= SOLVED
+            first = np.take_along_axis(at, np.argmax(reaches, axis=1)[:, None], axis=1)[:, 0]
+            steps = np.where(reaches.any(axis=1), first, np.inf)  # else after the run's end
             row |= _intervals({"solved_steps": st.median}, steps)
             row["reached"] = int(np.isfinite(steps).sum())
         if row["seeds"] and config.has_solved_return:

@@ -9,14 +9,13 @@ import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.report import configurations, policies
-from jbench.report.analysis import compare, tasks
+from jbench.report.analysis import compare, scores
 from jbench.report.analysis.claims import claim_frame, published_findings
 from jbench.report.analysis.examine import examine
-from jbench.report.analysis.scores import Pair
 from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import IMPORTED, Configuration, with_returns
-from jbench.report.data.published import SEQUENCE, read_published
+from jbench.report.data.curves import SEQUENCE, read_published
 from jbench.report.data.returns import FILE, KINDS, TRAINING, clean, map_texts
 from jbench.report.data.sources import Source
 from jbench.report.encoders import encoder_frame, prediction_frame
@@ -28,6 +27,7 @@ from jbench.store import Results, query
 from jbench.store.shipped import shipped_results
 from jbench.wording import repair_hint, with_results
 
+Pairs = list[list[scores.Pair]]
 _DEFAULT = Request()
 
 
@@ -60,7 +60,7 @@ class Frames:
         self.verdicts = verdict_frame(trained, self.decisions)
         self.comparisons = compare.comparison_frame(compared)
         self.headline = headline(self.lead(self.verdicts), leading, self.lead(self.comparisons))
-        self.configurations = tasks.with_file_means(self.configurations, lead)
+        self.configurations = scores.with_file_means(self.configurations, lead)
         self.curves = configurations.curve_frame(plain)
         beside = [pair for pair in curves if pair[0] in apart]
         self.published = configurations.published_frame(figures, known, request.algo, beside)
@@ -69,7 +69,7 @@ class Frames:
         self.metrics, self.paths = metric_frame(source), source.paths
         self.baselines = policies.baseline_frame(known)
         self.pairs = compare.pair_frame(trained_lead, self.lead(self.verdicts))
-        self.profiles = tasks.profile_frame(lead)
+        self.profiles = scores.profile_frame(lead)
         self.encoders = encoder_frame(source.tables, request.task)
         self.predictions = prediction_frame(trained_lead, self.encoders)
         leads = [pair for pair in plain if pair[0].kind == returns]
@@ -102,7 +102,7 @@ class Frames:
         return frame[frame["returns"] == self.returns]
 
 
-def _read(results: Results | None, request: Request) -> tuple[Source, list[list[Pair]]]:
+def _read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
     if request.curves is not None:
         source = sources.from_file(request, request.curves)
         return source, compare.method_pairs(source.configurations)
@@ -134,7 +134,7 @@ def _read(results: Results | None, request: Request) -> tuple[Source, list[list[
     )
 
 
-def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, list[list[Pair]]]:
+def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, Pairs]:
     """Returns two sides together, with notes on what has no counterpart, and their pairs."""
     names = request.names_compared
     pairs = compare.across(ours.configurations, theirs.configurations, names)

@@ -10,7 +10,7 @@ from jbench.names import FULL, HEURISTIC
 from jbench.report.configurations import configuration_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import IMPORTED, OWN, in_order, with_returns
-from jbench.report.data.published import CURVE, PUBLISHED, SEQUENCE, read_published
+from jbench.report.data.curves import CURVE, PUBLISHED, SEQUENCE, read_published
 from jbench.report.data.returns import display_name
 from jbench.report.policies import hand_written_returns
 from jbench.report.request import Request

@@ -24,8 +24,12 @@ class Column(NamedTuple):
 
     title: str
     key: str
-    text: Callable[[Row], str]
+    form: Callable[[Row], str]
     numeric: bool = False  # aligned to the right
+
+    def text(self, row: Row) -> str:
+        """Returns the text of a row in one line; empty if the value is unknown."""
+        return "" if missing(row[self.key]) else clean(self.form(row))
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ class Table:
     def shown(self) -> tuple[list[Column], list[list[tuple[Any, str]]]]:
         """Returns the columns with any text, and the value that sorts and the text of each cell."""
         rows = [
-            [(row[column.key], clean(column.text(row))) for column in self.columns]
+            [(row[column.key], column.text(row)) for column in self.columns]
             for row in self.frame.to_dict("records")
         ]
         kept = [i for i in range(len(self.columns)) if any(row[i][1] for row in rows)]
@@ -103,15 +107,13 @@ def _latex(text: object) -> str:
 def plain(title: str, key: str | None = None) -> Column:
     """Returns a column of texts."""
     name = key or title
-    return Column(title, name, lambda row: "" if missing(row[name]) else str(row[name]))
+    return Column(title, name, lambda row: str(row[name]))
 
 
 def number(title: str, key: str, form: Form = whole, ends: tuple[str, str] | None = None) -> Column:
     """Returns a column of numbers, with the intervals of these ends: `668 [640, 690]`."""
 
     def text(row: Row) -> str:
-        if missing(row[key]):
-            return ""
         low, high = (row[end] for end in ends) if ends else (np.nan, np.nan)
         known = not (missing(low) or missing(high)) and np.isfinite(low)
         return form(row[key]) + (f" [{form(low)}, {form(high)}]" if known else "")

@@ -3,12 +3,12 @@
 import pandas as pd
 
 from jbench.report.analysis.claims import CLAIMS, MARGIN
-from jbench.report.analysis.tasks import NORMALIZED
+from jbench.report.analysis.scores import NORMALIZED
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, signed, steps
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
-from jbench.report.table import Column, Row, Table, estimate, missing, number, plain
+from jbench.report.table import Column, Row, Table, estimate, number, plain
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _INTERVAL = "In brackets: 95% interval."
@@ -43,21 +43,20 @@ def _final(frames: Frames) -> str:
 
 
 def _agent(frames: Frames) -> Column:
-    return plain("method", "algo") if frames.request.curves else _SOURCED
+    if frames.request.curves:
+        return plain("method", "algo")
+
+    def with_source(row: Row) -> str:
+        return str(row["algo"] if row["source"] == OWN else f"{row['source']}: {row['algo']}")
+
+    return Column("algorithm", "algo", with_source)
 
 
 def _range(row: Row) -> str:
-    if missing(row["steps"]):
-        return ""
     return "\N{EN DASH}".join(dict.fromkeys((steps(row["steps_min"]), steps(row["steps"]))))
 
 
 _TASK, _ALGO = plain("task"), plain("algorithm", "algo")
-_SOURCED = Column(
-    "algorithm",
-    "algo",
-    lambda row: row["algo"] if row["source"] == OWN else f"{row['source']}: {row['algo']}",
-)
 _OBSERVED = Column(
     "observation",
     "representation",
@@ -77,15 +76,13 @@ def _final_returns(frames: Frames) -> Table:
     rows = pd.concat(both, ignore_index=True)
     rows = rows.sort_values("task", key=lambda task: pd.factorize(task)[0], kind="stable")
 
-    def reached(row: Row) -> str:
-        return "" if missing(row["reached"]) else f"{row['reached']} of {row['seeds']}"
-
     draws, diverged = (number(n, n, lambda value: str(value or "")) for n in ("draws", "diverged"))
     columns = [
         *(_TASK, _agent(frames), _OBSERVED, _SEEDS, draws, _RANGE, diverged),
         *(estimate("median", "median"), estimate("IQM", "iqm")),
         *(estimate("over the run", "over_run"), estimate("s", "s")),
-        *(number("detectable", "detectable"), Column(f"reach {SOLVED}", "reached", reached, True)),
+        number("detectable", "detectable"),
+        Column(f"reach {SOLVED}", "reached", "{0[reached]} of {0[seeds]}".format, True),
         estimate(f"steps to {SOLVED}", "solved_steps", steps),
         number("published median", "published"),
     ]
@@ -108,7 +105,7 @@ def _verdicts(frames: Frames) -> Table:
     columns = [
         *(_TASK, _ALGO, _OBSERVED, plain("against")),
         Column("of", "claim", lambda row: COMPARED[row["claim"]]),
-        Column("verdict", "verdict", lambda row: f"{row['mark']} {row['text']}"),
+        Column("verdict", "verdict", "{0[mark]} {0[text]}".format),
         *(number("difference", "value", signed, ("low", "high")), _SEEDS),
         plain("corrected by", "corrected_by"),
     ]
@@ -140,7 +137,7 @@ def _comparisons(frames: Frames) -> Table:
     columns = [
         *(_TASK, _ALGO, _OBSERVED, *([] if frames.request.curves else [plain("returns")])),
         *(plain("this", "a"), plain("against", "b")),
-        Column("seeds", "seeds_a", lambda row: f"{row['seeds_a']}, {row['seeds_b']}", True),
+        Column("seeds", "seeds_a", "{0[seeds_a]}, {0[seeds_b]}".format, True),
         number("steps", "steps", steps),
         estimate("probability", "p", ratio),
         *(number("difference", "difference", signed, ("low", "high")), plain("verdict", "text")),
@@ -156,12 +153,9 @@ def _comparisons(frames: Frames) -> Table:
 
 
 def _claims(frames: Frames) -> Table:
-    def needed(row: Row) -> str:
-        known = not missing(row["seeds_needed"])
-        return f"{row['seeds_needed']:,} ({row['seeds_needed_by']})" if known else ""
-
+    needed = "{0[seeds_needed]:,} ({0[seeds_needed_by]})".format
     columns = [
-        Column("claim", "claim", lambda row: f"({row['claim']})"),
+        Column("claim", "claim", "({0[claim]})".format),
         *(plain("runs", "source"), plain("returns"), plain("compared"), _SEEDS),
         *(plain("verdict", "text"), number("by episodes alone", "by_episodes", ratio)),
         *(Column("seeds that would decide", "seeds_needed", needed, True), plain("remark")),

@@ -6,7 +6,6 @@ import pytest
 from jbench.report.data.curves import (
     QUANTILES,
     final_returns,
-    fitting_window,
     learning_curve,
     quantiles_across_seeds,
 )
@@ -74,8 +73,9 @@ def test_seeds_count_while_they_have_returns(runs, order, medians, seeds):
 
 
 def test_window_of_short_runs_is_quarter_of_longest():
-    assert fitting_window(np.array([400, 5000]), 100) == 100
-    assert [fitting_window(np.array([3, longest]), 100) for longest in (399, 40, 7)] == [99, 10, 1]
+    lengths = (5000, 400, 399, 40, 7)
+    curves = [learning_curve(*cell([0.0] * 3, [1.0] * n), "quantile-first", 100) for n in lengths]
+    assert [curve.window for curve in curves] == [100, 100, 99, 10, 1]
 
 
 def test_control_steps_of_curve_do_not_decrease_after_end_of_seed():

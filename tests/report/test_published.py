@@ -3,7 +3,7 @@
 import pytest
 
 from jbench.names import TASKS
-from jbench.report.data.published import SEQUENCE, best_median
+from jbench.report.data.curves import SEQUENCE, best_median
 from jbench.settings.algorithms import ALGORITHMS
 
 # Medians and [q10, q90] at about 5e6 steps, DDPG, PPO, SAC and TD3.

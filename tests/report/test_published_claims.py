@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbench.report.analysis.claims import published_findings
-from jbench.report.data.published import CURVE
+from jbench.report.data.curves import CURVE
 
 
 def expected(ends, row):

@@ -4,8 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.analysis.judge import corrected_level
-from jbench.report.analysis.verdicts import decision_frame, verdict_frame
+from jbench.report.analysis.verdicts import corrected_level, decision_frame, verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
 

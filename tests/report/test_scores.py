@@ -10,7 +10,7 @@ from jbench.report.analysis.compare import pair_frame
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.analysis.verdicts import VERDICTS
 from jbench.report.configurations import configuration_frame
-from jbench.report.data.published import read_published
+from jbench.report.data.curves import read_published
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.store import query
 

@@ -6,9 +6,16 @@ from itertools import combinations
 import pandas as pd
 
 from jbench.report.analysis.claims import MARGIN, Row
-from jbench.report.analysis.judge import corrected_level, judge
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores
-from jbench.report.analysis.tasks import Range, ranges, strata, together
+from jbench.report.analysis.scores import (
+    IQM_DIFFERENCE,
+    Pair,
+    PairedScores,
+    Range,
+    ranges,
+    strata,
+    together,
+)
+from jbench.report.analysis.verdicts import corrected_level, judge
 from jbench.report.data.configuration import Configuration, Configurations
 from jbench.report.data.returns import FILE, KINDS
 from jbench.settings.recorded import comparable

@@ -47,8 +47,13 @@ def examine(configurations: Sequence[Configuration]) -> Iterator[Row]:
         named = (harder[1].task, easier[1].task) == (_HARDER, _EASIER)
         if named and harder[1].comparable("task") == easier[1].comparable("task"):
             yield _on_gain(harder, easier)
-    for pair in _off_policy(plain):
-        yield from (_on_pair(claim, pair, _ON_POLICY) for claim in "ef")
+    for group in differing_in(plain, "algo"):
+        firsts = {config.algo: config for config in reversed(group)}
+        for other, ppo in product(group, repeat=2):
+            named = other.algo in _OFF_POLICY and ppo.algo == _ON_POLICY
+            # Two variants are compared only with the first one of the other algorithm.
+            if named and (other is firsts[other.algo] or ppo is firsts[ppo.algo]):
+                yield from (_on_pair(claim, (other, ppo), _ON_POLICY) for claim in "ef")
     for config in plain:
         if config.has_solved_return:
             final = seed_scores(config, int(config.last_step)).final
@@ -65,16 +70,6 @@ def examine_solving(claim: str, compared: str, returns: FloatArray) -> Row:
 def _finding(claim: str, compared: str, effect: st.Estimate, seeds: int) -> Row:
     row: Row = {"claim": claim, "compared": compared, "seeds": seeds}
     return row | {"effect": effect.value, "low": effect.low, "high": effect.high}
-
-
-def _off_policy(plain: Sequence[Configuration]) -> Iterator[Pair]:
-    """Yields the pairs of an off-policy algorithm and PPO, of two variants only with the first."""
-    for group in differing_in(plain, "algo"):
-        firsts = {config.algo: config for config in reversed(group)}
-        for other, ppo in product(group, repeat=2):
-            named = other.algo in _OFF_POLICY and ppo.algo == _ON_POLICY
-            if named and (other is firsts[other.algo] or ppo is firsts[ppo.algo]):
-                yield other, ppo
 
 
 def _common(*compared: Configuration) -> Row:

@@ -1,11 +1,18 @@
-"""Scores of each seed of a configuration, up to a control step."""
+"""Scores of each seed of a configuration, up to a control step, alone and over several tasks.
 
-from typing import NamedTuple
+Returns of tasks with different ranges are normalized before they are joined: 0 is the lowest and 1
+the highest return of a task, over all its runs and points. Tasks of dm_control share a range.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import pandas as pd
 
-from jbench.report.data.configuration import IMPORTED, Configuration
+from jbench.names import EPISODE_STEPS
+from jbench.report.data.configuration import ID, IMPORTED, Configuration, in_order, long_frame
 from jbench.report.data.curves import final_returns, moving_average
 from jbench.report.data.returns import EVALUATION, FILE, FINAL_POINTS
 from jbench.returns import final_episodes
@@ -15,6 +22,11 @@ from jbench.statistics.agents import Agents, difference
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
 Pair = tuple[Configuration, Configuration]
+# Names of several tasks together, which share a range or do not.
+ALL_TASKS, NORMALIZED = "all tasks", "all tasks, normalized"
+PROFILES = [*ID, "seeds", "final_return", "share", "low", "high"]
+
+Range = tuple[float, float]  # lowest and highest return
 
 
 class Scores(NamedTuple):
@@ -98,3 +110,86 @@ class PairedScores:
     def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
         """Returns the difference of the standard deviations between agents."""
         return difference(self.ours.agents, self.theirs.agents, confidence)
+
+
+def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
+    """Returns the range of each task: of a file that of its returns, else 0 to 1000."""
+    known: dict[str, Range] = {}
+    for config in configurations:
+        ends = 0.0, float(EPISODE_STEPS)
+        if config.source == FILE:
+            ends = float(np.nanmin(config.returns)), float(np.nanmax(config.returns))
+        low, high = known.get(config.task, ends)
+        known[config.task] = min(low, ends[0]), max(high, ends[1])
+    return known
+
+
+def strata(finals: Sequence[FloatArray], tasks: Sequence[Range]) -> tuple[list[FloatArray], Range]:
+    """Returns final returns (seeds,) that can be joined, and their range: normalized if needed."""
+    if len({*tasks}) == 1:
+        return [*finals], tasks[0]
+    pairs = zip(finals, tasks, strict=True)
+    return [(final - low) / ((high - low) or 1.0) for final, (low, high) in pairs], (0.0, 1.0)
+
+
+def together(known: Mapping[str, Range]) -> str:
+    """Returns what several tasks together are called."""
+    return ALL_TASKS if len({*known.values()}) == 1 else NORMALIZED
+
+
+def on_all_tasks(configurations: Iterable[Configuration]) -> list[list[Configuration]]:
+    """Returns the configurations, by task, that were trained equally long on each of several."""
+    groups: dict[tuple[str, int], dict[str, Configuration]] = {}
+    known = [config for config in configurations if len(seed_scores(config).final)]
+    for config in known:
+        # A file has one curve of a method on a task, of any length.
+        steps = 0 if config.source == FILE else int(config.steps.max())
+        groups.setdefault((config.label, steps), {}).setdefault(config.task, config)
+    tasks = in_order(config.task for config in known)
+    whole = [group for group in groups.values() if len(group) == len(tasks) > 1]
+    return [[group[task] for task in tasks] for group in whole]
+
+
+def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
+    """Returns the share of runs above each return (Agarwal et al., 2021, section 4.2).
+
+    The rows of `together` are of the configurations that were trained on each task; every task has
+    the same weight. The ends are those of pointwise 95% intervals, for at least three seeds.
+    Configurations are of one kind of return, in the order of tasks.
+    """
+    known, parts = ranges(configurations), []
+    finals = {config: seed_scores(config).final for config in configurations}
+    alone = [config for config, final in finals.items() if len(final)]
+    for group in [*([config] for config in alone), *on_all_tasks(configurations)]:
+        first, several = group[0], len(group) > 1
+        scores, ends = strata([finals[c] for c in group], [known[c.task] for c in group])
+        if not several and first.source == FILE:
+            every = np.concatenate([finals[c] for c in alone if c.task == first.task])
+            ends = every.min() - 0.02 * ((every.max() - every.min()) or 1), every.max()
+        thresholds = np.linspace(*ends, 201)
+        low = high = np.full(len(thresholds), np.nan)
+        if min(map(len, scores)) >= st.MIN_SEEDS:
+            low, high = st.profile_interval(scores, thresholds)
+        names = {**first.identity, "seeds": sum(map(len, scores))}
+        names |= {"task": together(known)} if several else {}
+        numbers = {"final_return": thresholds, "low": low, "high": high}
+        numbers["share"] = st.performance_profile(scores, thresholds)
+        parts.append((names, numbers))
+    return long_frame(parts, PROFILES)
+
+
+def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]) -> pd.DataFrame:
+    """Adds rows to `configuration_frame`: each method of a file on all tasks together."""
+    known, rows = ranges(configurations), []
+    task = together(known)
+    for group in on_all_tasks(config for config in configurations if config.source == FILE):
+        finals = [seed_scores(config).final for config in group]
+        scores, _ = strata(finals, [known[config.task] for config in group])
+        row: dict[str, Any] = {**group[0].identity, "task": task}
+        row |= {"configuration": f"{task} {group[0].label}", "seeds": sum(map(len, scores))}
+        estimate = st.estimate(st.interquartile_mean, scores)
+        row |= zip(("iqm", "iqm_low", "iqm_high"), estimate, strict=False)
+        ends = [steps for config in group for steps in config.steps]
+        rows.append({**row, "draws": 0, "diverged": 0, "steps_min": min(ends), "steps": max(ends)})
+    more = pd.DataFrame(rows, columns=frame.columns).astype({"reached": "Int64"})
+    return pd.concat([frame, more], ignore_index=True) if rows else frame

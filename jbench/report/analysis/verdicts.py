@@ -1,13 +1,17 @@
-"""Verdicts on representations, each corrected for the other ones.
+"""Verdicts on differences, of representations and others, each corrected for those of its family.
+
+A verdict rests on an interval at a level that Holm's step-down procedure gives (S. Holm, *A simple
+sequentially rejective multiple test procedure*, Scand. J. Statist. 6, 1979): 5% over the number of
+comparisons, then over the number of those that are left, and so on. Comparisons of final evaluation
+returns that are in the list of `jbench sweep question --until-decided` have the verdict of its
+group-sequential test.
 
 An encoder scales its inputs before it reduces them. A difference from `full` is therefore due to
-scaling and reduction together; `scaled` is the observation with the same scaling. Comparisons of
-final evaluation returns that are in the list of `jbench sweep question --until-decided` have the
-verdict of its group-sequential test.
+scaling and reduction together; `scaled` is the observation with the same scaling.
 """
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -16,14 +20,20 @@ import numpy as np
 import pandas as pd
 
 from jbench.names import FULL, kind_in
-from jbench.report.analysis.claims import MARGIN
-from jbench.report.analysis.judge import SEQUENTIAL, WORDS, conclude, judge
+from jbench.report.analysis.claims import MARGIN, Row
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores, seed_scores
 from jbench.report.data.configuration import ID, Configuration, differing_in, with_returns
-from jbench.report.data.returns import EVALUATION, KINDS, display_name, shown_representation
+from jbench.report.data.returns import (
+    EVALUATION,
+    KINDS,
+    display_name,
+    shown_representation,
+    signed,
+    whole,
+)
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.sequential import BLOCK
+from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.statistics.step_down import decide
 
 SCALED = "scaled"
@@ -38,13 +48,29 @@ DECISIONS = [
 ]
 _DECIDED = {"larger": "higher", "smaller": "lower", "equal": "similar"}
 _MAX_SEEDS = 30  # of the group-sequential test
+_SEQUENTIAL = "sequential test"  # origin of its verdicts
+_WORDS = {  # of a larger and of a smaller number
+    "a": ("higher", "lower"),
+    "b": ("more variable", "less variable"),
+    "c": ("faster", "slower"),
+}
+_NUMBERS = {"a": "", "b": "standard deviation between agents ", "c": "mean return over the run "}
+_MARKS = {
+    **dict.fromkeys(("higher", "less variable", "faster"), "✓"),
+    **dict.fromkeys(("lower", "more variable", "slower"), "✗"),
+    **{"similar": "=", "undecided": "?"},
+}  # a check mark speaks for the representation
+_TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
+
+Interval = Callable[[float], tuple[float, float]]
+"""Gives the ends of a number's interval at a confidence."""
 
 
 def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFrame) -> pd.DataFrame:
     """Returns the verdicts on each reduced representation, and on `scaled`, the effect of scaling.
 
     The claims are (a) final return, (b) variability of three or more seeds and (c) speed. baseline
-    is a configuration, and value has a 95% interval; for the others see `judge.conclude`.
+    is a configuration, and value has a 95% interval; for the others see `_conclude`.
     """
     keys, rows = [*DECISIONS[:5], "claim", "returns", "words"], []
     planned = decisions.assign(claim="a", returns=EVALUATION, words="").to_dict("records")
@@ -53,14 +79,14 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
         asked = [
             _row(claim, *pair)
             for pair in _pairs(with_returns(configurations, kind))
-            for claim in WORDS
+            for claim in _WORDS
             if claim != "b" or min(len(config.seeds) for config in pair) >= st.MIN_SEEDS
         ]
         for row in asked:
             if decided := listed.get(tuple(row[key] for key in keys)):
                 verdict, low, high = (decided[name] for name in ("verdict", "low", "high"))
-                conclude(row, verdict, low, high, SEQUENTIAL, "a", MARGIN)
-        for claim in WORDS:
+                _conclude(row, verdict, low, high, _SEQUENTIAL, "a", MARGIN)
+        for claim in _WORDS:
             judge([row for row in asked if row["claim"] == claim and "verdict" not in row], claim)
         rows += asked
     return pd.DataFrame(rows, columns=VERDICTS)
@@ -145,3 +171,64 @@ def _first_seeds(configuration: Configuration | None, steps: int) -> FloatArray:
     usable = configuration.finished & scores.known & (configuration.steps == steps)
     usable &= configuration.seeds == np.arange(len(configuration.seeds))
     return scores.final[: int(np.logical_and.accumulate(usable).sum())]
+
+
+def judge(family: Sequence[Row], claim: str = "a", margin: float = MARGIN) -> None:
+    """Adds to rows with the same claim the verdict on each, corrected for the others.
+
+    A row has the value of a difference, its interval (an `Interval`), and whether there are enough
+    seeds (decidable); differences within a margin are similar.
+    """
+
+    def decides(low: float, high: float) -> bool:
+        return _word(low, high, "a", margin) != "undecided"
+
+    intervals = [row["interval"] for row in family if row["decidable"]]
+    level = corrected_level(intervals, decides)
+    by = f"Holm, {len(intervals)} comparisons" if len(intervals) > 1 else ""
+    for row in family:
+        low, high = row["interval"](1 - level)
+        verdict = _word(low, high, claim, margin) if row["decidable"] else "undecided"
+        _conclude(row, verdict, low, high, by if row["decidable"] else _TOO_FEW, claim, margin)
+
+
+def _conclude(
+    row: Row, verdict: str, low: float, high: float, by: str, claim: str, margin: float
+) -> None:
+    """Adds a verdict, its mark and text to a row, and the corrected interval on which it rests."""
+    if np.isnan(row["value"]):
+        text = "unknown"
+    elif by == _TOO_FEW or not np.isfinite([low, high]).any():
+        reason = "the sequential test needs more" if by == _SEQUENTIAL else "too few"
+        text = f"{signed(row['value'])}, {reason} seeds"
+    else:
+        if low > 0:
+            text = f"higher by {whole(low)} to {whole(high)}"
+        elif high < 0:
+            text = f"lower by {whole(-high)} to {whole(-low)}"
+        else:
+            text = f"{signed(low)} to {signed(high)}"
+        text = _NUMBERS[claim] + text
+        if claim == "a" and verdict in _WORDS["a"] and margin:
+            beyond = "yes" if min(abs(low), abs(high)) > margin else "undecided"
+            text += f"; by more than {margin:g}: {beyond}"
+    if claim != "a" or verdict not in _WORDS["a"]:
+        text = f"{verdict}: {text}"
+    row |= {"verdict": verdict, "mark": _MARKS[verdict], "text": text}
+    row |= {"corrected_low": low, "corrected_high": high, "corrected_by": by}
+
+
+def corrected_level(family: Sequence[Interval], decides: Callable[[float, float], bool]) -> float:
+    """Returns the error rate of an interval in the last step of Holm's procedure."""
+    level, left = 1.0, len(family)
+    while left and (level == 1 or ERROR_RATE / left > level):
+        level = ERROR_RATE / left
+        left = sum(not decides(*interval(1 - level)) for interval in family)
+    return min(level, ERROR_RATE)
+
+
+def _word(low: float, high: float, claim: str, margin: float) -> str:
+    if claim == "a" and low > -margin and high < margin:
+        return "similar"
+    above, below = _WORDS[claim]
+    return above if low > 0 else below if high < 0 else "undecided"

@@ -1,15 +1,25 @@
-"""Learning curves across seeds, in the two orders of the paper's figures."""
+"""Learning curves across seeds, in the two orders of the paper's figures, and the paper's own."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
-from jbench.names import Order
+from jbench.names import EPISODE_STEPS, FULL, Order
 from jbench.returns import FINAL_EPISODES, final_episodes
 from jbench.statistics import FloatArray, IntArray
 
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
+PUBLISHED = "published"  # source of the paper's curves
+SEQUENCE, SEQUENCE_ROBOTS = "augmented SAC", 10
+"""The authors' curve of SAC on augmented robots in sequence, with 1e6 control steps each."""
+
+# Columns of quantiles in frames, and those that name a curve.
+NAMES = {f"q{percent}": "median" if percent == 50 else f"q{percent}" for percent in QUANTILES}
+CURVE = ["figure", "task", "algo", "representation"]
 
 
 @dataclass(frozen=True)
@@ -50,9 +60,10 @@ def learning_curve(
     Args:
         lengths: (seeds,) number of episodes of each run.
         order: of quantiles and smoothing; see `jbench.names.ORDERS`.
-        window: episodes to average; fewer for short runs, see `fitting_window`.
+        window: episodes to average, but at most a quarter of the longest run.
     """
-    window = fitting_window(lengths, window)
+    # If the shortest counted, a seed that has just begun would make the curve of the others noisy.
+    window = min(window, max(1, int(lengths.max()) // 4))
     episodes = returns.shape[1]
     first = np.arange(episodes + 2 * (window // 2) - window + 1) - window // 2
     last = np.minimum(first + window, episodes) - 1
@@ -66,15 +77,6 @@ def learning_curve(
     mean_steps = np.maximum.accumulate(np.nanmean(control_steps, axis=0))
     seeds, widths = np.sum(np.isfinite(by_seed), axis=0), last + 1 - np.maximum(first, 0)
     return Curve(order, window, centers(mean_steps, window), seeds, quantiles, by_seed, widths)
-
-
-def fitting_window(lengths: IntArray, window: int) -> int:
-    """Returns the window, but at most a quarter of the longest run.
-
-    The shortest run does not count: a seed that has just begun would make the curve of the others
-    noisy.
-    """
-    return min(window, max(1, int(lengths.max()) // 4))
 
 
 def moving_average(values: FloatArray, window: int) -> FloatArray:
@@ -157,11 +159,42 @@ def _mean(values: FloatArray) -> float:
     return float(sums[0] / known.sum()) if known.any() else np.nan
 
 
-def steps_to_threshold(returns: FloatArray, control_steps: FloatArray, value: float) -> FloatArray:
-    """Returns the control steps (seeds,) after which smooth returns (seeds, points) reach a value.
+def read_published(table: pa.Table) -> pd.DataFrame:
+    """Returns the curves of Figures 7, 8 and 9, and of SAC on ten augmented robots in sequence.
 
-    Infinite for a seed that never reaches it, since the true number is after the run's end.
+    Columns: figure (`Figure 9`, or `SEQUENCE`), task, algo, representation, steps (center of the
+    window, as printed), q10, q25, median, q75, q90 (NaN if a figure lacks them), source, seeds.
+    Figure 8 with a wider, estimated band is left out.
     """
-    reached = np.nan_to_num(returns, nan=-np.inf) >= value
-    first = np.take_along_axis(control_steps, np.argmax(reached, axis=1)[:, None], axis=1)[:, 0]
-    return np.where(reached.any(axis=1), first, np.inf)
+    rows: pd.DataFrame = table.to_pandas(use_threads=False)
+    rows = rows[rows["figure"] != "fig8-10-90"]
+    index = [*CURVE, "control_steps"]
+    wide = rows.set_index([*index, "quantile"])["episode_return"].unstack().reset_index()
+    wide.columns = pd.Index([*CURVE, "steps", *(NAMES[f"q{q}"] for q in wide.columns[5:])])
+    wide = wide[wide["median"].notna()].reindex(columns=[*CURVE, "steps", *NAMES.values()])
+    sequence = wide["figure"] == "augmented-sac"
+    figure = wide["figure"].str.replace("fig", "Figure ").where(~sequence, SEQUENCE)
+    representation = wide["representation"].where(~sequence, FULL)
+    seeds = np.where(figure == "Figure 7", 1, 10)
+    wide = wide.assign(figure=figure, representation=representation, source=PUBLISHED, seeds=seeds)
+    return wide.astype({"steps": float})
+
+
+def best_median(
+    published: pd.DataFrame, names: Sequence[str], control_steps: float, *, sequence: bool = False
+) -> tuple[float, str] | None:
+    """Returns the best published median at a control step, and the figure's name.
+
+    Names are those of a task, an algorithm and a representation. It is interpolated at the center
+    of a window, on the curve of the plain robot or of a sequence of augmented ones. A curve's ends
+    have a tolerance of an episode, because the paper's windows are counted from the start of an
+    episode and ours from its end.
+    """
+    named = (published[CURVE[1:]] == [*names]).all(axis=1)
+    medians = []
+    for figure, curve in published[named].groupby("figure"):
+        steps, median = curve[["steps", "median"]].to_numpy().T
+        within = steps[0] - EPISODE_STEPS <= control_steps <= steps[-1] + EPISODE_STEPS
+        if within and sequence == (figure == SEQUENCE):
+            medians.append((float(np.interp(control_steps, steps, median)), str(figure)))
+    return max(medians, default=None)

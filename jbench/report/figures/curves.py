@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from jbench.report import style
 from jbench.report.data.configuration import IMPORTED, OWN
-from jbench.report.data.published import PUBLISHED
+from jbench.report.data.curves import PUBLISHED
 from jbench.report.data.returns import EVALUATION, FILE, TRAINING
 from jbench.report.figures import marks
 from jbench.report.figures.chart import Chart, Draw, Panel, by_task

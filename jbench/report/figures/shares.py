@@ -9,7 +9,7 @@ from matplotlib import colors
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.analysis.tasks import ALL_TASKS
+from jbench.report.analysis.scores import ALL_TASKS
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.frames import Frames

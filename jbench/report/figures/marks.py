@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import ticker
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 
 from jbench.report import style
 from jbench.report.data.returns import FILE, SOLVED, has_solved_return, whole
@@ -15,9 +16,6 @@ from jbench.report.style import Look, Looks
 
 MOST_POINTS = 200  # of a curve that are drawn; a panel of a page is about 300 pixels wide
 ROW = 0.25  # height of a row in inches
-PLAIN = ticker.StrMethodFormatter("{x:g}")
-"""Formats the numbers of a logarithmic axis, since texts are not parsed as mathematics."""
-
 _ROOM = 0.09  # of the height of a panel, between words beside it
 _TIPS = 25  # points of a curve that have a tip, if it has too many for markers
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
@@ -108,6 +106,14 @@ def set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
         axes.set_xlim(left=0)
         axes.xaxis.set_major_locator(ticker.MaxNLocator(4 if narrow(axes) else 6))
     axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
+
+
+def set_logarithmic(axes: Axes, name: str) -> None:
+    """Makes the x or y axis logarithmic, with plain numbers: texts are not parsed as formulas."""
+    axes.set(**{f"{name}scale": "log"})
+    axis: Axis = getattr(axes, f"{name}axis")
+    axis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(ticker.LogFormatter())
 
 
 def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -> None:

@@ -165,12 +165,12 @@ def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
                 axes.plot(x, y, linestyle=look.line, linewidth=width, **look.ink)
             marks.add_points(axes, x, y, tips, look, size, **(look.hollow if hollow else {}))
     if by_size:
-        axes.set(xlabel="latents", ylabel="variance not explained", yscale="log")
+        axes.set(xlabel="latents", ylabel="variance not explained")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
     else:
         marks.name_rows(axes, rows["name"])
-        axes.set(xscale="log", xlabel="fraction of the variance not explained")
-    (axes.yaxis if by_size else axes.xaxis).set_major_formatter(marks.PLAIN)
+        axes.set(xlabel="fraction of the variance not explained")
+    marks.set_logarithmic(axes, "y" if by_size else "x")
 
 
 def predictions(frames: Frames) -> Chart:

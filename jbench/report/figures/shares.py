@@ -93,9 +93,8 @@ def motor(frames: Frames) -> Chart:
             ]
             line = line[["velocity"]].assign(density=density)
             marks.add_line(axes, line, tips, looks[str(name)], step="mid")
-        axes.set(yscale="log", xlabel="motor velocity as observed (1: 180 rad/s)")
-        axes.set_ylabel("density")
-        axes.yaxis.set_major_formatter(marks.PLAIN)
+        axes.set(xlabel="motor velocity as observed (1: 180 rad/s)", ylabel="density")
+        marks.set_logarithmic(axes, "y")
 
     panels = by_task(frames.motor, draw, (5.0, 2.8))
     note = "distribution over all states of the evaluated episodes (the paper's Figure 4)"

@@ -190,9 +190,10 @@ def best_median(
     have a tolerance of an episode, because the paper's windows are counted from the start of an
     episode and ours from its end.
     """
-    named = (published[CURVE[1:]] == [*names]).all(axis=1)
+    for column, name in zip(CURVE[1:], names, strict=True):
+        published = published[published[column] == name]
     medians = []
-    for figure, curve in published[named].groupby("figure"):
+    for figure, curve in published.groupby("figure"):
         steps, median = curve[["steps", "median"]].to_numpy().T
         within = steps[0] - EPISODE_STEPS <= control_steps <= steps[-1] + EPISODE_STEPS
         if within and sequence == (figure == SEQUENCE):

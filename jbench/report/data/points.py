@@ -76,19 +76,23 @@ def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
     """
     number = "episode" if kind == TRAINING else "evaluation"
     columns = table.select(["run", number, *POINT]).unify_dictionaries()
-    rows: pd.DataFrame = columns.to_pandas(use_threads=False).astype(dict.fromkeys(POINT, float))
-    rows[POINT] = rows[POINT].where(np.isfinite(rows[POINT]))
+    rows: pd.DataFrame = columns.to_pandas(use_threads=False)
     if kind == TRAINING:
-        points = rows.sort_values(number, kind="stable").assign(deviations=np.nan, counts=1)
-        points = points.rename(columns={"episode_return": "returns"})
+        points = rows.rename(columns={"episode_return": "returns"})
+        points = points.assign(deviations=np.nan, counts=1)
     else:
+        rows[POINT] = rows[POINT].astype(float).where(np.isfinite(rows[POINT].astype(float)))
         grouped = rows.groupby(["run", number], observed=True)
         each = grouped["episode_return"]  # ignores NaN
         points = grouped[["control_steps", "processor_time"]].max()
         points = points.assign(returns=each.mean(), deviations=each.std(), counts=each.count())
-    places = points.groupby("run", observed=True).indices
-    numbers = points[FIELDS].to_numpy(float)
-    return {str(run): numbers[index] for run, index in places.items()}
+        points = points.reset_index()
+    order, numbers = points[number].to_numpy(), points[FIELDS].to_numpy(float)
+    numbers[~np.isfinite(numbers)] = np.nan
+    return {
+        str(run): numbers[places[np.argsort(order[places], kind="stable")]]
+        for run, places in points.groupby("run", observed=True).indices.items()
+    }
 
 
 def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArray]:

@@ -34,14 +34,14 @@ def add_points(
 
 
 def add_line(
-    axes: Axes, xy: pd.DataFrame, tips: list[str], look: Look, alpha: float = 0.14, step: Any = None
+    axes: Axes, xy: Any, tips: list[str], look: Look, alpha: float = 0.14, step: Any = None
 ) -> None:
     """Draws a line with a band; if it has few points, with marks, else with some unseen tips.
 
     xy has columns x, y, and the lower and upper end of the band, if any. step is where a step is,
     as matplotlib's `pre`, `mid` or `post`; None for a line, and only this has marks.
     """
-    x, y, *band = xy.to_numpy(float).T
+    x, y, *band = np.asarray(xy, float).T
     drawstyle = f"steps-{step}" if step else "default"
     axes.plot(x, y, linestyle=look.line, drawstyle=drawstyle, zorder=2.5, **look.ink)
     if band and np.isfinite(band[0]).any():

@@ -65,12 +65,11 @@ def profiles(frames: Frames) -> Chart:
 
     def draw(rows: pd.DataFrame, axes: Axes) -> None:
         for name, line in rows.groupby("label", sort=False):
-            values = line[["share", "low", "high"]]
-            changes = [(values != values.shift(by)).any(axis=1) for by in (1, -1)]
-            line = line[changes[0] | changes[1]][["final_return", "share", "low", "high"]]
-            points = line.itertuples(index=False, name=None)
-            tips = [f"{name}: {100 * y:.0f}% above {at:g}" for at, y, _, _ in points]
-            marks.add_line(axes, line, tips, looks[str(name)], step="post")
+            points = line[["final_return", "share", "low", "high"]].to_numpy(float)
+            changes = (points[1:, 1:] != points[:-1, 1:]).any(axis=1)
+            points = points[np.append(True, changes) | np.append(changes, True)]
+            tips = [f"{name}: {100 * y:.0f}% above {at:g}" for at, y in points[:, :2].tolist()]
+            marks.add_line(axes, points, tips, looks[str(name)], step="post")
         marks.add_solved(axes, every if ALL_TASKS in {*rows["task"]} else rows)
         axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
         axes.set_xlim(left=float(rows["final_return"].min()))

@@ -151,6 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f" ({error.filename})" if error.filename else ""
         return _failed(f"the system reports: {error.strerror or error}{where}.", 1)
     finally:
+        output.is_json = False
         for stream in filter(None, (sys.__stdout__, sys.__stderr__)):
             try:
                 stream.flush()

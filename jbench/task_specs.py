@@ -9,13 +9,13 @@ _STATE = ("position", "velocity", "motor_position", "motor_velocity")
 class TaskSpec:
     """One of the five tasks as data (paper, section 4.2).
 
-    `rewards` are the names of the terms whose product is the reward, and `target` those of the
+    `rewards` are the names of the terms whose product is the reward, and `drawn` those of the
     target's numbers that are drawn, in order: x and y (m), and yaw (rad). The others are 0.
     """
 
     features: tuple[str, ...]
     rewards: tuple[str, ...]
-    target: tuple[str, ...] = ()
+    drawn: tuple[str, ...] = ()
 
 
 _ANGLE, _TARGET = "angle_to_target", "target_in_jitterbug_frame"

@@ -41,7 +41,7 @@ def evaluate(
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     database, policy, task = _find(results, policy, policy_option, task, chosen["augment"])
     task = task or "face_direction"
-    if target_yaw is not None and task in TASK_SPECS and "yaw" not in TASK_SPECS[task].target:
+    if target_yaw is not None and task in TASK_SPECS and "yaw" not in TASK_SPECS[task].drawn:
         raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
     settings = validated(
         EvaluationSettings,

@@ -102,8 +102,8 @@ class Dataset:
             values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
             values = values.reshape(len(part), EPISODE_STEPS + 1, -1)
             observations, made = np.split(values, [find_task(task).observation_size], axis=-1)
-            parts = observations, made[:, :-1, :-1], made[:, :-1, -1]
-            return Block(*map(np.ascontiguousarray, parts))
+            arrays = observations, made[:, :-1, :-1], made[:, :-1, -1]
+            return Block(*map(np.ascontiguousarray, arrays))
         state = layout.read_state(rows, EPISODE_STEPS)
         target = layout.read_target(task, targets, EPISODE_STEPS + 1)
         return Block(
@@ -122,7 +122,7 @@ def find_dataset(
     """
     results = results_to_read(results)
     robot = dataset_robot(find_task(task)).get("robot", JITTERBUG)
-    option, whose = ("", "") if robot == JITTERBUG else (f" --task {robot}", f" of {robot}")
+    option, kind = ("", "") if robot == JITTERBUG else (f" --task {robot}", f" of {robot}")
     collect = with_results(f"jbench collect{option}", results.name)
     records, problems = results.scan("dataset")
     if id is not None:
@@ -138,12 +138,12 @@ def find_dataset(
                 "to resume it."
             )
         return Dataset(record)
-    theirs = [r for r in records if r.settings.get("robot", JITTERBUG) == robot]
-    finished = [r for r in theirs if r.status == "finished"]
+    suitable = [r for r in records if r.settings.get("robot", JITTERBUG) == robot]
+    finished = [r for r in suitable if r.status == "finished"]
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
-            f"No finished dataset{whose} in {results.name}{reason}; run "
+            f"No finished dataset{kind} in {results.name}{reason}; run "
             f"{collect} first (--steps 100000 makes a small one)."
         )
     plain = [record for record in finished if record.settings.get("augment") is None]

@@ -210,10 +210,10 @@ def _r2(
     predicted: Tensor, targets: Tensor, columns: Mapping[str, list[int]]
 ) -> dict[str, float | None]:
     """Returns the R² of each target, which has some of the columns; None if it is constant."""
-    errors, variance = (predicted - targets).square().mean(0), targets.var(0, correction=0)
+    squares, variance = (predicted - targets).square().mean(0), targets.var(0, correction=0)
     totals = {name: float(variance[some].sum()) for name, some in columns.items()}
     return {
-        name: 1 - float(errors[columns[name]].sum()) / total if total > 0 else None
+        name: 1 - float(squares[columns[name]].sum()) / total if total > 0 else None
         for name, total in totals.items()
     }
 

@@ -47,7 +47,7 @@ class Kind(Settings):
     @property
     def steps_ahead(self) -> int:
         """Control steps from `StatePairs.now` to `later`: the option `horizon`, if any, or 0."""
-        return int(getattr(self, "horizon", 0))
+        return int(getattr(self, "horizon", None) or 0)
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:

@@ -169,7 +169,7 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
     scales = {option: match[option] for option in _SCALES if match and match[option]}
     latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
     if match and match["latents"]:
-        latents = int(match["latents"][:10])  # Python refuses to read thousands
+        latents = int(match["latents"].lstrip("0")[:10] or 0)  # Python reads no more than 4300
     problem = _wrong_size(kind, task, latents)
     if problem is None:
         return EncoderSettings(kind=kind, task=task, dataset="any", latents=latents, options=scales)

@@ -198,7 +198,7 @@ class JitterbugWorlds(Worlds):
     def targets(self) -> dict[str, NDArray[np.float64]]:
         """Returns x, y (m) and yaw (rad) of the targets, those that the task draws."""
         numbers = resets.target_numbers(self._task, self.target).T
-        return dict(zip(TASK_SPECS[self._task].target, numbers, strict=True))
+        return dict(zip(TASK_SPECS[self._task].drawn, numbers, strict=True))
 
     def _observe(self, state: State) -> NDArray[np.float32]:
         self.robot_state = state

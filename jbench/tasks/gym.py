@@ -193,7 +193,7 @@ def outcome(
     """
     values = features.features(task, state, target)
     info = {}
-    if TASK_SPECS[task].target:
+    if TASK_SPECS[task].drawn:
         info["target"] = resets.target_numbers(task, target)
     if not {"near", "away"}.isdisjoint(TASK_SPECS[task].rewards):
         info["distance"] = distance_to_target(state, target)

@@ -44,7 +44,7 @@ def draw_quaternion(random: Random) -> NDArray[np.float64]:
 
 def draw_target(task: str, random: Random) -> Target:
     """Draws the target of an episode of a task: position (3,) and yaw ()."""
-    drawn = TASK_SPECS[task].target
+    drawn = TASK_SPECS[task].drawn
     bearing, radius, yaw = 0.0, 0.0, 0.0
     if "x" in drawn:
         bearing = random.uniform(0, 2 * math.pi)
@@ -56,14 +56,14 @@ def draw_target(task: str, random: Random) -> Target:
 
 
 def target_numbers(task: str, target: Target) -> Array:
-    """Returns the (..., n) random numbers of targets, see `TaskSpec.target`."""
+    """Returns the (..., n) random numbers of targets, see `TaskSpec.drawn`."""
     yaw = np.asarray(target.yaw)[..., None]
     return np.concatenate([target.position[..., :2], yaw], axis=-1)[..., _drawn(task)]
 
 
 def _drawn(task: str) -> slice:
     """Returns where the random numbers of a task's targets are among x, y and yaw."""
-    names = TASK_SPECS[task].target
+    names = TASK_SPECS[task].drawn
     first = 0 if "x" in names else 2
     return slice(first, first + len(names))
 
@@ -85,7 +85,7 @@ def option_target(
         raise RequestError(f"reset has no option {', '.join(unknown)}; it has target.")
     if not options:
         return None
-    numbers, names = options["target"], TASK_SPECS[task].target
+    numbers, names = options["target"], TASK_SPECS[task].drawn
     if not names:
         raise RequestError(f"{task} has no target to choose: leave out the option target.")
     shapes = [(len(names),)] if count is None else [(len(names),), (count, len(names))]

@@ -113,7 +113,7 @@ def encoded(task, state, target):
 
 def at_origin(task, target):
     """The target of a task: at the origin, unless the task draws its position."""
-    if "x" in TASK_SPECS[task].target:
+    if "x" in TASK_SPECS[task].drawn:
         return target
     return target._replace(position=np.array([0, 0, geometry.TARGET_HEIGHT]))
 

@@ -15,9 +15,8 @@ from jbench.settings.base import omissible
 from jbench.tasks.features import observation_size
 from jbench.tasks.geometry import Array
 
-_YAW_RATE = slice(
-    12, 13
-)  # position in every task's observation, after x, y, z, a quaternion and 5 velocities
+# Where the yaw rate is in every task's observation, after x, y, z, a quaternion and 5 velocities.
+_YAW_RATE = slice(12, 13)
 
 
 class Autoencoder(Learned):

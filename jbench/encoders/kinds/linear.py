@@ -163,11 +163,11 @@ class DynamicModes(Linear, Fitted):
         rows = (torch.cat([b.now, b.later, b.actions], 1).double() for b in batches)
         moments = reduce(Moments.merged, (Moments.of(some.cpu().numpy()) for some in rows))
         actions = moments.covariance[2 * size :, 2 * size :]
-        pair, with_actions = np.split(moments.covariance[: 2 * size], [2 * size], axis=1)
+        pair, across = np.split(moments.covariance[: 2 * size], [2 * size], axis=1)
         # Covariance of present and future given the actions.
-        given = pair - with_actions @ np.linalg.pinv(actions, hermitian=True) @ with_actions.T
-        white, later_white = _whitening(given[:size, :size]), _whitening(given[size:, size:])
-        _, correlations, rotation = np.linalg.svd(later_white @ given[size:, :size] @ white.T)
+        partial = pair - across @ np.linalg.pinv(actions, hermitian=True) @ across.T
+        white, later_white = _whitening(partial[:size, :size]), _whitening(partial[size:, size:])
+        _, correlations, rotation = np.linalg.svd(later_white @ partial[size:, :size] @ white.T)
         directions = scaling.with_positive_largest(rotation @ white)[:latents]
         return {
             "directions": directions,

@@ -10,7 +10,7 @@ under other rotations only with an elliptic cone. The reduction loses only the d
 pyramid.
 
 The latents are the `SIGNS` of a task, in this order, in the heading frame: the world rotated about
-the vertical by the heading h, into which and a tilt `swing_and_twist` splits the orientation.
+the vertical by the heading h. `swing_and_twist` splits the orientation into h and a tilt.
 `move_from_origin` has no target, but its reward depends on the distance from the origin, which
 takes the target's place: only rotations about the origin are symmetries of this task.
 """
@@ -99,7 +99,7 @@ class PlanarReduction(Fitted):
     def restore(self, task: str, latents: Array, center_of_mass: Array) -> Array:
         """Returns features (..., dim(O)) in SI units of a robot with these unscaled latents.
 
-        Those that lack are 0. Unless they say its place and turn (`HeadingFrame`), the robot's
+        Missing ones are 0. Unless they say its place and turn (`HeadingFrame`), the robot's
         heading h is 0, and it is at the origin; in `move_from_origin` it is on the other side of
         the way to the origin. The torso's center of mass (3,) is in its own frame (m).
         """
@@ -108,7 +108,7 @@ class PlanarReduction(Fitted):
         numbers = defaultdict[str, Array](lambda: zero)
         numbers |= {name: latents[..., i] for i, name in enumerate(self.columns(task))}
         way = [numbers["target_x"], numbers["target_y"]]
-        home = [zero, zero] if "x" in TASK_SPECS[task].target else [-part for part in way]
+        home = [zero, zero] if "x" in TASK_SPECS[task].drawn else [-part for part in way]
         place = [numbers.get(axis, part) for axis, part in zip("xy", home, strict=True)]
         cosine, sine = numbers.get("cosine", zero + 1), numbers["sine"]
         length = xp.sqrt(xp.clip(cosine * cosine + sine * sine, 1e-12, None))

@@ -4,6 +4,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -42,6 +43,10 @@ class DivergedError(WorkError):
             f"The agent diverged: its {what} {verb} not finite{after} at control step "
             f"{control_steps:,}."
         )
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        """Pickles it, for a training loop of others in a pool of processes."""
+        return type(self), tuple(self.summary["diverged"].values())
 
 
 def divergent_loss(losses: Mapping[str, float]) -> str | None:

@@ -177,7 +177,9 @@ def shipped_policies() -> list[str]:
 
 
 def locate_run(results: Results, name: str) -> tuple[Results, str]:
-    """Returns the results with the run of a policy, by "reference/" and an id or an id, and its id.
+    """Returns the results that hold the run of a policy, and the run's id.
+
+    The name is the beginning of an id, after "reference/" for a shipped run.
 
     Raises a RequestError if the name is no id, or that of no shipped policy or of several runs.
     """

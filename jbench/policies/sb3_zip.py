@@ -86,13 +86,20 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
     name = str(typed).rpartition(".")[2].strip("'>")
     if name not in _ACTIVATIONS:
         raise UnsupportedPolicyError(f"its activation {name} is not known")
-    first, *others = [
-        SavedLayer("linear", weight=array, bias=weights[f"{path.removesuffix('weight')}bias"])
-        for prefix in (hidden, last)
-        for path, array in weights.items()
-        if path.startswith(prefix) and path.endswith(".weight")
-    ]
+    first, *others = [*_linear(hidden, weights), *_linear(last, weights)]
     return [first, *(layer for linear in others for layer in (_ACTIVATIONS[name], linear)), *output]
+
+
+def _linear(prefix: str, weights: dict[str, Float]) -> list[SavedLayer]:
+    """Returns the linear layers whose names have a prefix, in the order of their numbers."""
+    names = sorted(
+        {name.rpartition(".")[0] for name in weights if name.startswith(prefix)},
+        key=lambda name: int(f"{name}.".removeprefix(prefix).strip(".") or 0),
+    )
+    return [
+        SavedLayer("linear", weight=weights[f"{name}.weight"], bias=weights[f"{name}.bias"])
+        for name in names
+    ]
 
 
 def _weights(content: bytes) -> dict[str, Float]:

@@ -40,13 +40,16 @@ class RunWriter:
     def block(self) -> Iterator[None]:
         """Finishes the run at the end of the block; marks it as failed if it has too few steps."""
         try:
-            yield
+            try:
+                yield
+            except UnsupportedPolicyError:
+                # A policy that can't be kept does not spoil a training that is complete.
+                if self._is_complete:
+                    self._finish()
+                raise
             self._finish()
         except BaseException as error:
-            # A policy that can't be kept does not spoil a training that is complete.
-            if isinstance(error, UnsupportedPolicyError) and self._is_complete:
-                self._finish()
-            elif self._record.status == "unfinished":
+            if self._record.status == "unfinished":
                 self._stop(error)
             raise
 

@@ -1,5 +1,6 @@
 """Writing an episode as a video, an animation, or a strip of images."""
 
+import contextlib
 import importlib.util
 import io
 import tempfile
@@ -139,10 +140,10 @@ def mp4(pictures: Iterator[Picture], seconds: float = _INTERVAL) -> bytes:
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "video.mp4"
         try:
-            with imageio.v2.get_writer(path, **options) as writer:
+            with contextlib.closing(imageio.v2.get_writer(path, **options)) as writer:
                 for picture in pictures:
                     odd = [(0, size % 2) for size in picture.shape[:2]]
-                    writer.append_data(np.pad(picture, [*odd, (0, 0)], mode="edge"))  # type: ignore[attr-defined]
+                    writer.append_data(np.pad(picture, [*odd, (0, 0)], mode="edge"))
         except OSError as error:
             raise WorkError(f"ffmpeg failed: {str(error).splitlines()[0]}.") from None
         if not path.exists():

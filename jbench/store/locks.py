@@ -64,7 +64,8 @@ def share(directory: Path) -> contextlib.AbstractContextManager[None]:
 def is_held(directory: Path, shared: bool = False) -> bool:
     """Returns whether a process, on any machine, holds the lock of a directory; changes nothing.
 
-    Locks that `share` holds count only if `shared`; some systems then require write access.
+    Locks that `share` holds count only if `shared`; some systems then require write access. Where
+    files can't be locked, none is held.
     """
     access, kind = (os.O_RDWR, LockFlags.EXCLUSIVE) if shared else (os.O_RDONLY, LockFlags.SHARED)
     try:

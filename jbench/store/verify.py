@@ -65,10 +65,10 @@ def no_progress(total: int) -> contextlib.AbstractContextManager[Callable[[int],
 
 def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
     """Checks a results directory; each thread checks a record, and the progress is in folders."""
-    folders = [record for kind in KINDS for record in results.walk(kind)]
+    walked = [record for kind in KINDS for record in results.walk(kind)]
     checked = []
-    with progress(len(folders)) as show, ThreadPoolExecutor(threads) as pool:
-        for outcome in pool.map(lambda record: _check_beside_writers(results, record), folders):
+    with progress(len(walked)) as show, ThreadPoolExecutor(threads) as pool:
+        for outcome in pool.map(lambda record: _check_beside_writers(results, record), walked):
             checked.append(outcome)
             show(len(checked))
     records = [record for record, _ in checked if record is not None]
@@ -213,13 +213,13 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
 
 def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
     """Repairs a folder unless it is locked; returns the command that makes its record again."""
-    folder, dry_run, whose = results.look(kind, id), quarantine.dry_run, f"the {kind} {id}"
-    folder.check()
-    if dry_run and locks.is_held(folder.path):
+    looked_at, dry_run, whose = results.look(kind, id), quarantine.dry_run, f"the {kind} {id}"
+    looked_at.check()
+    if dry_run and locks.is_held(looked_at.path):
         raise locks.HeldError(whose)
     # Folders without a lock have no writer.
-    unlocked = dry_run or not os.path.lexists(folder.path / locks.LOCK)
-    with contextlib.nullcontext() if unlocked else locks.hold(folder.path, whose):
+    unlocked = dry_run or not os.path.lexists(looked_at.path / locks.LOCK)
+    with contextlib.nullcontext() if unlocked else locks.hold(looked_at.path, whose):
         record, flaws = examine(results, kind, id)
         for flaw in flaws:
             if flaw.sort == "foreign":

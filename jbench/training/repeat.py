@@ -72,7 +72,7 @@ def reevaluate(results: Results, record: Record) -> Repeated:
             act: Act = agent.act
             if settings.engine == "batched":
                 engine = stack.enter_context(
-                    make_trainer([settings], [agent.encoder], _device(record))
+                    make_trainer([settings], [agent.encoder], _device(record, at_end=True))
                 )
                 assert isinstance(engine, BatchedEngine)
                 engine.load_policy(0, agent.policy, control_steps)
@@ -158,10 +158,17 @@ def changes_since(record: Record) -> dict[str, list[Any]]:
     return differences(record.manifest.provenance, now)
 
 
-def _device(record: Record) -> str:
-    """Returns the device that a run was trained on, if it exists here; otherwise `cpu`."""
-    on_gpu = record.manifest.provenance.get("device") == "cuda"
+def _device(record: Record, at_end: bool = False) -> str:
+    """Returns the device on which a run began or ended, if it exists here; otherwise `cpu`."""
+    on_gpu = _recorded_device(record, at_end) == "cuda"
     return find_device("auto" if on_gpu else "cpu").type
+
+
+def _recorded_device(record: Record, at_end: bool) -> str:
+    made = record.manifest.provenance
+    began = str(made.get("device", "cpu"))
+    *_, last = ({}, *made.get("continued", [])) if at_end else ({},)
+    return str(last.get("changed", {}).get("device", [began])[-1])
 
 
 def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
@@ -170,7 +177,7 @@ def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
         return "Another program or version wrote its settings."
     if not rows:
         return "It has no evaluation."
-    if record.manifest.provenance.get("device", "cpu") != _device(record):
+    if _recorded_device(record, at_end=True) != _device(record, at_end=True):
         return "A GPU evaluated it, and this machine has none."
     if settings.engine == "plugin":
         return "Its evaluations ran the agent's own code; the kept copy rounds sums differently."

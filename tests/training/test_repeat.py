@@ -36,12 +36,12 @@ def trained(tmp_path_factory):
     return results
 
 
-def altered_copy(results, into, run, tables=None, files=None, summary=None, device="cpu"):
+def altered_copy(results, into, run, tables=None, files=None, summary=None, **provenance):
     """Writes a copy of a run with other rows, files or summary, with valid checksums."""
     before = results.find("run", run.id)
     rows = {name: before.read(name) for name in ("episodes", "evaluations")}
     kept = {name: before.read_file(name) for name in (WEIGHTS, DESCRIPTION)}
-    record = Results(into).create("run", run.id, before.settings, {"device": device})
+    record = Results(into).create("run", run.id, before.settings, provenance)
     record.append({**rows, **(tables or {})})
     record.finish(
         before.manifest.summary if summary is None else summary, {**kept, **(files or {})}
@@ -125,6 +125,11 @@ def test_evaluation_on_a_gpu_is_not_compared_without_one(trained, tmp_path):
     done = reevaluate(results, record)
     assert done.verdict == "not comparable"
     assert done.reason == "A GPU evaluated it, and this machine has none."
+    moved = {"changed": {"device": ["cuda", "cpu"]}}
+    results, record = altered_copy(
+        trained, tmp_path / "moved", settings(), device="cuda", continued=[{"changed": {}}, moved]
+    )
+    assert reevaluate(results, record).verdict == "equal"  # a CPU evaluated it
 
 
 def test_policies_of_older_versions_are_not_compared(trained, tmp_path):

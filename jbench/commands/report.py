@@ -138,7 +138,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
             cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
             rows.append([row["about"], row["representation"], *cells])
         heads = product(matrix["baselines"], matrix["claims"].values())
-        header = ["", "observation", *(f"{of} against {name}" for name, of in heads)]
+        header = ["", "observation", *(f"{title} against {name}" for name, title in heads)]
         output.table(table.title, header, rows)
     for note in frames.notes:
         output.say(f"Note: {note}")

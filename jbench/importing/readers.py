@@ -5,7 +5,6 @@ A `RequestError` says what is wrong with a file that is cut off or not of its fo
 
 import io
 import json
-import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -111,10 +110,11 @@ def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
     first, _, _ = file.content.partition(b"\n")
     try:
         head = json.loads(first.removeprefix(b"#"))
-        start = float(head["t_start"])
-    except (ValueError, TypeError, KeyError, OverflowError):
-        start = math.nan
-    if not abs(start) < _MAX_TIME:
+        start = head["t_start"]
+    except (ValueError, TypeError, KeyError):
+        start = None
+    is_head = first.startswith(b"#") and isinstance(start, int | float)
+    if not is_head or not abs(start) < _MAX_TIME:
         raise RequestError(
             f'{file.path}, line 1: not a file of a Monitor, which begins with {{"t_start": …}} '
             "after a #."
@@ -142,19 +142,21 @@ def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series
     """Returns the episodes of all evaluations of an `EvalCallback` of stable-baselines3."""
     try:
         with np.load(io.BytesIO(file.content), allow_pickle=False) as saved:
-            arrays = [saved[name].astype(np.float64) for name in _ARRAYS if name in saved]
+            arrays = {n: saved[n].astype(np.float64) for n in _ARRAYS if n in saved}
     except Exception as error:  # a damaged file may raise almost any
         reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise RequestError(
             f"{file.path} is cut off, or not an evaluations.npz ({reason})."
         ) from None
-    shapes, dimensions = [a.shape for a in arrays], [a.ndim for a in arrays]
+    if missing := [name for name in _ARRAYS if name not in arrays]:
+        raise RequestError(f"{file.path} is not of an EvalCallback: no {', '.join(missing)}.")
+    steps, returns, lengths = arrays.values()
+    shapes, dimensions = [a.shape for a in arrays.values()], [a.ndim for a in arrays.values()]
     if dimensions != [1, 2, 2] or shapes[0] != shapes[1][:1] or shapes[1] != shapes[2]:
         raise RequestError(
             f"{file.path} is not of an EvalCallback: its arrays have the shapes "
             f"{', '.join(map(str, shapes))}."
         )
-    steps, returns, lengths = arrays
     point, episode = (index.ravel() for index in np.indices(returns.shape))
     values = {"episode_return": returns.ravel(), "length": lengths.ravel()}
     columns = {"point": point, "control_steps": steps[point], "episode": episode, **values}
@@ -165,12 +167,13 @@ def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series
 def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the values of one tag of TensorBoard; their time is that of the clock, in s."""
     scalars, tag = _scalars(file), request.tag
+    if not scalars:
+        raise RequestError(f"{file.path} has no scalars; leave the file out.")
     tags = [name for name in ([tag] if tag is not None else TAGS) if name in scalars]
     if len(tags) != 1:
         reason = f"no tag {tag!r}" if tag is not None else "not exactly one known tag of returns"
         raise RequestError(
-            f"{file.path} has {reason}; type --tag with one of "
-            f"{', '.join(sorted(scalars)) or '(none)'}."
+            f"{file.path} has {reason}; type --tag with one of {', '.join(sorted(scalars))}."
         )
     names = ["control_steps", "wall_time", "episode_return"]
     points = pd.DataFrame(scalars[tags[0]], columns=names).rename_axis("value")

@@ -36,14 +36,20 @@ class AlgorithmSettings(Settings):
 
 
 class OffPolicySettings(AlgorithmSettings):
-    """Settings of DDPG, TD3, SAC and rules of other packages; defaults: stable-baselines3's SAC."""
+    """Settings of DDPG, TD3, SAC and rules of other packages, whose defaults these are."""
 
     buffer_size: Count = Field(1_000_000, description="transitions; Table 1")
-    learning_starts: NonNegativeInt = Field(100, description="control steps until the first update")
+    learning_starts: NonNegativeInt = Field(
+        100, description="control steps until the first update; stable-baselines 2"
+    )
     uniform_warmup: bool = Field(True, description="uniform actions before learning_starts")
-    train_freq: Count = Field(1, description="control steps between updates")
-    gradient_steps: Count = Field(1, description="updates after every train_freq steps")
-    tau: float = Field(0.005, gt=0, le=1, description="polyak coefficient of the target networks")
+    train_freq: Count = Field(1, description="control steps between updates; stable-baselines 2")
+    gradient_steps: Count = Field(
+        1, description="updates after every train_freq steps; stable-baselines 2"
+    )
+    tau: float = Field(
+        0.005, gt=0, le=1, description="polyak coefficient of the targets; stable-baselines 2"
+    )
     action_noise: Noise = Field("none", description="for exploration")
     noise_mean: float = Field(0.0, description="of the action noise; Table 1")
     noise_sigma: float = Field(0.2, ge=0, description="of the action noise; Table 1")
@@ -51,7 +57,7 @@ class OffPolicySettings(AlgorithmSettings):
     noise_dt: float = Field(0.01, gt=0, description="s; stable-baselines 2")
     mirror: bool = omissible(
         False,
-        description="whether half of each minibatch is mirrored, x to -x and the action; ours",
+        description="whether half of each minibatch is mirrored: x to -x, the action negated; ours",
     )
 
     @property

@@ -1,4 +1,4 @@
-"""Settings of everything but runs: datasets, evaluations, recorded loops and imported curves."""
+"""Base classes of the settings of runs, and the settings of all other records."""
 
 import re
 from typing import Any, ClassVar, Literal, Self
@@ -124,7 +124,7 @@ LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 
 
 class Labels(Settings):
-    """What a learning curve of another program is of."""
+    """Task, algorithm and representation of a run or an imported curve."""
 
     task: str
     algo: str = Field(description="label of the algorithm, such as cleanrl-td3")
@@ -145,7 +145,7 @@ class Labels(Settings):
 
 
 class LabeledSettings(Labels):
-    """Base class of the settings of recorded training loops and of imported learning curves."""
+    """Base class of the settings of runs, recorded training loops and imported curves."""
 
     seed: Seed
 
@@ -187,7 +187,8 @@ class TrainedSettings(LabeledSettings):
     @model_validator(mode="after")
     def _has_the_robot(self) -> Self:
         if self.specs is not None and self.augment is not None:
-            raise ValueError(f"{self.task} has no augmented robots: leave them out")
+            typed = " and ".join(sorted({"augment", "robots"} & self.model_fields_set))
+            raise ValueError(f"{self.task} has no augmented robots: leave {typed} out")
         return self
 
 

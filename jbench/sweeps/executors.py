@@ -172,12 +172,18 @@ class Ray:
             ended = [Event("failed", run.id, f"its task failed: {reason}") for run in runs]
         except self._ray.exceptions.RayError:
             return
+        where = f"it is finished where it ran, but not in {self._results.path} here"
         for event in ended:
-            # A network file system may show the writes of another node late: 90 s at most.
-            for _ in range(45 if event.kind == "finished" else 0):
-                if is_finished(self._results, "run", event.run) or self._stopped.wait(LOOK_EVERY):
-                    break
-            yield event
+            arrived = event.kind != "finished" or self._arrives(event.run)
+            reason = f"{where}; all nodes must share that directory"
+            yield event if arrived else Event("failed", event.run, reason)
+
+    def _arrives(self, run: str) -> bool:
+        """Waits 90 s at most for a run, as a network file system may show it late."""
+        for _ in range(round(90 / LOOK_EVERY)):
+            if is_finished(self._results, "run", run) or self._stopped.wait(LOOK_EVERY):
+                return True
+        return False
 
 
 def train_batch(request: str) -> str:

@@ -8,6 +8,7 @@ its manifest has its status. Several sweeps of a matrix thus share the work, als
 
 import queue
 import time
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -139,7 +140,8 @@ class _Scheduler:
     report: Report
     retry: Collection[str]
     wait: bool
-    tasks: dict[_Task, int] = field(default_factory=dict)  # how often their processes have died
+    tasks: set[_Task] = field(default_factory=set)
+    deaths: Counter[str] = field(default_factory=Counter)  # of the processes of a run, by its id
     events: queue.SimpleQueue[Event | _Task] = field(default_factory=queue.SimpleQueue)
     elsewhere: set[str] = field(default_factory=set)
     failures: dict[str, str] = field(default_factory=dict)
@@ -153,10 +155,10 @@ class _Scheduler:
                 self._handle(self.events.get(timeout=LOOK_EVERY))
         return self.failures
 
-    def _submit(self, batches_of_runs: Iterable[Sequence[RunSettings]], deaths: int = 0) -> None:
+    def _submit(self, batches_of_runs: Iterable[Sequence[RunSettings]]) -> None:
         for batch in batches_of_runs:
             task = self.pool.submit(self._train_batch, batch)
-            self.tasks[task] = deaths
+            self.tasks.add(task)
             task.add_done_callback(self.events.put)
 
     def _train_batch(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
@@ -187,9 +189,9 @@ class _Scheduler:
 
     def _handle(self, event: Event | _Task) -> None:
         if isinstance(event, Future):
-            deaths = self.tasks.pop(event) + 1
+            self.tasks.remove(event)
             if died := event.result():
-                self._try_again(died, deaths)
+                self._try_again(died)
         elif event.kind == "held":
             self._leave(event.runs)
         else:
@@ -204,12 +206,14 @@ class _Scheduler:
                 sentence = f"the run {event.run} failed: {event.text}{details}"
                 self.report(Event("warning", text=sentence))
 
-    def _try_again(self, runs: Sequence[RunSettings], deaths: int) -> None:
+    def _try_again(self, runs: Sequence[RunSettings]) -> None:
         """Trains runs again whose process died, unless that happened too often."""
+        self.deaths.update(run.id for run in runs)
+        deaths = max(self.deaths[run.id] for run in runs)
         if deaths < _MAX_DEATHS:
             # At last each is alone, so that a run that kills its process fails no other run.
             alone = len(runs) > 1 and deaths == _MAX_DEATHS - 1
-            self._submit([[run] for run in runs] if alone else [runs], deaths)
+            self._submit([[run] for run in runs] if alone else [runs])
             how = "each is tried again in a process of its own" if alone else "they are tried again"
             self.report(Event("note", text=f"The process of {_named(runs)} died; {how}."))
             return

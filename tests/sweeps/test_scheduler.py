@@ -28,7 +28,7 @@ from pathlib import Path
 from jbench.sweeps.executors import Local
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.matrix import read_matrix
-from jbench.sweeps.scheduler import batches, sweep
+from jbench.sweeps.scheduler import sweep
 from jbench.store import Results
 
 matrix, results = sys.argv[1], Results(Path(sys.argv[2]))

@@ -12,7 +12,7 @@ from pathlib import Path
 FILE = 250
 FUNCTION = 50
 TOTAL = 28_000
-WORDS = 23_900
+WORDS = 24_000
 """Of README and docs/."""
 
 ROOT = Path(__file__).resolve().parents[1]

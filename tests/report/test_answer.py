@@ -127,7 +127,7 @@ def configuration(text):
 
 @pytest.mark.parametrize(
     ("page", "heading", "count"),
-    [("README.md", "final evaluation return", 5), ("docs/answer.md", "the agent observes", 12)],
+    [("README.md", "final evaluation return", 6), ("docs/answer.md", "the agent observes", 13)],
 )
 def test_main_table(returns, page, heading, count):
     policies = {row[0]: row for row in table("docs/policies.md", "hand-written")}
@@ -243,6 +243,17 @@ def test_planar_coordinates_help_by_what_they_leave_out(finals):
     assert abs(iqm(heading) - iqm(full)) < 50
     tested = decision(TASKS[1], "heading", "planar")
     assert f"less than with `planar`: {tested} by the sequential test" in text_of("answer")
+
+
+def test_mirror_symmetry_on_the_easier_task():
+    rows = table("docs/answer-details.md", "at the end")
+    pair = [TASKS[0], "planar-mirror12", "scaled"]
+    ((*_, at_end, _, p),) = (r for r in rows if [configuration(r[0])[1], *r[1:3]] == pair)
+    higher = f"is higher than with `scaled`: {at_end}, and p is {float(p):.2f}."
+    tested = decision(TASKS[0], "planar-mirror", "planar", "undecided")
+    assert f"{higher} Whether it is higher than with `planar` is undecided: {tested}" in (
+        text_of("answer")
+    )
 
 
 def test_heading_of_the_easier_task(finals):

@@ -3,6 +3,7 @@
 import warnings
 from collections import Counter
 from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from jbench.store.shipped import results_to_read
 _RUN = ["run", "task", "algo", "representation", "encoder", "variant", "source"]
 _RUN += ["seed", "steps", "status"]
 _CURVE = ["task", "algo", "representation", "variant", "source"]
+_key = attrgetter(*_CURVE)  # of a configuration; both kinds of return of the same runs share it
 _QUANTILES = [f"q{percent}" for percent in QUANTILES]
 _POINT = ["returns", "order", "window", "control_steps", "seeds", *_QUANTILES]
 _SEED_POINT = ["run", "seed", "returns", "window", "control_steps", "episode_return"]
@@ -116,10 +118,10 @@ class OpenedResults:
             Request(task=task, algo=algo, returns=returns, window=window, order=order)
         )
         chosen = with_returns(source.configurations, returns)
-        drawn = chosen if per_seed else sorted(chosen, key=lambda configuration: configuration.key)
+        drawn = chosen if per_seed else sorted(chosen, key=_key)
         parts = [part for c in drawn for part in _points(c, c.curve(order, window), per_seed)]
         points = long_frame(parts, [*_CURVE, *(_SEED_POINT if per_seed else _POINT)])
-        named = pd.DataFrame([configuration.key for configuration in chosen], columns=_CURVE)
+        named = pd.DataFrame(list(map(_key, chosen)), columns=_CURVE)
         named["settings"] = [configuration.words for configuration in chosen]
         settings = _settings([configuration.settings for configuration in chosen])
         values = settings.astype(str).nunique(dropna=False)
@@ -136,7 +138,7 @@ class OpenedResults:
 
 def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[Part]:
     """Returns the points of a curve; of each seed's, those of windows that it has completed."""
-    names = dict(zip(_CURVE, configuration.key, strict=True)) | {"returns": configuration.kind}
+    names = dict(zip(_CURVE, _key(configuration), strict=True)) | {"returns": configuration.kind}
     arrays = {"window": curve.widths, "control_steps": curve.control_steps}
     if not per_seed:
         quantiles = dict(zip(_QUANTILES, curve.quantiles, strict=True))

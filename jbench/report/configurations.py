@@ -10,15 +10,7 @@ from jbench.names import kind_in
 from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, long_frame
-from jbench.report.data.curves import (
-    NAMES,
-    PUBLISHED,
-    SEQUENCE_ROBOTS,
-    Curve,
-    best_median,
-    centers,
-    moving_average,
-)
+from jbench.report.data.curves import NAMES, Curve, best_median, centers, moving_average
 from jbench.report.data.returns import SOLVED, TRAINING, display_name, shown_representation
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -77,9 +69,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
             known = np.isfinite(config.returns).any(axis=1)
             at = moving_average(config.control_steps[known], curve.window)
             smooth = curve.by_seed[known][:, curve.widths == curve.window]
-            reaches = np.nan_to_num(smooth, nan=-np.inf) >= SOLVED
-            first = np.take_along_axis(at, np.argmax(reaches, axis=1)[:, None], axis=1)[:, 0]
-            steps = np.where(reaches.any(axis=1), first, np.inf)  # else after the run's end
+            steps = np.where(smooth >= SOLVED, at, np.inf).min(axis=1)
             row |= _intervals({"solved_steps": st.median}, steps)
             row["reached"] = int(np.isfinite(steps).sum())
         if row["seeds"] and config.has_solved_return:
@@ -191,13 +181,16 @@ def published_frame(
 
 
 def sequence_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame:
-    """Returns curves on sequences of robots, and the authors' up to the last step of ours."""
+    """Returns curves on sequences of robots, and the authors' up to the last step of ours.
+
+    Theirs has ten robots with 1e6 control steps each.
+    """
     ours = curve_frame(curves)
     longest = ours.groupby(["task", "algo"])["steps"].max()
     theirs = published_frame(published, {config.task for config, _ in curves})
     keys = pd.MultiIndex.from_frame(theirs[["task", "algo"]])
     theirs = theirs[theirs["steps"] <= longest.reindex(keys).to_numpy()]
     name = theirs["algo"] + " " + theirs["representation"] + ", published"
-    theirs = theirs.assign(configuration=theirs["task"] + " " + name, label=name, words=PUBLISHED)
-    theirs = theirs.assign(returns=TRAINING, robots=SEQUENCE_ROBOTS, robot_steps=1e6)
+    theirs = theirs.assign(label=name, words=theirs["source"], returns=TRAINING)
+    theirs = theirs.assign(configuration=theirs["task"] + " " + name, robots=10, robot_steps=1e6)
     return pd.concat([ours, theirs], ignore_index=True).reindex(columns=CURVES)

@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Mapping
 from statistics import multimode
-from typing import Any
 
 import pandas as pd
 
@@ -42,7 +41,8 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
     if rows.empty:
         return pd.DataFrame(columns=_COLUMNS)
     names = rows["encoder"].str.split("/").str[1]  # such as dae12-observation-whitened
-    rows = rows.assign(settings=_labels(rows), representation=names.map(shown_representation))
+    rows["representation"] = names.map(shown_representation)
+    rows["settings"] = rows.groupby(["task", "kind"])["settings"].transform(_labels)
     for name in _FRACTIONS:
         rows[name] = 1 - rows[f"{name}_explained"]
     predictions = tables["encoder_predictions"]
@@ -93,14 +93,14 @@ def return_frame(configurations: Configurations) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*ID, "steps", "seeds", "iqm", "low", "high"])
 
 
-def _labels(rows: pd.DataFrame) -> list[str]:
-    """Returns the options that distinguish each row's variant within its task and kind."""
-    keys, variants = [], dict[tuple[str, str], dict[str, dict[str, Any]]]()
-    for task, kind, text in zip(rows["task"], rows["kind"], rows["settings"], strict=True):
-        kept = {n: v for n, v in json.loads(text).items() if n not in ENCODER_VARIANT}
-        keys.append((task, kind, settings_hash(kept)))
-        variants.setdefault((task, kind), {})[keys[-1][2]] = kept
-    labels = {key: variant_labels(options) for key, options in variants.items()}
+def _labels(texts: pd.Series) -> list[str]:
+    """Returns the options that distinguish each variant of encoders of one task and kind."""
+    options = [
+        {name: value for name, value in json.loads(text).items() if name not in ENCODER_VARIANT}
+        for text in texts
+    ]
+    hashes = list(map(settings_hash, options))
+    labels = variant_labels(dict(zip(hashes, options, strict=True)))
     # An option that is not set has its default; the scale is in the representation's name.
     redundant = re.compile(r"\w+=\(not set\)(, )?|(re)?scale=[^,]+(, )?")
-    return [redundant.sub("", labels[t, k][name]).strip(", ") for t, k, name in keys]
+    return [redundant.sub("", labels[name]).strip(", ") for name in hashes]

@@ -22,7 +22,7 @@ from jbench.report.encoders import encoder_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
 from jbench.report.request import Request
-from jbench.report.runs import metric_frame, provenance_frame, run_frame
+from jbench.report.runs import provenance_frame, run_frame
 from jbench.store import Results, query
 from jbench.store.shipped import shipped_results
 from jbench.wording import repair_hint, with_results
@@ -66,7 +66,7 @@ class Frames:
         self.published = configurations.published_frame(figures, known, request.algo, beside)
         self.seeds = configurations.seed_frame(every)
         self.run_curves = configurations.run_curve_frame(plain)
-        self.metrics, self.paths = metric_frame(source), source.paths
+        self.metrics, self.paths = source.tables["metrics"], source.paths
         self.baselines = policies.baseline_frame(known)
         self.pairs = compare.pair_frame(trained_lead, self.lead(self.verdicts))
         self.profiles = scores.profile_frame(lead)

@@ -55,13 +55,6 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64"})
 
 
-def metric_frame(source: Source) -> pd.DataFrame:
-    """Returns the finite metrics that runs of the results have recorded, by control step."""
-    rows: pd.DataFrame = source.tables["metrics"]
-    rows = rows[np.isfinite(rows["value"]) & rows["run"].isin(source.runs["run"])]
-    return rows.rename(columns={"control_steps": "steps"})[["run", "name", "steps", "value"]]
-
-
 def run_details(
     runs: pd.DataFrame,
     run_curves: pd.DataFrame,
@@ -77,7 +70,9 @@ def run_details(
     ordered = run_curves.assign(few=sizes < 5, other=run_curves["returns"] != leading)
     ordered = ordered.sort_values(["few", "other"], kind="stable")
     ordered = ordered.assign(name=ordered["returns"] + " return")
-    every = pd.concat([ordered, metrics.assign(source=OWN)])
+    finite = metrics[np.isfinite(metrics["value"]) & metrics["run"].isin(runs["run"])]
+    finite = finite.rename(columns={"control_steps": "steps"}).assign(source=OWN)
+    every = pd.concat([ordered, finite])
     groups = every.groupby(["source", "run", "name"], sort=False)
     most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, groups.ngroups)))
     curves: dict[Any, list[list[Any]]] = {}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jbench.report.analysis.scores import IQM_DIFFERENCE, PairedScores, seed_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.report.frames import Frames
 from jbench.report.request import Request
@@ -29,7 +29,7 @@ def test_point_is_evaluation_at_its_control_steps(fabric):
     assert curve.quantile(50).tolist() == [100, 300, 600, 910]
     (training,), _ = fabric.configurations(TRAINING)
     assert seed_scores(training).final.tolist() == [500] * 3
-    assert training.key == cell.key
+    assert training.runs == cell.runs
 
 
 def test_seeds_are_aligned_by_control_steps(fabric):
@@ -62,7 +62,7 @@ def test_cells_are_compared_at_last_common_step(fabric):
         short = {10_000: 150.0, 20_000: 350.0}
         fabric.run(FLAT[:20], seed, representation="dae12", evaluated=short)
     full, encoded = fabric.configurations(EVALUATION)[0]
-    one = PairedScores(encoded, full)
+    one = Pair(encoded, full)
     assert one.control_steps == 20_000
     assert one.sample(IQM_DIFFERENCE).value == 50
 

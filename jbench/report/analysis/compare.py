@@ -6,15 +6,7 @@ from itertools import combinations
 import pandas as pd
 
 from jbench.report.analysis.claims import MARGIN, Row
-from jbench.report.analysis.scores import (
-    IQM_DIFFERENCE,
-    Pair,
-    PairedScores,
-    Range,
-    ranges,
-    strata,
-    together,
-)
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
 from jbench.report.analysis.verdicts import corrected_level, judge
 from jbench.report.data.configuration import Configuration, Configurations
 from jbench.report.data.returns import FILE, KINDS
@@ -44,11 +36,11 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     a run of the first has a higher final return than one of the second. Returns of a file have no
     margin within which they are similar. A group is one pair, or one on each of several tasks.
     """
-    from_file = any(pairs[0][0].source == FILE for pairs in groups)
+    from_file = any(pairs[0].ours.source == FILE for pairs in groups)
     rows: list[Row] = []
     for kind in KINDS:
-        chosen = [pairs for pairs in groups if pairs[0][0].kind == kind]
-        known = ranges([config for pairs in chosen for pair in pairs for config in pair])
+        chosen = [pairs for pairs in groups if pairs[0].ours.kind == kind]
+        known = ranges([config for pairs in chosen for pair in pairs for config in pair.sides])
         family = [_compared(pairs, known) for pairs in chosen]
         judge(family, margin=0.0 if from_file else MARGIN)
         rows += family
@@ -60,23 +52,22 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
 
 def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Row:
     """Returns a row of `comparison_frame` without its verdict, as `judge` needs it."""
-    ours, theirs = pairs[0]
-    row: Row = {**ours.identity, "a": ours.source, "b": theirs.source}
+    ours, theirs = pairs[0].sides
+    row: Row = {**ours.identity, "claim": "a", "a": ours.source, "b": theirs.source}
     if ours.source == FILE:
         row |= {"algo": "", "a": ours.label, "b": theirs.label}
     if len(pairs) > 1:
         row["task"] = together(known)
-    scores = [PairedScores(*pair) for pair in pairs]
-    places = [known[config.task] for config, _ in pairs]
-    first, _ = strata([pair.ours.final for pair in scores], places)
-    other, _ = strata([pair.theirs.final for pair in scores], places)
+    places = [known[pair.ours.task] for pair in pairs]
+    sides = zip(*(pair.scores for pair in pairs), strict=True)
+    first, other = (strata([scores.final for scores in side], places)[0] for side in sides)
     row |= {"seeds_a": sum(map(len, first)), "seeds_b": sum(map(len, other))}
-    row |= {"steps": max(pair.control_steps for pair in scores)}
+    row |= {"steps": max(pair.control_steps for pair in pairs)}
     samples = dict(zip(_NUMBERS, st.samples([*_NUMBERS], first, other), strict=True))
     for statistic, names in _NUMBERS.items():
         row |= zip(names, samples[statistic].estimate(), strict=False)
     row |= {"value": row["difference"], "interval": samples[IQM_DIFFERENCE].interval}
-    return row | {"decidable": all(pair.decidable for pair in scores)}
+    return row | {"decidable": all(pair.decidable for pair in pairs)}
 
 
 def method_pairs(configurations: Configurations) -> list[list[Pair]]:
@@ -84,7 +75,7 @@ def method_pairs(configurations: Configurations) -> list[list[Pair]]:
     groups: dict[tuple[str, str], list[Pair]] = {}
     for first, other in combinations(configurations, 2):
         if first.task == other.task:
-            groups.setdefault((first.label, other.label), []).append((first, other))
+            groups.setdefault((first.label, other.label), []).append(Pair(first, other))
     tasks = {config.task for config in configurations}
     alone = [[pair] for pairs in groups.values() for pair in pairs]
     return alone + [pairs for pairs in groups.values() if len(pairs) == len(tasks) > 1]
@@ -96,7 +87,7 @@ def across(ours: Configurations, theirs: Configurations, names: Collection[str])
     for other in theirs:
         by_settings.setdefault(comparable(other.settings, *names), []).append(other)
     return [
-        (first, other)
+        Pair(first, other)
         for first in ours
         for other in by_settings.get(comparable(first.settings, *names), ())
         if first.kind == other.kind and (not names or first.settings != other.settings)
@@ -105,7 +96,7 @@ def across(ours: Configurations, theirs: Configurations, names: Collection[str])
 
 def left_out(ours: Configurations, theirs: Configurations, pairs: Sequence[Pair]) -> list[str]:
     """Returns sentences on the configurations of two sides without a comparison, and why."""
-    paired = {id(config) for pair in pairs for config in pair}
+    paired = {id(config) for pair in pairs for config in pair.sides}
     left = [[c for c in side if id(c) not in paired] for side in (ours, theirs)]
     notes = []
     for side in filter(None, left):
@@ -135,7 +126,7 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
         (first, other): pair.sample(st.probability_of_improvement)
         for first, other in combinations((c for c in configurations if not c.robots), 2)
         if first.task == other.task and int(first.last_step) == int(other.last_step)
-        if (pair := PairedScores(first, other)).decidable
+        if (pair := Pair(first, other)).decidable
     }
     level = corrected_level([sample.interval for sample in samples.values()], _excludes_half)
     final = verdicts[verdicts["claim"] == "a"]

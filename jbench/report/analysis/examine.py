@@ -7,7 +7,7 @@ import numpy as np
 
 from jbench.names import FULL
 from jbench.report.analysis.claims import MARGIN, UNDECIDED, Row, decide, decide_solved
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores, Scores, seed_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Scores, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.report.data.returns import EVALUATION, rounded, steps
 from jbench.statistics import FloatArray
@@ -36,7 +36,7 @@ def examine(configurations: Sequence[Configuration]) -> Iterator[Row]:
     """
     plain = [config for config in configurations if not config.robots]
     reduced = [
-        (ours, full)
+        Pair(ours, full)
         for group in differing_in(plain, "representation")
         for full, ours in product(group, repeat=2)
         if (full.representation, ours.representation) == (FULL, _REDUCED)
@@ -44,8 +44,9 @@ def examine(configurations: Sequence[Configuration]) -> Iterator[Row]:
     for pair in reduced:
         yield from (_on_pair(claim, pair, FULL) for claim in "abc")
     for harder, easier in product(reduced, repeat=2):
-        named = (harder[1].task, easier[1].task) == (_HARDER, _EASIER)
-        if named and harder[1].comparable("task") == easier[1].comparable("task"):
+        full = harder.theirs, easier.theirs
+        named = (full[0].task, full[1].task) == (_HARDER, _EASIER)
+        if named and differing_in(full, "task"):
             yield _on_gain(harder, easier)
     for group in differing_in(plain, "algo"):
         firsts = {config.algo: config for config in reversed(group)}
@@ -53,7 +54,7 @@ def examine(configurations: Sequence[Configuration]) -> Iterator[Row]:
             named = other.algo in _OFF_POLICY and ppo.algo == _ON_POLICY
             # Two variants are compared only with the first one of the other algorithm.
             if named and (other is firsts[other.algo] or ppo is firsts[ppo.algo]):
-                yield from (_on_pair(claim, (other, ppo), _ON_POLICY) for claim in "ef")
+                yield from (_on_pair(claim, Pair(other, ppo), _ON_POLICY) for claim in "ef")
     for config in plain:
         if config.has_solved_return:
             final = seed_scores(config, int(config.last_step)).final
@@ -82,19 +83,18 @@ def _common(*compared: Configuration) -> Row:
 
 
 def _on_pair(claim: str, pair: Pair, baseline: str) -> Row:
-    scores = PairedScores(*pair)
-    sample = scores.sample(*_STATISTICS[claim])
+    sample = pair.sample(*_STATISTICS[claim])
     effect = outer = sample.estimate()
     low, high = (1.0, np.inf) if claim in "bf" else (0.0, np.inf)
     if claim == "a":  # two one-sided tests at 5%
         effect, low, high = sample.estimate(0.9), -MARGIN, MARGIN
-    decided = decide(effect, scores.seeds, low, high, outer=outer, logarithmic=claim in "bf")
-    row = _finding(claim, f"{pair[0].name} against {baseline}", effect, scores.seeds)
-    row |= _common(*pair) | decided
-    return row | _without_episodes(row, scores) if claim in "bf" else row
+    decided = decide(effect, pair.seeds, low, high, outer=outer, logarithmic=claim in "bf")
+    row = _finding(claim, f"{pair.ours.name} against {baseline}", effect, pair.seeds)
+    row |= _common(*pair.sides) | decided
+    return row | _without_episodes(row, pair) if claim in "bf" else row
 
 
-def _without_episodes(row: Row, scores: PairedScores) -> Row:
+def _without_episodes(row: Row, pair: Pair) -> Row:
     """Returns the verdict on a ratio, undecided if the variation of episodes may explain it.
 
     Claim (b) is that the first agents vary less, (f) that they vary more. Column by_episodes: the
@@ -102,32 +102,31 @@ def _without_episodes(row: Row, scores: PairedScores) -> Row:
     return; NaN if it is unknown.
     """
     verdict, remark = row["verdict"], row["remark"]
-    value, low, high, _ = scores.agents_difference()
+    value, low, high, _ = pair.agents_difference()
     if not {"supported": low > 0, "contradicted": high < 0}.get(verdict, True):
         interval = f"difference {rounded(value)} [{rounded(low)}, {rounded(high)}]"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
         verdict, remark = "undecided", "; ".join(filter(None, (reason, remark)))
     if row["claim"] == "b":
         verdict = {"supported": "contradicted", "contradicted": "supported"}.get(verdict, verdict)
-    ours, theirs = (side.deviation_by_episodes for side in (scores.ours, scores.theirs))
+    ours, theirs = (side.deviation_by_episodes for side in pair.scores)
     by_episodes = ours / theirs if theirs > 0 else np.nan
     return {"verdict": verdict, "remark": remark, "by_episodes": by_episodes}
 
 
 def _on_gain(harder: Pair, easier: Pair) -> Row:
-    pairs = PairedScores(*harder), PairedScores(*easier)
-    scores = [side for pair in pairs for side in (pair.ours, pair.theirs)]
+    scores = [*harder.scores, *easier.scores]
     effect = st.estimate(
         lambda *areas: IQM_DIFFERENCE(*areas[:2]) - IQM_DIFFERENCE(*areas[2:]),
         *([side.area] for side in scores),
     )
-    seeds = min(pair.seeds for pair in pairs)
+    seeds, first = min(harder.seeds, easier.seeds), harder.theirs
     untested = _no_gain_to_compare(scores)
-    name = ", ".join(filter(None, (harder[1].algo, harder[1].words)))
-    row = _finding("d", f"{name}: {_HARDER} against {_EASIER}", effect, seeds) | _common(*harder)
-    row["steps"] = min(pair.control_steps for pair in pairs)
-    remarks = untested, row["remark"], _common(*easier)["remark"]
-    row["remark"] = "; ".join(filter(None, remarks))
+    name = ", ".join(filter(None, (first.algo, first.words)))
+    common, other = (_common(*pair.sides) for pair in (harder, easier))
+    row = _finding("d", f"{name}: {_HARDER} against {_EASIER}", effect, seeds) | common
+    row["steps"] = min(harder.control_steps, easier.control_steps)
+    row["remark"] = "; ".join(filter(None, (untested, common["remark"], other["remark"])))
     return row | (UNDECIDED if untested else decide(effect, seeds, 0))
 
 

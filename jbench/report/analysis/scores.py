@@ -14,14 +14,13 @@ import pandas as pd
 from jbench.names import EPISODE_STEPS
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, in_order, long_frame
 from jbench.report.data.curves import final_returns, moving_average
-from jbench.report.data.returns import EVALUATION, FILE, FINAL_POINTS
-from jbench.returns import final_episodes
-from jbench.statistics import BoolArray, FloatArray, IntArray
+from jbench.report.data.returns import EVALUATION, FILE
+from jbench.returns import FINAL_EPISODES
+from jbench.statistics import BoolArray, FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import Agents, difference
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
-Pair = tuple[Configuration, Configuration]
 # Names of several tasks together, which share a range or do not.
 ALL_TASKS, NORMALIZED = "all tasks", "all tasks, normalized"
 PROFILES = [*ID, "seeds", "final_return", "share", "low", "high"]
@@ -67,49 +66,38 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
     lengths = configuration.lengths_up_to(end)
     within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, configuration.returns, np.nan)
-    most = FINAL_POINTS[configuration.kind]
-    final, middles = final_returns(returns, configuration.control_steps, lengths, most)
+    most = 1 if configuration.kind == EVALUATION else FINAL_EPISODES
+    last_points = final_returns(returns, configuration.control_steps, lengths, most)
+    final, middles, deviations, episodes = last_points
+    if configuration.kind == EVALUATION:
+        last = np.arange(len(lengths)), lengths - 1
+        deviations, episodes = configuration.deviations[last], configuration.counts[last]
+    elif configuration.source in (IMPORTED, FILE):  # whose points need not be episodes
+        deviations = np.full(len(final), np.nan)
     area = moving_average(returns, returns.shape[1])[:, 0]
     usable = np.isfinite(final) & np.isfinite(area)
-    deviations, episodes = _episodes(configuration, returns, lengths)
     numbers = final[usable], area[usable], deviations[usable], episodes[usable]
     return known.setdefault(control_steps, Scores(*numbers, usable, float(np.median(middles))))
 
 
-def _episodes(
-    configuration: Configuration, returns: FloatArray, lengths: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Returns the standard deviation and the number (seeds,) of the episodes of final returns."""
-    if configuration.kind == EVALUATION:
-        last = np.arange(len(lengths)), lengths - 1
-        return configuration.deviations[last], configuration.counts[last]
-    counts = final_episodes(lengths, FINAL_POINTS[configuration.kind])
-    ends = [row[end - n : end] for row, end, n in zip(returns, lengths, counts, strict=True)]
-    ends = [values[np.isfinite(values)] for values in ends]
-    # Points of imported curves need not be episodes.
-    are_episodes = configuration.source not in (IMPORTED, FILE)
-    deviations = [np.std(v, ddof=1) if len(v) > 1 and are_episodes else np.nan for v in ends]
-    return np.array(deviations, float), np.array([len(values) for values in ends], float)
-
-
-class PairedScores:
-    """Scores of two configurations at the last control step that every seed has reached."""
+class Pair:
+    """Two configurations, with scores at the last control step that every seed has reached."""
 
     def __init__(self, ours: Configuration, theirs: Configuration) -> None:
+        self.sides = self.ours, self.theirs = ours, theirs
         self.control_steps = int(min(ours.last_step, theirs.last_step))
-        self.ours = seed_scores(ours, self.control_steps)
-        self.theirs = seed_scores(theirs, self.control_steps)
-        self.seeds = min(len(self.ours.final), len(self.theirs.final))
+        self.scores = [seed_scores(config, self.control_steps) for config in self.sides]
+        self.seeds = min(len(side.final) for side in self.scores)
         self.decidable = self.seeds >= st.DECIDING_SEEDS  # enough for a verdict
 
     def sample(self, statistic: st.Statistic, scores: str = "final") -> st.Resampled:
         """Returns a statistic of the scores of both: `final`, or `area`."""
-        groups = ([getattr(side, scores)] for side in (self.ours, self.theirs))
+        groups = ([getattr(side, scores)] for side in self.scores)
         return st.samples([statistic], *groups)[0]
 
     def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
         """Returns the difference of the standard deviations between agents."""
-        return difference(self.ours.agents, self.theirs.agents, confidence)
+        return difference(*(side.agents for side in self.scores), confidence)
 
 
 def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:

@@ -12,8 +12,8 @@ scaling and reduction together; `scaled` is the observation with the same scalin
 
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
 from importlib import resources
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -21,16 +21,9 @@ import pandas as pd
 
 from jbench.names import FULL, kind_in
 from jbench.report.analysis.claims import MARGIN, Row
-from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, PairedScores, seed_scores
+from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import ID, Configuration, differing_in, with_returns
-from jbench.report.data.returns import (
-    EVALUATION,
-    KINDS,
-    display_name,
-    shown_representation,
-    signed,
-    whole,
-)
+from jbench.report.data.returns import EVALUATION, KINDS, shown_representation, signed, whole
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
@@ -77,17 +70,17 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
     listed = {tuple(row[key] for key in keys): row for row in planned}
     for kind in KINDS:
         asked = [
-            _row(claim, *pair)
+            _row(claim, pair)
             for pair in _pairs(with_returns(configurations, kind))
             for claim in _WORDS
-            if claim != "b" or min(len(config.seeds) for config in pair) >= st.MIN_SEEDS
+            if claim != "b" or min(len(config.seeds) for config in pair.sides) >= st.MIN_SEEDS
         ]
         for row in asked:
             if decided := listed.get(tuple(row[key] for key in keys)):
                 verdict, low, high = (decided[name] for name in ("verdict", "low", "high"))
-                _conclude(row, verdict, low, high, _SEQUENTIAL, "a", MARGIN)
+                _conclude(row, verdict, low, high, _SEQUENTIAL)
         for claim in _WORDS:
-            judge([row for row in asked if row["claim"] == claim and "verdict" not in row], claim)
+            judge([row for row in asked if row["claim"] == claim and "verdict" not in row])
         rows += asked
     return pd.DataFrame(rows, columns=VERDICTS)
 
@@ -97,15 +90,14 @@ def _pairs(configurations: Sequence[Configuration]) -> Iterator[Pair]:
         baselines = {kind_in(config.representation): config for config in reversed(group)}
         for ours in group:
             others = {FULL: (), SCALED: (FULL,)}.get(kind_in(ours.representation), BASELINES)
-            yield from ((ours, baselines[name]) for name in others if name in baselines)
+            yield from (Pair(ours, baselines[name]) for name in others if name in baselines)
 
 
-def _row(claim: str, ours: Configuration, theirs: Configuration) -> dict[str, Any]:
+def _row(claim: str, pair: Pair) -> Row:
     """Returns a row of `verdict_frame` without its verdict, as `judge` needs it."""
-    pair = PairedScores(ours, theirs)
-    row: dict[str, Any] = {**ours.identity, "claim": claim}
-    row |= {"baseline": theirs.configuration, "seeds": pair.seeds, "steps": pair.control_steps}
-    row |= {"against": shown_representation(theirs.representation), "decidable": pair.decidable}
+    row: Row = {**pair.ours.identity, "claim": claim, "baseline": pair.theirs.configuration}
+    row |= {"seeds": pair.seeds, "steps": pair.control_steps, "decidable": pair.decidable}
+    row["against"] = pair.theirs.identity["representation"]
     if claim == "b":
         row |= pair.agents_difference()._asdict()
         row["interval"] = lambda confidence: pair.agents_difference(confidence)[1:3]
@@ -129,36 +121,34 @@ def decision_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
         if not (config.words or config.robots):
             for name in (config.representation, shown_representation(config.representation)):
                 known.setdefault(config.source, {})[config.task, config.algo, name] = config
-    for source, named in known.items():
-        pairs = []
+    for named in known.values():
+        pairs, finals = [], []
         for plan in planned:
             sides = (named.get((plan["task"], plan["algo"], plan[s])) for s in ("first", "second"))
-            ours, theirs = (_first_seeds(side, plan["steps"]) for side in sides)
+            ours, theirs = sides
             pairs.append((ours, theirs))
-        if not any(min(map(len, pair)) >= BLOCK for pair in pairs):
-            continue
-        for plan, decision in zip(planned, decide(pairs, shares, analyses, MARGIN), strict=True):
-            first, second = (shown_representation(plan[side]) for side in ("first", "second"))
-            names = {"source": source, "algo": display_name(plan["algo"]), "task": plan["task"]}
-            names |= {"representation": first, "against": second}
-            names["verdict"] = _DECIDED.get(decision.verdict, decision.verdict)
-            rows += [decision._asdict() | names] if decision.seeds else []
+            finals.append((_first_seeds(ours, plan["steps"]), _first_seeds(theirs, plan["steps"])))
+        decisions = decide(finals, shares, analyses, MARGIN)
+        for (ours, theirs), decision in zip(pairs, decisions, strict=True):
+            if ours and theirs and decision.seeds:
+                names = {name: ours.identity[name] for name in DECISIONS[:4]}
+                names["against"] = theirs.identity["representation"]
+                names["verdict"] = _DECIDED.get(decision.verdict, decision.verdict)
+                rows.append(decision._asdict() | names)
     return pd.DataFrame(rows, columns=DECISIONS)
 
 
-@cache
 def _planned() -> list[dict[str, Any]]:
     """Returns the comparisons that the matrix `question` lists, with their control steps."""
     text = resources.files("jbench.paper").joinpath("matrices", "question.toml").read_text("utf-8")
     matrix = tomllib.loads(text)
-
-    def has(part: dict[str, Any], plan: dict[str, Any]) -> bool:
-        fits = plan["task"] in part.get("tasks", matrix["tasks"]) and plan["algo"] in part["algos"]
-        named = shown_representation(plan["first"]) in part.get("representations", (FULL,))
-        return fits and named and not part.get("hyperparameters")
-
+    steps = {}
+    for part in reversed(matrix["part"]):  # the first of several counts
+        tasks, observed = part.get("tasks", matrix["tasks"]), part.get("representations", (FULL,))
+        if not part.get("hyperparameters"):
+            steps |= dict.fromkeys(product(tasks, part["algos"], observed), part["steps"])
     return [
-        {**plan, "steps": next(part["steps"] for part in matrix["part"] if has(part, plan))}
+        {**plan, "steps": steps[plan["task"], plan["algo"], shown_representation(plan["first"])]}
         for plan in matrix["comparison"]
     ]
 
@@ -173,29 +163,28 @@ def _first_seeds(configuration: Configuration | None, steps: int) -> FloatArray:
     return scores.final[: int(np.logical_and.accumulate(usable).sum())]
 
 
-def judge(family: Sequence[Row], claim: str = "a", margin: float = MARGIN) -> None:
+def judge(family: Sequence[Row], margin: float = MARGIN) -> None:
     """Adds to rows with the same claim the verdict on each, corrected for the others.
 
-    A row has the value of a difference, its interval (an `Interval`), and whether there are enough
-    seeds (decidable); differences within a margin are similar.
+    A row has the claim, the value of a difference, its interval (an `Interval`), and whether there
+    are enough seeds (decidable); differences within a margin are similar.
     """
-
-    def decides(low: float, high: float) -> bool:
-        return _word(low, high, "a", margin) != "undecided"
-
     intervals = [row["interval"] for row in family if row["decidable"]]
-    level = corrected_level(intervals, decides)
+    level = corrected_level(intervals, lambda *ends: _word(*ends, "a", margin) != "undecided")
     by = f"Holm, {len(intervals)} comparisons" if len(intervals) > 1 else ""
     for row in family:
         low, high = row["interval"](1 - level)
-        verdict = _word(low, high, claim, margin) if row["decidable"] else "undecided"
-        _conclude(row, verdict, low, high, by if row["decidable"] else _TOO_FEW, claim, margin)
+        if row["decidable"]:
+            _conclude(row, _word(low, high, row["claim"], margin), low, high, by, margin)
+        else:
+            _conclude(row, "undecided", low, high, _TOO_FEW)
 
 
 def _conclude(
-    row: Row, verdict: str, low: float, high: float, by: str, claim: str, margin: float
+    row: Row, verdict: str, low: float, high: float, by: str, margin: float = MARGIN
 ) -> None:
     """Adds a verdict, its mark and text to a row, and the corrected interval on which it rests."""
+    claim = row["claim"]
     if np.isnan(row["value"]):
         text = "unknown"
     elif by == _TOO_FEW or not np.isfinite([low, high]).any():

@@ -1,7 +1,6 @@
 """Configurations: the runs that share all settings except seed and steps, one run per seed."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,7 @@ import pandas as pd
 from jbench.names import EPISODE_STEPS, FULL, TASKS, Order, ReturnsName, kind_in
 from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.points import FIELDS, Points
-from jbench.report.data.returns import (
-    FILE,
-    TRAINING,
-    display_name,
-    has_solved_return,
-    shown_representation,
-)
+from jbench.report.data.returns import FILE, TRAINING, display_name, shown_representation
 from jbench.report.request import WINDOW
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.recorded import comparable
@@ -25,9 +18,7 @@ from jbench.statistics import IntArray
 OWN, IMPORTED = "own", "imported"
 """Sources of the runs in the reported results, and of imported learning curves."""
 
-# Episodes in a moving average, within each robot's episodes (the authors' script).
-SEQUENCE_WINDOW = 20
-
+SEQUENCE_WINDOW = 20  # episodes in a moving average, of one robot each (the authors' script)
 KEY = ["task", "algo", "representation", "variant"]  # columns of runs that name a configuration
 ID = (
     *("configuration", "label", "source", "task", "algo", "representation", "kind", "words"),
@@ -85,7 +76,7 @@ class Configuration:
         self.diverged = runs["diverged"].notna().to_numpy()
         self.finished = (runs["status"] == "finished").to_numpy()
         self.draws, self.settings = runs["encoder"].nunique(), first["typed"]
-        self.has_solved_return = has_solved_return([self.task], [source])
+        self.has_solved_return = self.task in TASKS and source != FILE
         self.lengths = self.lengths_up_to(np.inf)
         planned = runs["steps"].fillna(0).to_numpy(np.int64)
         ends = self.control_steps[np.arange(len(runs)), self.lengths - 1]
@@ -112,20 +103,11 @@ class Configuration:
         names = self.configuration, self.label, source, self.task, algo, shown, kind, words
         self.identity = dict(zip(ID, (*names, self.kind), strict=True))  # the columns `ID`
 
-    @property
-    def key(self) -> tuple[str, str, str, str, str]:
-        """Key that both kinds of return of the same runs share."""
-        return self.task, self.algo, self.representation, self.variant, self.source
-
     def lengths_up_to(self, control_steps: float) -> IntArray:
         """Returns the number of points (seeds,) up to a control step."""
         points = np.arange(1, self.returns.shape[1] + 1)
         within = self.control_steps <= control_steps
         return np.asarray(np.max(np.where(within, points, 0), axis=1), np.int64)
-
-    def comparable(self, *names: str) -> tuple[str, str]:
-        """Returns what configurations of a source share that differ only in these settings."""
-        return self.source, comparable(self.settings, *names)
 
     def curve(self, order: Order = "quantile-first", window: int = WINDOW) -> Curve:
         """Returns the curve: a moving average of episodes, or the single evaluations.
@@ -141,11 +123,8 @@ class Configuration:
             columns, lengths = slice(first, first + width), np.clip(self.lengths - first, 0, width)
             returns, control_steps = self.returns[:, columns], self.control_steps[:, columns]
             parts.append(learning_curve(returns, control_steps, lengths, order, window))
-        joined: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts], axis=-1)
-            for name in ("control_steps", "seeds", "quantiles", "by_seed", "widths")
-        }
-        return replace(parts[0], **joined)
+        orders, windows, *arrays = zip(*parts, strict=True)
+        return Curve(orders[0], windows[0], *(np.concatenate(a, axis=-1) for a in arrays))
 
 
 Configurations = Sequence[Configuration]
@@ -161,7 +140,8 @@ def differing_in(configurations: Iterable[Configuration], name: str) -> list[lis
     groups: dict[tuple[str, str], list[Configuration]] = {}
     for config in configurations:
         if not config.robots:
-            groups.setdefault(config.comparable(name), []).append(config)
+            key = config.source, comparable(config.settings, name)
+            groups.setdefault(key, []).append(config)
     return [group for group in groups.values() if len(group) > 1]
 
 

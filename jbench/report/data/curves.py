@@ -1,7 +1,7 @@
 """Learning curves across seeds, in the two orders of the paper's figures, and the paper's own."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,37 +14,27 @@ from jbench.statistics import FloatArray, IntArray
 
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
 PUBLISHED = "published"  # source of the paper's curves
-SEQUENCE, SEQUENCE_ROBOTS = "augmented SAC", 10
-"""The authors' curve of SAC on augmented robots in sequence, with 1e6 control steps each."""
+SEQUENCE = "augmented SAC"  # the authors' curve of SAC on augmented robots in sequence
 
 # Columns of quantiles in frames, and those that name a curve.
 NAMES = {f"q{percent}": "median" if percent == 50 else f"q{percent}" for percent in QUANTILES}
 CURVE = ["figure", "task", "algo", "representation"]
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(NamedTuple):
     """Quantiles of the return across seeds, one point per window.
 
     Windows are centered on their points, from the first episode to the last one. At the two ends of
     a run, windows are cut off, down to half of their width.
-
-    Attributes:
-        control_steps: (points,) center of each window, over all environments.
-        seeds: (points,) number of seeds that completed the window and have a return in it.
-        quantiles: (5, points) returns, a row for each of `QUANTILES`.
-        by_seed: (seeds of the configuration, points) mean return over the window; NaN if the seed
-            has not completed it.
-        widths: (points,) episodes averaged in each point: `window`, or fewer near the ends.
     """
 
     order: Order
     window: int
-    control_steps: FloatArray
-    seeds: IntArray
-    quantiles: FloatArray
-    by_seed: FloatArray
-    widths: IntArray
+    control_steps: FloatArray  # (points,) center of each window, over all environments
+    seeds: IntArray  # (points,) number that completed the window and have a return in it
+    quantiles: FloatArray  # (5, points) returns, a row for each of `QUANTILES`
+    by_seed: FloatArray  # (seeds, points) mean over the window; NaN if it is not completed
+    widths: IntArray  # (points,) episodes averaged in each point: `window`, or fewer at the ends
 
     def quantile(self, percent: int) -> FloatArray:
         """Returns one of the `QUANTILES`, (points,)."""
@@ -135,19 +125,22 @@ def quantiles_across_seeds(values: FloatArray) -> FloatArray:
 
 def final_returns(
     returns: FloatArray, control_steps: FloatArray, lengths: IntArray, most: int = FINAL_EPISODES
-) -> tuple[FloatArray, FloatArray]:
-    """Returns each seed's final return, and the mean control steps of its points, (seeds,) each.
+) -> FloatArray:
+    """Returns the final returns (4, seeds), and the control steps, deviations, counts of points.
 
-    It is the mean over the last quarter of the points, but over at most `most`; NaN for a
-    seed without a return there. Arrays are as for `learning_curve`.
+    A final return is the mean over the last quarter of the points, but over at most `most`; NaN for
+    a seed without a return there. The control steps are a mean, the deviation is the standard one
+    (of n - 1) of the finite points, and the count their number. Arguments are as for
+    `learning_curve`.
     """
+    rows = []
     last = final_episodes(lengths, most)
-    ends = [slice(end - count, end) for end, count in zip(lengths, last, strict=True)]
-    means = [
-        [_mean(row[end]) for row, end in zip(values, ends, strict=True)]
-        for values in (returns, control_steps)
-    ]
-    return np.array(means[0], float), np.array(means[1], float)
+    for end, count, *points in zip(lengths, last, returns, control_steps, strict=True):
+        achieved, steps = (values[end - count : end] for values in points)
+        finite = achieved[np.isfinite(achieved)]
+        deviation = np.std(finite, ddof=1) if len(finite) > 1 else np.nan
+        rows.append((_mean(achieved), _mean(steps), deviation, len(finite)))
+    return np.array(rows, float).T
 
 
 def _mean(values: FloatArray) -> float:

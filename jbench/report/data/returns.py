@@ -6,16 +6,12 @@ from collections.abc import Callable, Iterable
 import pandas as pd
 
 from jbench.names import REPRESENTATION, TASKS, ReturnsName
-from jbench.returns import FINAL_EPISODES
 from jbench.settings.algorithms import ALGORITHMS
 
 SOLVED = 900  # episode return from which a task of the Jitterbug is solved (paper, Figure 9)
 EVALUATION: ReturnsName = "evaluation"  # mean return of episodes with the deterministic policy
 TRAINING: ReturnsName = "training"  # return of a training episode, exploration included
 KINDS = (EVALUATION, TRAINING)
-FINAL_POINTS = {EVALUATION: 1, TRAINING: FINAL_EPISODES}
-"""Maximum number of points that are averaged in a final return."""
-
 FILE = "file"  # source of the curves of a file, which may be of any environment
 _ZERO, _SMALL = 1e-6, 9.95  # numbers between them have two significant digits
 

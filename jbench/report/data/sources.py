@@ -65,13 +65,11 @@ def own(results: Results, request: Request, name: str = OWN, *, strict: bool = T
 
 def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
     """Returns the imported curves of the requested task and algorithm; they have no date."""
+    request = replace(request, since=None)
     tables, problems = query.load(results, ("imports", "import_points"))
     imports, points = (tables[n].to_pandas(use_threads=False) for n in ("imports", "import_points"))
-    for label, value in (("task", request.task), ("algo", request.algo)):
-        imports = imports if value is None else imports[imports[label] == value]
-    runs, notes, unusable = as_runs(imports, points)
-    read = query.Tables(runs, problems + unusable)
-    source = _source(read, replace(request, since=None), name, strict=False)
+    runs, notes, unusable = as_runs(_filtered(imports, request, strict=False)[0], points)
+    source = _source(query.Tables(runs, problems + unusable), request, name, strict=False)
     source.notes += notes if source.configurations else []
     return source
 
@@ -91,8 +89,8 @@ def from_file(request: Request, path: Path) -> Source:
 
 def reference(request: Request, results: Results) -> Source:
     """Returns the runs shipped with jbench, which form separate configurations."""
-    filters = replace(request, since=None)  # the date selects runs of the user only
-    source = _source(_load(results), filters, REFERENCE, strict=False)
+    request = replace(request, since=None)  # which selects runs of the user only
+    source = _source(_load(results), request, REFERENCE, strict=False)
     if not source.configurations:
         source.notes += ["This version of jbench ships no reference runs for this report."]
     return source
@@ -136,23 +134,18 @@ def _source(
 ) -> Source:
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
-    tables = {
-        table: read.tables.get(table, schema.TABLES[table].empty_table()).to_pandas(
-            use_threads=False
-        )
-        for table in _MORE
-    }
+    known = {table: schema.TABLES[table].empty_table() for table in _MORE} | read.tables
+    tables = {table: known[table].to_pandas(use_threads=False) for table in _MORE}
     runs, unusable = usable_runs(read.tables["runs"])
     if chosen:
         runs = runs[_have_settings(chosen, runs["settings"])]
     runs, notes = _filtered(runs, request, strict)
     evaluations = with_more_episodes(read.tables["evaluations"], tables)
-    points = read.tables["episodes"], evaluations
     # Imported curves have no paths.
     paths = run_paths(read.tables.get("paths"), evaluations).assign(source=name)
-    built, more_notes = build(runs, *points, name) if len(runs) else ([], [])
-    problems = [*read.problems, *unusable]
-    return Source(built, runs.assign(source=name), notes + more_notes, problems, tables, paths)
+    episodes, runs = read.tables["episodes"], runs.assign(source=name)
+    built, more = build(runs, episodes, evaluations, name) if len(runs) else ([], [])
+    return Source(built, runs, notes + more, [*read.problems, *unusable], tables, paths)
 
 
 def _have_settings(text: str, recorded: pd.Series) -> BoolArray:

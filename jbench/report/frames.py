@@ -10,8 +10,7 @@ import pandas as pd
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.report import configurations, policies
 from jbench.report.analysis import compare, scores
-from jbench.report.analysis.claims import claim_frame, published_findings
-from jbench.report.analysis.examine import examine
+from jbench.report.analysis.claims import claim_frame, examine, published_findings
 from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import IMPORTED, Configuration, with_returns
@@ -72,8 +71,7 @@ class Frames:
         self.profiles = scores.profile_frame(lead)
         self.encoders = encoder_frame(source.tables, request.task)
         self.predictions = prediction_frame(trained_lead, self.encoders)
-        leads = [pair for pair in plain if pair[0].kind == returns]
-        self.processor = configurations.processor_frame(leads)
+        self.processor = self.lead(configurations.processor_frame(plain))
         self.motor, self.positions, unread = policies.behavior(results, request.task)
         sequences = [pair for pair in drawn if pair[0].robots > 1]
         theirs = published[published["figure"] == SEQUENCE]

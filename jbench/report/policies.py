@@ -8,8 +8,7 @@ import pandas as pd
 
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
-from jbench.report.analysis.claims import Row
-from jbench.report.analysis.examine import examine_solving
+from jbench.report.analysis.claims import Row, examine_solving
 from jbench.report.data.configuration import Part, in_order, long_frame
 from jbench.report.data.points import plain_evaluations
 from jbench.statistics import FloatArray

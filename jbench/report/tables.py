@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from jbench.report.analysis.claims import CLAIMS, MARGIN
+from jbench.report.analysis.claims import MARGIN, paper_claims
 from jbench.report.analysis.scores import NORMALIZED
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, signed, steps
@@ -160,7 +160,8 @@ def _claims(frames: Frames) -> Table:
         *(plain("verdict", "text"), number("by episodes alone", "by_episodes", ratio)),
         *(Column("seeds that would decide", "seeds_needed", needed, True), plain("remark")),
     ]
-    tests = " ".join(f"({letter}) {text} {test}" for letter, (text, test) in CLAIMS.items())
+    claims = paper_claims().itertuples()
+    tests = " ".join(f"({letter}) {text} {test}" for letter, text, test in claims)
     caption = f"{tests} In brackets: 95% interval, 90% for (a)."
     return Table("claims", "The paper's claims", caption, frames.claims, columns)
 

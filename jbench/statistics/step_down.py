@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jbench.statistics import FloatArray
-from jbench.statistics.sequential import BLOCK, Verdict, first_look, interval
+from jbench.statistics.sequential import BLOCK, ERROR_RATE, Verdict, first_look, interval
 
 
 class Decision(NamedTuple):
@@ -38,6 +38,9 @@ class Stop(NamedTuple):
     look: int
     rate: float
 
+
+Interval = Callable[[float], tuple[float, float]]
+"""Gives the ends of a number's interval at a confidence."""
 
 Reached = Callable[[int, Verdict, float], int]
 """Interim analysis at which a comparison (its index) has a verdict at a two-sided rate; else 0."""
@@ -126,3 +129,12 @@ def decide(
         spent = rate * look / looks[i]
         decisions.append(Decision(verdict, seeds, difference, low, high, rate, spent))
     return decisions
+
+
+def corrected_level(family: Sequence[Interval], decides: Callable[[float, float], bool]) -> float:
+    """Returns the error rate of an interval in the last step of Holm's procedure."""
+    level, left = 1.0, len(family)
+    while left and (level == 1 or ERROR_RATE / left > level):
+        level = ERROR_RATE / left
+        left = sum(not decides(*ends(1 - level)) for ends in family)
+    return min(level, ERROR_RATE)

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from jbench.report.analysis import examine
-from jbench.report.analysis.claims import decide
+from jbench.report.analysis.claims import decide, examine, examine_solving
 from jbench.statistics.bootstrap import Estimate
 
 
 def findings(fabric, letter):
-    return [f for f in examine.examine(fabric.configurations()[0]) if f["claim"] == letter]
+    return [f for f in examine(fabric.configurations()[0]) if f["claim"] == letter]
 
 
 NARROW = 700 + np.linspace(-10, 10, 10)
@@ -90,9 +89,9 @@ def test_solved_tasks_are_supported_and_unsolved_contradicted(fabric):
     verdicts = {f["compared"].split()[1]: f["verdict"] for f in findings(fabric, "g")}
     assert verdicts == {"SAC": "supported", "TD3": "contradicted"}
     returns = np.linspace(880, 990, 100)
-    assert examine.examine_solving("h", "move_to_pose", returns)["verdict"] == "supported"
-    assert examine.examine_solving("h", "move_to_pose", returns - 200)["verdict"] == "contradicted"
-    almost = examine.examine_solving("h", "move_to_pose", np.full(6, 899.6))
+    assert examine_solving("h", "move_to_pose", returns)["verdict"] == "supported"
+    assert examine_solving("h", "move_to_pose", returns - 200)["verdict"] == "contradicted"
+    almost = examine_solving("h", "move_to_pose", np.full(6, 899.6))
     assert almost["verdict"] == "contradicted"
 
 

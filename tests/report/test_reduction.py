@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.analysis.verdicts import corrected_level, decision_frame, verdict_frame
+from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
+from jbench.statistics.step_down import corrected_level
 
 CLOSE = np.linspace(-10, 10, 8)
 FINALS = {

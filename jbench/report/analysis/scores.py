@@ -97,7 +97,8 @@ class Pair:
 
     def agents_difference(self, confidence: float = 0.95) -> st.Estimate:
         """Returns the difference of the standard deviations between agents."""
-        return difference(*(side.agents for side in self.scores), confidence)
+        ours, theirs = (side.agents for side in self.scores)
+        return difference(ours, theirs, confidence)
 
 
 def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:

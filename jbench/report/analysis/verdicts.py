@@ -11,7 +11,7 @@ scaling and reduction together; `scaled` is the observation with the same scalin
 """
 
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from itertools import product
 from typing import Any
@@ -26,8 +26,8 @@ from jbench.report.data.configuration import ID, Configuration, differing_in, wi
 from jbench.report.data.returns import EVALUATION, KINDS, shown_representation, signed, whole
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
-from jbench.statistics.sequential import BLOCK, ERROR_RATE
-from jbench.statistics.step_down import decide
+from jbench.statistics.sequential import BLOCK
+from jbench.statistics.step_down import corrected_level, decide
 
 SCALED = "scaled"
 BASELINES = (FULL, SCALED)  # of reduced representations: without and with the encoders' scaling
@@ -54,9 +54,6 @@ _MARKS = {
     **{"similar": "=", "undecided": "?"},
 }  # a check mark speaks for the representation
 _TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
-
-Interval = Callable[[float], tuple[float, float]]
-"""Gives the ends of a number's interval at a confidence."""
 
 
 def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFrame) -> pd.DataFrame:
@@ -142,7 +139,7 @@ def _planned() -> list[dict[str, Any]]:
     """Returns the comparisons that the matrix `question` lists, with their control steps."""
     text = resources.files("jbench.paper").joinpath("matrices", "question.toml").read_text("utf-8")
     matrix = tomllib.loads(text)
-    steps = {}
+    steps: dict[tuple[Any, ...], int] = {}
     for part in reversed(matrix["part"]):  # the first of several counts
         tasks, observed = part.get("tasks", matrix["tasks"]), part.get("representations", (FULL,))
         if not part.get("hyperparameters"):
@@ -166,11 +163,13 @@ def _first_seeds(configuration: Configuration | None, steps: int) -> FloatArray:
 def judge(family: Sequence[Row], margin: float = MARGIN) -> None:
     """Adds to rows with the same claim the verdict on each, corrected for the others.
 
-    A row has the claim, the value of a difference, its interval (an `Interval`), and whether there
+    A row has the claim, the value of a difference, its interval (by confidence), and whether there
     are enough seeds (decidable); differences within a margin are similar.
     """
     intervals = [row["interval"] for row in family if row["decidable"]]
-    level = corrected_level(intervals, lambda *ends: _word(*ends, "a", margin) != "undecided")
+    level = corrected_level(
+        intervals, lambda low, high: _word(low, high, "a", margin) != "undecided"
+    )
     by = f"Holm, {len(intervals)} comparisons" if len(intervals) > 1 else ""
     for row in family:
         low, high = row["interval"](1 - level)
@@ -205,15 +204,6 @@ def _conclude(
         text = f"{verdict}: {text}"
     row |= {"verdict": verdict, "mark": _MARKS[verdict], "text": text}
     row |= {"corrected_low": low, "corrected_high": high, "corrected_by": by}
-
-
-def corrected_level(family: Sequence[Interval], decides: Callable[[float, float], bool]) -> float:
-    """Returns the error rate of an interval in the last step of Holm's procedure."""
-    level, left = 1.0, len(family)
-    while left and (level == 1 or ERROR_RATE / left > level):
-        level = ERROR_RATE / left
-        left = sum(not decides(*interval(1 - level)) for interval in family)
-    return min(level, ERROR_RATE)
 
 
 def _word(low: float, high: float, claim: str, margin: float) -> str:

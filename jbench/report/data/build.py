@@ -158,10 +158,8 @@ def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
         for seed, count in zip(config.seeds, absent, strict=True)
         if count
     ]
-    # A gap after a run's last point is its end; a gap before it is a missing evaluation.
-    present = np.isfinite(steps := config.control_steps)
-    ended = ~np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]
-    if config.kind == EVALUATION and not (present | ended).all():
+    steps = config.control_steps
+    if config.kind == EVALUATION and (np.isfinite(steps).sum(axis=1) < config.lengths).any():
         notes.append("seeds were evaluated after different numbers of control steps")
     imported = config.kind == TRAINING and config.source in (IMPORTED, FILE)
     if imported and (apart := np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0))):

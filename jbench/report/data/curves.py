@@ -126,12 +126,11 @@ def quantiles_across_seeds(values: FloatArray) -> FloatArray:
 def final_returns(
     returns: FloatArray, control_steps: FloatArray, lengths: IntArray, most: int = FINAL_EPISODES
 ) -> FloatArray:
-    """Returns the final returns (4, seeds), and the control steps, deviations, counts of points.
+    """Returns final returns, and the mean control step, deviation and number of points, (4, seeds).
 
     A final return is the mean over the last quarter of the points, but over at most `most`; NaN for
-    a seed without a return there. The control steps are a mean, the deviation is the standard one
-    (of n - 1) of the finite points, and the count their number. Arguments are as for
-    `learning_curve`.
+    a seed without a return there. Its deviation (of n - 1) and number are those of finite points.
+    Arguments are as for `learning_curve`.
     """
     rows = []
     last = final_episodes(lengths, most)

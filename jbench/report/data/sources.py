@@ -98,10 +98,9 @@ def reference(request: Request, results: Results) -> Source:
 
 def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> None:
     """Raises a NothingYetError if no curve of the baseline was imported, or there are no others."""
-    imports = {config.algo for config in configurations if config.source == IMPORTED}
-    if baseline not in imports:
-        labels = ", ".join(sorted(imports))
-        instead = f"one of {labels}" if labels else "jbench import to import some"
+    labels = sorted({config.algo for config in configurations if config.source == IMPORTED})
+    if baseline not in labels:
+        instead = f"one of {', '.join(labels)}" if labels else "jbench import to import some"
         reason = f"no curve of that label was imported; type {instead}."
     elif all((config.source, config.algo) == (IMPORTED, baseline) for config in configurations):
         reason = "there are no other curves to draw it beside; leave it out."

@@ -22,8 +22,8 @@ _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
 _COLORS = {style.INK: "currentColor", "#ffffff": "var(--card)"}
 _COLORS |= {style.SOFT: "var(--soft)", style.LINE: "var(--line)"}
-_FONT = re.compile(r"(?:(bold|\d+) )?([\d.]+)px")
-_NUMBER = re.compile(r"-?\d+\.\d\d+")
+_STYLE = re.compile(r"(?:^|; )(?!font-family)([\w-]+): ([^;]+)")  # a page has its own font
+_NUMBER = re.compile(r"-?\d+\.\d+")
 _EDGE = 3  # points around a panel
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
@@ -46,7 +46,11 @@ def panel_svgs(panel: Panel, label: str, name: str) -> str:
             mpl.rcParams["svg.hashsalt"] = f"{name} {names}"
             sink = io.BytesIO()
             figure.savefig(sink, format="svg", transparent=True, metadata=_NO_DATES)
-            texts.append(_element(sink.getvalue(), label, names))
+            root = ElementTree.fromstring(sink.getvalue())
+            _clean(root)
+            root.attrib = {"viewBox": root.attrib["viewBox"], "role": "img", "aria-label": label}
+            root.attrib |= {"class": names} if names else {}
+            texts.append(ElementTree.tostring(root, encoding="unicode"))
     return "".join(texts)
 
 
@@ -64,70 +68,38 @@ def _fill(figure: Figure, axes: Axes) -> None:
     axes.set_position((left, bottom, right - left, top - bottom))
 
 
-def _element(content: bytes, label: str, names: str) -> str:
-    root = ElementTree.fromstring(content)
-    _clean(root)
-    for name in ("width", "height", "version"):
-        root.attrib.pop(name, None)
-    root.attrib |= {"role": "img", "aria-label": label} | ({"class": names} if names else {})
-    text = ElementTree.tostring(root, encoding="unicode")
-    return text.replace("ns0:", "").replace(":ns0=", "=").replace("\n", "")
-
-
-def _clean(parent: ElementTree.Element) -> None:
-    """Drops metadata, and replaces styles, colors, links and ids of series, in all descendants."""
-    for element in list(parent):
-        if element.tag in (f"{_SVG}metadata", f"{_SVG}style"):
-            parent.remove(element)
-            continue
-        _set_attributes(element)
-        if parent.tag != f"{_SVG}defs":
-            element.attrib.pop("id", None)  # only definitions are referred to
-        if element.tag == f"{_SVG}a":
-            # A link around marks becomes a group with a title.
-            tip, element.tag = element.get("href"), f"{_SVG}g"
-            element.attrib.clear()
-            if tip:
-                element.insert(0, title := ElementTree.Element(f"{_SVG}title"))
-                title.text = tip
-        element.text = element.text if element.tag in (f"{_SVG}text", f"{_SVG}title") else None
-        element.tail = None
-        _clean(element)
-        if element.tag == f"{_SVG}defs" and not len(element):
-            parent.remove(element)
+def _clean(element: ElementTree.Element) -> None:
+    """Replaces styles, colors, links and ids of series, in descendants as well; drops metadata."""
+    element.tag = element.tag.removeprefix(_SVG)  # HTML needs no namespace
+    _set_attributes(element)
+    if element.tag == "a":  # a link around marks becomes a group with a title
+        element.insert(0, title := ElementTree.Element("title"))
+        title.text = element.get("href")
+        element.tag, element.attrib = "g", {}
+    element.text = element.text if element.tag in ("text", "title") else None
+    element.tail = None
+    for child in list(element):
+        _clean(child)
+        if child.tag in ("metadata", "style") or (child.tag == "defs" and not len(child)):
+            element.remove(child)
+        elif element.tag != "defs":
+            child.attrib.pop("id", None)  # only definitions are referred to
 
 
 def _set_attributes(element: ElementTree.Element) -> None:
-    for declaration in element.attrib.pop("style", "").split(";"):
-        name, _, value = (part.strip() for part in declaration.partition(":"))
-        if name == "font":
-            weight, height = _FONT.search(value).groups()  # type: ignore[union-attr]
-            element.set("font-size", height)
-            if weight in ("bold", "700"):
-                element.set("font-weight", "700")
-        elif name and not name.startswith("font-"):
-            element.set(name, value)
-        elif name in ("font-size", "font-weight"):
-            element.set(name, value.removesuffix("px"))
+    for name, value in _STYLE.findall(element.attrib.pop("style", "")):
+        element.set(name, _COLORS.get(value, value.removesuffix("px")))
     if _LINK in element.attrib:
         element.set("href", element.attrib.pop(_LINK))
-    for name in ("fill", "stroke"):
-        if (color := element.get(name)) in _COLORS:
-            element.set(name, _COLORS[color])
-    if element.get("stroke") == "none":
-        element.attrib.pop("stroke")
     if element.get("fill") == "none" and element.get("stroke") is None:
         element.attrib.pop("clip-path", None)  # a place for the pointer, where nothing is drawn
     if element.get("transform", "").startswith("rotate(-0 "):
         element.attrib.pop("transform")
     for name in ("d", "x", "y"):
-        if name in element.attrib:  # a tenth of a point is less than a pixel
-            value = _NUMBER.sub(lambda number: f"{float(number[0]):.1f}", element.attrib[name])
+        if value := element.get(name):  # a tenth of a point is less than a pixel
+            value = _NUMBER.sub(lambda n: f"{float(n[0]):.1f}".removesuffix(".0"), value)
             value = re.sub(r"\s*([MLCQz])\s*", r"\1", value.strip())
-            element.set(name, re.sub(r"\.0(?!\d)", "", value).replace(" -", "-"))
-    number = re.fullmatch(r"series-(\d+)", element.get("id", ""))
-    if number:
-        element.attrib.pop("id")
-        element.set("data-series", number[1])
-    elif element.tag == f"{_SVG}text" and element.get("fill") is None:
-        element.set("fill", "currentColor")
+            element.set(name, value.replace(" -", "-"))
+    series = element.get("id", "").removeprefix("series-")
+    if series.isdecimal():
+        element.set("data-series", series)

@@ -33,12 +33,11 @@ def ranked_configurations(
     Entries have the names of the directories, if there are several. The filters of the request
     apply, and its kind of return ranks. A RequestError if no directory has an entry.
     """
-    parts = []
+    parts, by_hand = [], dict[str, FloatArray]()
     for name, results in directories.items():
         ours, theirs = (OWN, IMPORTED) if len(directories) == 1 else (name, f"{name}: {IMPORTED}")
         parts.append(sources.own(results, request, ours, strict=False))
         parts.append(sources.imported(results, request, theirs))
-    by_hand: dict[str, FloatArray] = {}
     for part in parts:
         for task, returns in hand_written_returns(part.tables).items():
             if request.task in (None, task) and len(returns) > len(by_hand.get(task, ())):

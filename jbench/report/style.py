@@ -27,8 +27,8 @@ _OTHER_KINDS = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0"
 _ALGORITHMS = {"DDPG": "#4477aa", "PPO": "#b5a11f", "SAC": "#228833", "TD3": "#ee6677"}
 _OTHER_ALGORITHMS = ("#aa3377", "#33bbee", "#994f00", "#5d3fd3", "#ee7733", "#2a9d8f", "#8d99ae")
 _MARKERS = "os^vPXDph<>*d8H"  # of the first series of the colors, in their order
-_DASHES: tuple[Dash, ...] = (
-    *((), (4, 1.6), (6, 1.6, 1.2, 1.6), (2, 1.2), (8, 2)),
+_DASHES: tuple[Dash, ...] = (  # of the other series of a color, the first of which is solid
+    *((4, 1.6), (6, 1.6, 1.2, 1.6), (2, 1.2), (8, 2)),
     *((6, 1.4, 1.2, 1.4, 1.2, 1.4), (3, 1, 1, 1), (10, 2, 3, 2)),
 )
 PUBLISHED_DASH: Dash = (1, 1.6)  # dots, which only the paper's curves have
@@ -111,11 +111,11 @@ def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Loo
     chosen = {}
     for number, series in enumerate(order):
         group = groups[series]
-        turns, index = divmod(count[known[group]], len(_DASHES))
+        before = count[known[group]]
         # After all dashes were used they are stretched, so that no two are equal.
-        dash = tuple(length * (1 + 0.7 * turns) for length in _DASHES[index])
-        dash = dash if dash or not turns else (12 + 4 * turns, 2)
-        place = places.index(group) + 4 * count[known[group]]  # neighbors look similar
+        turns, index = divmod(before - 1, len(_DASHES))
+        dash = tuple(length * (1 + 0.7 * turns) for length in _DASHES[index]) if before else ()
+        place = places.index(group) + 4 * before  # neighbors look similar
         chosen[series] = Look(known[group], dash, _MARKERS[place % len(_MARKERS)], number)
         count[known[group]] += 1
     return chosen

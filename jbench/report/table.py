@@ -29,7 +29,7 @@ class Column(NamedTuple):
 
     def text(self, row: Row) -> str:
         """Returns the text of a row in one line; empty if the value is unknown."""
-        return "" if missing(row[self.key]) else clean(self.form(row))
+        return "" if pd.isna(row[self.key]) else clean(self.form(row))
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class Table:
     def texts(self) -> pd.DataFrame:
         """Returns the table as people read it, without the columns that are empty."""
         columns, rows = self.shown()
-        texts = [[text for _, text in row] for row in rows]
-        return pd.DataFrame(texts, columns=[column.title for column in columns])
+        titles = [column.title for column in columns]
+        return pd.DataFrame([[text for _, text in row] for row in rows], columns=titles)
 
 
 def to_csv(frame: pd.DataFrame) -> str:
@@ -84,10 +84,9 @@ def to_latex(table: Table) -> str:
     right = {column.title for column in table.columns if column.numeric}
     shown = texts.style.hide(axis="index").format(_latex).format_index(_latex, axis="columns")
     sides = "".join("r" if name in right else "l" for name in texts)
-    label: Any = {"caption": _latex(table.title), "label": f"tab:{table.name.replace('_', '-')}"}
-    return str(
-        shown.to_latex(hrules=True, column_format=sides, position_float="centering", **label)
-    )
+    named: Any = {"caption": _latex(table.title), "label": f"tab:{table.name.replace('_', '-')}"}
+    placed: Any = {"column_format": sides, "position_float": "centering"}
+    return str(shown.to_latex(hrules=True, **placed, **named))
 
 
 _LATEX = str.maketrans(
@@ -110,13 +109,13 @@ def plain(title: str, key: str | None = None) -> Column:
     return Column(title, name, lambda row: str(row[name]))
 
 
-def number(title: str, key: str, form: Form = whole, ends: tuple[str, str] | None = None) -> Column:
+def number(title: str, key: str, form: Form = whole, ends: Sequence[str] = ()) -> Column:
     """Returns a column of numbers, with the intervals of these ends: `668 [640, 690]`."""
 
     def text(row: Row) -> str:
-        low, high = (row[end] for end in ends) if ends else (np.nan, np.nan)
-        known = not (missing(low) or missing(high)) and np.isfinite(low)
-        return form(row[key]) + (f" [{form(low)}, {form(high)}]" if known else "")
+        interval = [row[end] for end in ends]
+        known = interval and pd.notna(interval).all() and np.isfinite(interval[0])
+        return form(row[key]) + (f" [{', '.join(map(form, interval))}]" if known else "")
 
     return Column(title, key, text, numeric=True)
 
@@ -124,8 +123,3 @@ def number(title: str, key: str, form: Form = whole, ends: tuple[str, str] | Non
 def estimate(title: str, key: str, form: Form = whole) -> Column:
     """Returns a column of numbers with their intervals, whose ends are …_low and …_high."""
     return number(title, key, form, (f"{key}_low", f"{key}_high"))
-
-
-def missing(value: Any) -> bool:
-    """Returns whether a value of a row is unknown."""
-    return value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value))

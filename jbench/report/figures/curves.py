@@ -193,8 +193,7 @@ def draw_curves(
 
 
 def _tips(name: str, curve: pd.DataFrame) -> list[str]:
-    seeds = curve["seeds"] if "seeds" in curve else curve["q10"] * np.nan
-    numbers = curve[["steps", "median", "q10", "q90"]].assign(seeds=seeds).to_numpy(float)
+    numbers = curve.reindex(columns=["steps", "median", "q10", "q90", "seeds"]).to_numpy(float)
     return [
         f"{name} at {f'{at:,.0f}' if at >= 100 else f'{at:.3g}'}: "
         + marks.interval_text(median, low, high)

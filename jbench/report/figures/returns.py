@@ -123,12 +123,9 @@ def errors(frames: Frames) -> Chart | None:
     rows = frames.encoders
     if len(rows) < 2:
         return None
-    settings = rows["settings"].fillna("")
-    unsized = rows["representation"].str.replace(r"(?<=[a-z])\d+", "", n=1, regex=True)
-    rows = rows.assign(
-        series=(unsized + " " + settings).str.strip(),
-        name=(rows["representation"] + " " + settings).str.strip(),
-    )
+    names = (rows["representation"] + " " + rows["settings"].fillna("")).str.strip()
+    unsized = names.str.replace(r"^([^ ]*?[a-z])\d+", r"\1", n=1, regex=True)
+    rows = rows.assign(series=unsized, name=names)
     sizes = rows.groupby(["task", "series"])["latents"].transform("nunique")
     rows["by_size"] = sizes.groupby(rows["task"]).transform("max") > 1
     looks = style.looks(rows, "series", "kind")
@@ -154,10 +151,8 @@ def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
     for column, hollow in (("heuristic", True), ("test", False)):
         for name, group in rows[rows[column].notna()].groupby("series", sort=False):
             look, errors = looks[str(name)], group[column].clip(lower=_FLOOR)
-            tips = [
-                f"{name}: {value:.3g} not explained"
-                for name, value in zip(group["name"], group[column], strict=True)
-            ]
+            pairs = zip(group["name"], group[column], strict=True)
+            tips = [f"{name}: {value:.3g} not explained" for name, value in pairs]
             x, y, size = errors, group["name"].map(places), 8 if hollow else 5
             if by_size:
                 x, y, size = group["latents"], errors, 5
@@ -192,11 +187,8 @@ def predictions(frames: Frames) -> Chart:
             axes.xaxis.set_major_locator(ticker.MaxNLocator(3))
 
     rows = rows.assign(panel=rows["task"] + ", " + rows["algo"])[counts >= _NARROW]
-    panels = [
-        panel
-        for _, group in rows.groupby("panel", sort=False)
-        for panel in by_task(group, draw, (3.2, 2.3), by=["quantity", "panel"])
-    ]
+    rows = rows.sort_values("panel", key=lambda names: pd.factorize(names)[0], kind="stable")
+    panels = by_task(rows, draw, (3.2, 2.3), by=["quantity", "panel"])
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"
     name, title = "predictions", "Return against what latents predict"
     return Chart(name, title, note, panels, name, looks, columns=4, alike=False, minimum=260)

@@ -90,8 +90,8 @@ def motor(frames: Frames) -> Chart:
                 f"{name}: density {value:.2g} at {at * _FULL_SPEED:.0f} rad/s"
                 for at, value in zip(line["velocity"], density, strict=True)
             ]
-            line = line[["velocity"]].assign(density=density)
-            marks.add_line(axes, line, tips, looks[str(name)], step="mid")
+            xy = np.column_stack([line["velocity"], density])
+            marks.add_line(axes, xy, tips, looks[str(name)], step="mid")
         axes.set(xlabel="motor velocity as observed (1: 180 rad/s)", ylabel="density")
         marks.set_logarithmic(axes, "y")
 

@@ -73,7 +73,6 @@ def _sentence(clauses: Mapping[str, str], who: str) -> str:
 
 def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
     """Yields outcomes and a clause on each: with which representations, on which tasks."""
-    several = verdicts["task"].nunique() > 1
     where: dict[str, dict[str, list[str]]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):
         outcomes: dict[str, list[str]] = {}
@@ -81,7 +80,7 @@ def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
             outcomes.setdefault(_outcome(of_task), []).append(str(task))
         for outcome, tasks in outcomes.items():
             everywhere = len(tasks) == rows["task"].nunique()
-            on = f" on {in_prose(tasks, 'and')}" if several and not everywhere else ""
+            on = "" if everywhere else f" on {in_prose(tasks, 'and')}"
             where.setdefault(outcome, {}).setdefault(on, []).append(str(representation))
     for outcome, verb in _OUTCOMES.items():
         if outcome in where:
@@ -92,12 +91,11 @@ def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
 
 def _outcome(rows: pd.DataFrame) -> str:
     """Returns how agents on a representation end on a task, or learn, if all algorithms agree."""
-    for claim in ("a", "c"):
-        words = {*rows["verdict"][rows["claim"] == claim]} - {"undecided"}
+    final, speed = ({*rows["verdict"][rows["claim"] == claim]} for claim in ("a", "c"))
+    for words in (final - {"undecided"}, speed - {"undecided"}):
         if len(words) == 1 and words != {"similar"}:
             return str(words.pop())
-    words = {*rows["verdict"][rows["claim"] == "a"]}
-    return "similar" if words == {"similar"} else "undecided"
+    return "similar" if final == {"similar"} else "undecided"
 
 
 def _best(configurations: pd.DataFrame) -> str:
@@ -105,7 +103,7 @@ def _best(configurations: pd.DataFrame) -> str:
     text = ""
     for row in best.to_dict("records"):
         median = f"a median return of {whole(row['median'])} on {row['task']}"
-        reached = f"{row['label']} reaches {median}"
-        if not text or len(f"{text} {reached}".split()) <= _MAX_WORDS:
-            text = f"{text} {reached}.".strip()
+        longer = f"{text} {row['label']} reaches {median}.".strip()
+        if not text or len(longer.split()) <= _MAX_WORDS:
+            text = longer
     return text

@@ -76,10 +76,15 @@ def leaderboard(
         {"task": task, **policy, "n": len(returns), **st.estimate(st.median, [returns])._asdict()}
         for task, returns in (by_hand if algo in (None, HEURISTIC) else {}).items()
     ]
-    tasks = {*agents["task"], *(row["task"] for row in others)}
-    theirs = _published(published[published["task"].isin(tasks)])
-    theirs = theirs[theirs["algo"] == display_name(algo)] if algo is not None else theirs
     policies = pd.DataFrame(others).rename(columns={"value": "median"})
+    tasks = {*agents["task"], *(row["task"] for row in others)}
+    # Of each published agent the longest curve, or the best of several such.
+    ends = published[published["task"].isin(tasks)].groupby(CURVE).last()
+    theirs = ends.sort_values(["steps", "median"]).groupby(CURVE[1:]).last().reset_index()
+    theirs = theirs.rename(columns={"representation": "observation"}).assign(entry=PUBLISHED)
+    theirs["algo"] = theirs["algo"].map(display_name)
+    theirs["steps_min"] = theirs["steps"] = theirs["steps"].round().astype(int)
+    theirs = theirs if algo is None else theirs[theirs["algo"] == display_name(algo)]
     every: pd.DataFrame = pd.concat([agents, policies, theirs], ignore_index=True)
     every = every.reindex(columns=COLUMNS).sort_values("median", ascending=False, kind="stable")
     ranked = [_ranked(every[every["task"] == task]) for task in in_order(tasks)]
@@ -96,13 +101,3 @@ def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
             low, rank = entry["low"], place
         ranks[index] = rank
     return entries.assign(rank=entries.index.map(ranks))
-
-
-def _published(published: pd.DataFrame) -> pd.DataFrame:
-    """Returns a row for each published agent: its longest curve, or the best of several such."""
-    ends = published.groupby(CURVE).last().sort_values(["steps", "median"])
-    best = ends.groupby(CURVE[1:]).last().reset_index()
-    best = best.rename(columns={"representation": "observation"})
-    steps = best["steps"].round().astype(int)
-    algo = best["algo"].map(display_name)
-    return best.assign(algo=algo, entry=PUBLISHED, steps=steps, steps_min=steps)

@@ -38,20 +38,17 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False}
-    assets = ("style.css", "page.js")
-    css, script = (f"\n{loader.get_source(environment, name)[0]}" for name in assets)
-    digests = [hashlib.sha256(text.encode()).digest() for text in (css, script)]
-    style_hash, script_hash = (base64.b64encode(digest).decode() for digest in digests)
-    policy = (
-        f"default-src 'none'; style-src 'sha256-{style_hash}'; script-src 'sha256-{script_hash}'; "
-        "img-src data:; base-uri 'none'; form-action 'none'"
-    )
+    policy = "default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'"
+    assets: dict[str, Markup] = {}
+    for kind, name in (("style", "style.css"), ("script", "page.js")):
+        assets[kind] = Markup(f"\n{loader.get_source(environment, name)[0]}")
+        digest = hashlib.sha256(assets[kind].encode()).digest()
+        policy += f"; {kind}-src 'sha256-{base64.b64encode(digest).decode()}'"
     shown = frames.run_curves, frames.metrics, frames.paths
     return environment.get_template("page.html.j2").render(
         frames=frames,
         policy=policy,
-        style=Markup(css),
-        script=Markup(script),
+        **assets,
         title=_title(frames),
         charts={chart.name: chart for chart in made},
         panel_svgs=panel_svgs,
@@ -68,7 +65,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
 
 def _title(frames: Frames) -> str:
     if frames.request.compare:
-        return " against ".join(clean(side) for side in frames.request.compare)
+        return " against ".join(map(clean, frames.request.compare))
     about, names = "jbench", frames.configurations["configuration"]
     if frames.request.curves is not None:
         about, names = clean(frames.request.curves.name), frames.runs["configuration"]

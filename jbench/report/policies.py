@@ -17,6 +17,7 @@ from jbench.store import Record, Results
 MOTOR = ("task", "policy", "label", "median", "velocity", "density")
 POSITIONS = ("task", "policy", "label", "median", "x", "y", "share", "target_yaw", "reach")
 
+FULL_SPEED = 180.0  # rad/s of the motor, an observation of 1
 _REACH = 2.0  # m from the origin; the fastest gait moves 0.14 m in a second
 _SHOWN = 4  # policies in a figure
 _BINS = 80  # of positions, along each axis
@@ -34,10 +35,9 @@ def findings(tables: Mapping[str, pd.DataFrame], task: str | None) -> tuple[list
     tasks = in_order(returns if task is None else {task} & returns.keys())
     rows = [examine_solving("h", name, returns[name]) for name in tasks]
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
-    if not missing:
-        return rows, []
-    command = f"jbench evaluate {HEURISTIC} --task {missing[0]}"
-    return rows, [f"Claim (h) is not tested on {', '.join(missing)}: type `{command}`."]
+    note = "Claim (h) is not tested on {}: type `jbench evaluate {} --task {}`."
+    notes = [note.format(", ".join(missing), HEURISTIC, missing[0])] if missing else []
+    return rows, notes
 
 
 def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatArray]:
@@ -107,12 +107,8 @@ def _read(record: Record) -> pd.DataFrame:
 
 
 def _motor(states: pd.DataFrame) -> Part:
-    # The package imports dm_control, which most reports don't need.
-    from jbench.tasks.features import FEATURES
-
-    full_speed = FEATURES["motor_velocity"].high[0]  # rad/s, an observation of 1
     edges = np.linspace(-1.2, 1.2, 121)
-    observed = np.clip(states["motor_velocity"].to_numpy() / full_speed, edges[0], edges[-1])
+    observed = np.clip(states["motor_velocity"].to_numpy() / FULL_SPEED, edges[0], edges[-1])
     density, _ = np.histogram(observed, edges, density=True)
     names = states.iloc[0][[*MOTOR[:4]]]
     return {**names}, {"velocity": (edges[:-1] + edges[1:]) / 2, "density": density}

@@ -92,8 +92,7 @@ def _write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[s
         make_directory(out / folder)
     for name, content in contents.items():
         write_atomic(out / name, content)
-    old = {name: digest for name, digest in before.items() if name not in new}
-    changed = [name for name, digest in old.items() if not _remove(out / name, digest)]
+    changed = [name for name in before.keys() - new if not _remove(out / name, before[name])]
     write_atomic(out / LISTING, _listing(new))
     kept = f"{', '.join(sorted(changed))} in {out} belong to an earlier report, but were changed"
     notes = [f"{kept} since; kept."] if changed else []

@@ -10,9 +10,7 @@ from pydantic import Field
 from jbench.errors import RequestError
 from jbench.names import FIGURE_FORMATS, ORDERS, RETURNS, Order, ReturnsName, known
 
-WINDOW = 100
-"""Episodes in a moving average (paper, Figures 8 and 9)."""
-
+WINDOW = 100  # episodes in a moving average (paper, Figures 8 and 9)
 _EXCLUSIVE = (
     ("compare", "baseline"),
     ("curves", "compare", "baseline", "since", "claims", "reference"),

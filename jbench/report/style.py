@@ -64,6 +64,7 @@ class Look(NamedTuple):
     dash: Dash = ()
     marker: str = "o"  # another one for each of the first series of a color
     number: int = 0  # of its entry in the legend, by which the page hides it
+    hollow: bool = False  # whether its marks are
 
     @property
     def line(self) -> Any:
@@ -72,18 +73,8 @@ class Look(NamedTuple):
 
     @property
     def ink(self) -> dict[str, Any]:
-        """The color of its lines, and their id."""
-        return {"color": self.color, "gid": self.series}
-
-    @property
-    def hollow(self) -> dict[str, Any]:
-        """The colors of a hollow mark."""
-        return {"facecolors": "#ffffff", "edgecolors": self.color}
-
-    @property
-    def series(self) -> str:
-        """The id of its marks."""
-        return f"series-{self.number}"
+        """The color of its lines, and the id of its lines and marks."""
+        return {"color": self.color, "gid": f"series-{self.number}"}
 
 
 Looks = Mapping[str, Look]

@@ -71,26 +71,8 @@ def _fill(figure: Figure, axes: Axes) -> None:
 def _clean(element: ElementTree.Element) -> None:
     """Replaces styles, colors, links and ids of series, in descendants as well; drops metadata."""
     element.tag = element.tag.removeprefix(_SVG)  # HTML needs no namespace
-    _set_attributes(element)
-    if element.tag == "a":  # a link around marks becomes a group with a title
-        element.insert(0, title := ElementTree.Element("title"))
-        title.text = element.get("href")
-        element.tag, element.attrib = "g", {}
-    element.text = element.text if element.tag in ("text", "title") else None
-    element.tail = None
-    for child in list(element):
-        _clean(child)
-        if child.tag in ("metadata", "style") or (child.tag == "defs" and not len(child)):
-            element.remove(child)
-        elif element.tag != "defs":
-            child.attrib.pop("id", None)  # only definitions are referred to
-
-
-def _set_attributes(element: ElementTree.Element) -> None:
     for name, value in _STYLE.findall(element.attrib.pop("style", "")):
         element.set(name, _COLORS.get(value, value.removesuffix("px")))
-    if _LINK in element.attrib:
-        element.set("href", element.attrib.pop(_LINK))
     if element.get("fill") == "none" and element.get("stroke") is None:
         element.attrib.pop("clip-path", None)  # a place for the pointer, where nothing is drawn
     if element.get("transform", "").startswith("rotate(-0 "):
@@ -103,3 +85,18 @@ def _set_attributes(element: ElementTree.Element) -> None:
     series = element.get("id", "").removeprefix("series-")
     if series.isdecimal():
         element.set("data-series", series)
+    link = element.attrib.pop(_LINK, None)
+    if element.tag == "a":  # a link around marks becomes a group with a title
+        element.insert(0, title := ElementTree.Element("title"))
+        title.text = link
+        element.tag, element.attrib = "g", {}
+    elif link:
+        element.set("href", link)
+    element.text = element.text if element.tag in ("text", "title") else None
+    element.tail = None
+    for child in list(element):
+        _clean(child)
+        if child.tag in ("metadata", "style") or (child.tag == "defs" and not len(child)):
+            element.remove(child)
+        elif element.tag != "defs":
+            child.attrib.pop("id", None)  # only definitions are referred to

@@ -17,20 +17,14 @@ _FINAL = {
     "training": "Mean return of a run's last 100 training episodes, exploration included, or of "
     "its last quarter if that is shorter.",
 }
-_AGENTS = (
-    "s: standard deviation between agents, without that of the episodes. Detectable: smallest "
-    "difference that these seeds would show. "
-)
 COMPARED = {"a": "final return", "b": "variability", "c": "speed"}  # by a verdict's claim
 
 
 def tables(frames: Frames) -> list[Table]:
     """Returns the tables of a report that have rows, in the order of the page."""
-    every = (
-        *(_final_returns(frames), _verdicts(frames), _decisions(frames), _comparisons(frames)),
-        *(_claims(frames), leaderboard_table(frames.leaderboard, frames.returns)),
-        *(_encoders(frames), _runs(frames)),
-    )
+    made = (make(frames) for make in (_final_returns, _verdicts, _decisions, _comparisons, _claims))
+    ranked = leaderboard_table(frames.leaderboard, frames.returns)
+    every = (*made, ranked, _encoders(frames), _runs(frames))
     return [table for table in every if len(table.frame)]
 
 
@@ -43,13 +37,11 @@ def _final(frames: Frames) -> str:
 
 
 def _agent(frames: Frames) -> Column:
-    if frames.request.curves:
-        return plain("method", "algo")
-
     def with_source(row: Row) -> str:
-        return str(row["algo"] if row["source"] == OWN else f"{row['source']}: {row['algo']}")
+        apart = row["source"] not in (OWN, FILE)
+        return f"{row['source']}: {row['algo']}" if apart else str(row["algo"])
 
-    return Column("algorithm", "algo", with_source)
+    return Column("method" if frames.request.curves else "algorithm", "algo", with_source)
 
 
 def _range(row: Row) -> str:
@@ -86,18 +78,19 @@ def _final_returns(frames: Frames) -> Table:
         estimate(f"steps to {SOLVED}", "solved_steps", steps),
         number("published median", "published"),
     ]
-    caption = (
-        f"{_final(frames)} IQM: mean without the lowest and highest quarter of seeds. "
-        f"{_AGENTS if agents['s'].notna().any() else ''}{_INTERVAL} Random and hand-written "
-        "policies: 100 episodes."
-    )
     title = f"Final {frames.returns} returns"
+    sentences = [_final(frames), "IQM: mean without the lowest and highest quarter of seeds."]
     if frames.request.curves:
         title = "Final returns by method"
-        caption = f"{_final(frames)} IQM: mean without the lowest and highest quarter. {_INTERVAL}"
-        normalized = " Normalized: 0 is the lowest and 1 the highest return of a task in the file."
-        caption += normalized if NORMALIZED in {*agents["task"]} else ""
-    return Table("final_returns", title, caption, rows, columns)
+    elif agents["s"].notna().any():
+        sentences += ["s: standard deviation between agents, without that of the episodes."]
+        sentences += ["Detectable: smallest difference that these seeds would show."]
+    sentences += [_INTERVAL]
+    if len(policies):
+        sentences += ["Random and hand-written policies: 100 episodes."]
+    if NORMALIZED in {*agents["task"]}:
+        sentences += ["Normalized: 0 is the lowest and 1 the highest return of a task in the file."]
+    return Table("final_returns", title, " ".join(sentences), rows, columns)
 
 
 def _verdicts(frames: Frames) -> Table:

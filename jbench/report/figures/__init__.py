@@ -27,5 +27,4 @@ def charts(frames: Frames) -> list[Chart]:
     frames = copy(frames)
     for name in ("curves", "processor", "sequences"):
         setattr(frames, name, curves.drawn_points(getattr(frames, name)))
-    made = (make(frames) for make in _MAKERS)
-    return [chart for chart in made if chart is not None and chart.panels]
+    return [chart for make in _MAKERS if (chart := make(frames)) is not None and chart.panels]

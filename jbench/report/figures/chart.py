@@ -40,12 +40,12 @@ class Chart:
     title: str
     note: str  # what marks mean, in a few words
     panels: Sequence[Panel]
-    data: str  # name of the frame of which it is drawn, and of the file with the numbers
     legend: Mapping[str, Look] = field(default_factory=dict)
     switches: Sequence[Sequence[str]] = ()  # names that a button exchanges, the shown one first
     columns: int = 3  # panels side by side in a wide file
     alike: bool = True  # whether all axes have the same labels, which files write once
     minimum: int = 340  # pixels at which panels of the page wrap
+    data: str = ""  # name of the file with the numbers, if not that of the figure
 
     def figure(self, columns: int | None = None) -> Figure:
         """Returns the figure for a file, as wide as columns of a paper; None for a screen."""

@@ -56,17 +56,15 @@ def by_algorithm(frames: Frames) -> Chart | None:
     return _chart(frames, "algorithms", title, curves, published, looks, ["task"])
 
 
-def augmented_sequences(frames: Frames) -> Chart | None:
+def augmented_sequences(frames: Frames) -> Chart:
     """Returns the curves of agents that are trained on augmented robots in sequence."""
     rows = frames.sequences[frames.sequences["returns"] == TRAINING]
     rows = rows.assign(series=rows["algo"] + " " + rows["representation"])
     theirs = rows["source"] == PUBLISHED
-    if rows[~theirs].empty:
-        return None
     looks = style.looks(rows[~theirs], "series", "algo")
     panels = by_task(rows[~theirs], partial(draw_curves, looks=looks, published=rows[theirs]))
     note = "training returns: median and 10 to 90% of seeds; dotted: the paper's"
-    return Chart("sequences", "Augmented robots in sequence", note, panels, "sequences", looks)
+    return Chart("sequences", "Augmented robots in sequence", note, panels, looks)
 
 
 def by_processor_time(frames: Frames) -> Chart | None:
@@ -81,7 +79,7 @@ def by_processor_time(frames: Frames) -> Chart | None:
     x, scale = f"{unit} of processor time of a seed", "linear" if longest / size < 100 else "log"
     panels = by_task(rows, partial(draw_curves, looks=looks, x=x, scale=scale), (5.2, 2.8))
     note = "median over seeds, where all runs recorded their processor time"
-    return Chart("processor", "Return against processor time", note, panels, "processor", looks)
+    return Chart("processor", "Return against processor time", note, panels, looks)
 
 
 def _is_compared(frames: Frames) -> pd.Series:
@@ -129,7 +127,7 @@ def _chart(
     legend = {**looks, **({beside: dotted} if beside else {})}
     band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
     switches = [pair for pair in (kinds, scales) if len(pair) > 1]
-    return Chart(name, title, f"median and {band}", panels, "curves", legend, switches)
+    return Chart(name, title, f"median and {band}", panels, legend, switches, data="curves")
 
 
 def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:

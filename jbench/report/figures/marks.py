@@ -18,9 +18,8 @@ MOST_POINTS = 200  # of a curve that are drawn; a panel of a page is about 300 p
 ROW = 0.25  # height of a row in inches
 _ROOM = 0.09  # of the height of a panel, between words beside it
 _TIPS = 25  # points of a curve that have a tip, if it has too many for markers
+# A mark that only has a tip: its corners, since a circle would take 200 bytes.
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
-"""A mark that only has a tip: its corners, since a circle would take 200 bytes."""
-
 _LONGEST = 34  # characters of a name beside a panel
 
 
@@ -29,8 +28,9 @@ def add_points(
 ) -> None:
     """Draws marks of a diameter in points, each with a tip on the page; drawn is for `scatter`."""
     edges = None if look.marker == "|" else "none"
-    usual = {"marker": look.marker, "facecolors": look.color, "edgecolors": edges}
-    axes.scatter(x, y, s=size**2, urls=list(tips), gid=look.series, zorder=3, **usual | drawn)
+    colors = ("#ffffff", look.color) if look.hollow else (look.color, edges)
+    usual = {"marker": look.marker, "facecolors": colors[0], "edgecolors": colors[1]}
+    axes.scatter(x, y, s=size**2, urls=list(tips), gid=look.ink["gid"], zorder=3, **usual | drawn)
 
 
 def add_line(
@@ -64,8 +64,8 @@ def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
             axes.plot([low, high if np.isfinite(high) else 1e6], [place] * 2, **line)
         tip = f"{row['name']}: {interval_text(row[value], low, high)}"
         tip += f", n = {row['seeds']}" if "seeds" in row else ""
-        drawn = look.hollow if row.get("hollow") else {}
-        add_points(axes, [row[value]], [place], [tip], look, 7.5, **drawn)
+        mark = look._replace(hollow=row.get("hollow", False))
+        add_points(axes, [row[value]], [place], [tip], mark, 7.5)
     name_rows(axes, rows["name"])
 
 
@@ -150,8 +150,7 @@ def shortened(name: str) -> str:
 
 def narrow(axes: Axes, inches: float = 2.2) -> bool:
     """Returns whether a panel is narrower, as before its labels are placed."""
-    figure = axes.get_figure(root=True)
-    return figure is not None and axes.get_position().width * figure.get_figwidth() < inches
+    return axes.bbox.width < inches * axes.figure.dpi
 
 
 def thinned(count: int, most: int = MOST_POINTS) -> Any:

@@ -48,7 +48,7 @@ def forest(frames: Frames) -> Chart | None:
             " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes"
             + ("; hollow s: may be 0" if rows["s"].notna().any() else "")
         )
-    return Chart("returns", "Final returns", note, panels, "configurations", looks, **ROWS)
+    return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 
 
 def _draw_forest(
@@ -71,12 +71,12 @@ def _draw_forest(
             marks.add_points(axes, [row["published"]], [place], [tip], look, 11)
     marks.add_rows(axes, rows, looks, "iqm")
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
-    apart = Look(style.SOFT, (), "D", len(looks))
+    apart = Look(style.SOFT, (), "D", len(looks), hollow=True)
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
         axes.plot([row["q10"], row["q90"]], [place] * 2, color=style.SOFT, linewidth=1)
         numbers = marks.interval_text(row["median"], row["q10"], row["q90"])
         tip = f"{names[place - len(rows)]}: median {numbers}"
-        marks.add_points(axes, [row["median"]], [place], [tip], apart, 5.5, **apart.hollow)
+        marks.add_points(axes, [row["median"]], [place], [tip], apart, 5.5)
     marks.add_solved(axes, rows)
     marks.name_rows(axes, [*rows["name"], *names])
     if FILE not in {*rows["source"]}:
@@ -114,8 +114,7 @@ def comparisons(frames: Frames) -> Chart | None:
         axes.axvline(0, color=style.SOFT, linewidth=0.7)
 
     panels = by_task(rows, draw, (5.2, 0.6 + marks.ROW * rows.groupby("task").size().max()))
-    name = "comparisons"
-    return Chart(name, "Differences", note, panels, name, looks, columns=2, minimum=440)
+    return Chart("comparisons", "Differences", note, panels, looks, columns=2, minimum=440)
 
 
 def errors(frames: Frames) -> Chart | None:
@@ -138,8 +137,7 @@ def errors(frames: Frames) -> Chart | None:
         "filled: held-out episodes; hollow: those of the hand-written policy; planar and ddae "
         "encode other features"
     )
-    title = "Reconstruction error by encoder"
-    return Chart("encoders", title, note, panels, "encoders", looks, **ROWS)
+    return Chart("encoders", "Reconstruction error by encoder", note, panels, looks, **ROWS)
 
 
 def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
@@ -150,7 +148,8 @@ def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
     # The filled mark is the smaller one, so that both are seen where errors are equal.
     for column, hollow in (("heuristic", True), ("test", False)):
         for name, group in rows[rows[column].notna()].groupby("series", sort=False):
-            look, errors = looks[str(name)], group[column].clip(lower=_FLOOR)
+            look = looks[str(name)]._replace(hollow=hollow)
+            errors = group[column].clip(lower=_FLOOR)
             pairs = zip(group["name"], group[column], strict=True)
             tips = [f"{name}: {value:.3g} not explained" for name, value in pairs]
             x, y, size = errors, group["name"].map(places), 8 if hollow else 5
@@ -158,7 +157,7 @@ def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
                 x, y, size = group["latents"], errors, 5
                 width = 0.8 if hollow else 1.6
                 axes.plot(x, y, linestyle=look.line, linewidth=width, **look.ink)
-            marks.add_points(axes, x, y, tips, look, size, **(look.hollow if hollow else {}))
+            marks.add_points(axes, x, y, tips, look, size)
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
@@ -190,5 +189,5 @@ def predictions(frames: Frames) -> Chart:
     rows = rows.sort_values("panel", key=lambda names: pd.factorize(names)[0], kind="stable")
     panels = by_task(rows, draw, (3.2, 2.3), by=["quantity", "panel"])
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"
-    name, title = "predictions", "Return against what latents predict"
-    return Chart(name, title, note, panels, name, looks, columns=4, alike=False, minimum=260)
+    names = "predictions", "Return against what latents predict"
+    return Chart(*names, note, panels, looks, columns=4, alike=False, minimum=260)

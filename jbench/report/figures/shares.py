@@ -13,12 +13,12 @@ from jbench.report.analysis.scores import ALL_TASKS
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.frames import Frames
+from jbench.report.policies import FULL_SPEED
 
 _PROFILES = 6  # lines that can be told apart
 _SHARES = colors.LinearSegmentedColormap.from_list("share", ["#e08214", "#f3f1ee", "#4d8fc4"])
 _DARK = "#1a1f27"  # text on the light colors of the pairs, in both themes
 _TARGET = "#d00000"
-_FULL_SPEED = 180  # rad/s, an observed velocity of 1
 
 
 def pairs(frames: Frames) -> Chart:
@@ -33,7 +33,7 @@ def pairs(frames: Frames) -> Chart:
         "decided, as in the verdicts or corrected for the number of pairs"
     )
     panels = by_task(rows, _draw_pairs, lambda rows: (5.2, 1.4 + 0.33 * rows["a"].nunique()))
-    return Chart("pairs", "Probability of improvement", note, panels, "pairs", **ROWS)
+    return Chart("pairs", "Probability of improvement", note, panels, **ROWS)
 
 
 def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
@@ -76,7 +76,7 @@ def profiles(frames: Frames) -> Chart:
 
     note = "share of runs with a higher final return, up to six configurations; 95% bands"
     panels = by_task(rows, draw, (5.2, 2.8))
-    return Chart("profiles", "Performance profiles", note, panels, "profiles", looks)
+    return Chart("profiles", "Performance profiles", note, panels, looks)
 
 
 def motor(frames: Frames) -> Chart:
@@ -87,7 +87,7 @@ def motor(frames: Frames) -> Chart:
         for name, line in rows.groupby("label", sort=False):
             density = line["density"].where(line["density"] > 0)  # the axis is logarithmic
             tips = [
-                f"{name}: density {value:.2g} at {at * _FULL_SPEED:.0f} rad/s"
+                f"{name}: density {value:.2g} at {at * FULL_SPEED:.0f} rad/s"
                 for at, value in zip(line["velocity"], density, strict=True)
             ]
             xy = np.column_stack([line["velocity"], density])
@@ -97,7 +97,7 @@ def motor(frames: Frames) -> Chart:
 
     panels = by_task(frames.motor, draw, (5.0, 2.8))
     note = "distribution over all states of the evaluated episodes (the paper's Figure 4)"
-    return Chart("motor", "Motor velocities", note, panels, "motor", looks, columns=2)
+    return Chart("motor", "Motor velocities", note, panels, looks, columns=2)
 
 
 def positions(frames: Frames) -> Chart:
@@ -107,7 +107,7 @@ def positions(frames: Frames) -> Chart:
         "target's direction (the paper's Figure 5)"
     )
     panels = by_task(frames.positions, _draw_positions, (3.4, 3.2), by=["task", "label"])
-    return Chart("positions", "Positions", note, panels, "positions", minimum=260)
+    return Chart("positions", "Positions", note, panels, minimum=260)
 
 
 def _draw_positions(rows: pd.DataFrame, axes: Axes) -> None:

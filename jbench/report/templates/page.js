@@ -186,5 +186,4 @@ if (data) {
     dialog.showModal();
   };
   for (const row of all("tr[data-run]")) row.onclick = () => open(+row.dataset.run);
-  dialog.onclick = ({ target }) => target === dialog && dialog.close();
 }

@@ -130,10 +130,9 @@ def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -
         axes.axhline(level, color=style.SOFT, linewidth=0.7, linestyle=dash, zorder=1)
         place = max((level - low) / (high - low), place + _ROOM)
         if not narrow(axes, 1.5):
-            axes.text(
-                1.02, place, str(name), transform=axes.transAxes, va="center",
-                size=mpl.rcParams["font.size"] * 0.9, color=style.SOFT,
-            )  # fmt: skip
+            size = mpl.rcParams["font.size"] * 0.9
+            shown: Any = {"va": "center", "size": size, "color": style.SOFT}
+            axes.text(1.02, place, str(name), transform=axes.transAxes, **shown)
 
 
 def leave_out_empty(axes: Axes) -> None:

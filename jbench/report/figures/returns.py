@@ -101,8 +101,7 @@ def comparisons(frames: Frames) -> Chart | None:
         return None
     words = [f", {words}" if words else "" for words in rows["words"]]
     rows = rows.assign(name=rows["algo"] + " " + rows["representation"] + words)
-    first, other = rows[["a", "b"]].iloc[0]
-    note = f"final return with {first} minus that with {other}; 95% interval"
+    note = "final return with {} minus that with {}; 95% interval".format(*rows[["a", "b"]].iloc[0])
     if frames.request.curves is not None:
         rows = rows.assign(name=rows["a"] + " minus " + rows["b"], algo=rows["a"])
         note = "difference of the interquartile means of final returns; 95% interval"

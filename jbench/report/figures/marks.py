@@ -17,7 +17,7 @@ from jbench.report.style import Look, Looks
 MOST_POINTS = 200  # of a curve that are drawn; a panel of a page is about 300 pixels wide
 ROW = 0.25  # height of a row in inches
 _ROOM = 0.09  # of the height of a panel, between words beside it
-_TIPS = 25  # points of a curve that have a tip, if it has too many for markers
+_TIPS = 20  # points of a curve that have a tip, if it has too many for markers
 # A mark that only has a tip: its corners, since a circle would take 200 bytes.
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
 _LONGEST = 34  # characters of a name beside a panel

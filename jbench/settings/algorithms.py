@@ -39,17 +39,11 @@ class OffPolicySettings(AlgorithmSettings):
     """Settings of DDPG, TD3, SAC and rules of other packages, whose defaults these are."""
 
     buffer_size: Count = Field(1_000_000, description="transitions; Table 1")
-    learning_starts: NonNegativeInt = Field(
-        100, description="control steps until the first update; stable-baselines 2"
-    )
+    learning_starts: NonNegativeInt = Field(100, description="control steps until the first update")
     uniform_warmup: bool = Field(True, description="uniform actions before learning_starts")
     train_freq: Count = Field(1, description="control steps between updates; stable-baselines 2")
-    gradient_steps: Count = Field(
-        1, description="updates after every train_freq steps; stable-baselines 2"
-    )
-    tau: float = Field(
-        0.005, gt=0, le=1, description="polyak coefficient of the targets; stable-baselines 2"
-    )
+    gradient_steps: Count = Field(1, description="updates per train_freq steps; stable-baselines 2")
+    tau: float = Field(0.005, gt=0, le=1, description="of the target networks; stable-baselines 2")
     action_noise: Noise = Field("none", description="for exploration")
     noise_mean: float = Field(0.0, description="of the action noise; Table 1")
     noise_sigma: float = Field(0.2, ge=0, description="of the action noise; Table 1")

@@ -28,7 +28,6 @@ from jbench.store.verify import examine
 
 POLICY = {DESCRIPTION, WEIGHTS}
 LARGEST_PACKAGE = 40_000_000  # bytes of its wheel
-EVERY_SEED = range(10_000)
 _LOCAL_PATH = re.compile(r"""(?:^|[\s"'=:(])(?:~?/\w|[A-Za-z]:\\)""")
 
 
@@ -101,8 +100,8 @@ def ship_encoder(id: str | None, source: Results, target: Results) -> bool:
     return weights[0] == weights[1]
 
 
-def ship(source: Results, target: Results, policies: Collection[int] = EVERY_SEED) -> list[str]:
-    """Adds the finished runs of the source to the target, with the policies of some seeds.
+def ship(source: Results, target: Results, policies: Collection[int] | None = None) -> list[str]:
+    """Adds the finished runs of the source to the target, with the policies of all or some seeds.
 
     Returns:
         A sentence for each run that is left out or goes without its policy.
@@ -123,7 +122,7 @@ def ship(source: Results, target: Results, policies: Collection[int] = EVERY_SEE
         equal = ship_encoder(run.settings["encoder"], source, target)
         if not equal:
             notes.append(f"{run.id}: without its policy, as the shipped encoder is another one.")
-        if not equal or run.settings["seed"] not in policies:
+        if not equal or (policies is not None and run.settings["seed"] not in policies):
             listed = tuple(entry for entry in listed if entry.name not in POLICY)
         copy(run, target, listed)
     evaluable = {run.id for run in target.scan("run")[0] if has_policy(run)}
@@ -159,7 +158,7 @@ def size(directory: Path) -> int:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path)
-    parser.add_argument("--policies", type=parse_numbers, default=EVERY_SEED, metavar="SEEDS")
+    parser.add_argument("--policies", type=parse_numbers, metavar="SEEDS")
     parser.add_argument("--out", type=Path, default=shipped())
     arguments = parser.parse_args()
     target = Results(arguments.out)
@@ -169,9 +168,7 @@ def main() -> int:
     for run in filter(has_policy, runs):
         print(f"reference/{run.id}: last evaluation {last_return(run):.0f}")
     package = size(arguments.out.parent if arguments.out == shipped() else arguments.out)
-    print(
-        f"{len(runs)} runs; {size(arguments.out) / 1e6:.1f} MB, all of it {package / 1e6:.1f} MB."
-    )
+    print(f"{len(runs)} runs; {package / 1e6:.1f} MB in a wheel.")
     if package > LARGEST_PACKAGE:
         print(f"That is more than {LARGEST_PACKAGE / 1e6:.0f} MB.", file=sys.stderr)
         return 1

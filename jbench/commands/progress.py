@@ -30,9 +30,8 @@ class Meters(Progress):
     """Shows on standard error how much of each task is done, its speed and the time left."""
 
     _plain_every = 10  # s between the lines that are printed without a terminal
-    _alone = (
-        True  # whether there is a single task, which has a bar, and a plain line when it is done
-    )
+    # Whether there is a single task, which has a bar, and a plain line when it is done.
+    _alone = True
 
     def __init__(self) -> None:
         self._printed = time.monotonic()

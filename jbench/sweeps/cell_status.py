@@ -112,8 +112,7 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
     """
     needed = most = 0
-    batched = [run for run in runs if run.engine == "batched"]
-    for run in batched:
+    for run in (run for run in runs if run.engine == "batched"):
         task, size = find_task(run.task), int(run.hyperparameters.get("buffer_size", 0))
         transitions = min(size, run.steps) if device == "cpu" else size
         needed += 4 * (task.observation_size + task.action_size + 1) * transitions

@@ -37,9 +37,9 @@ _CORNER = np.array([0.0055, 0.006])
 
 # A robot must stand for one second, and is then simulated at full torque for another.
 _CHECKED_STEPS = 5000
-# Minimum upright reward of a standing robot (26.7 degrees of tilt). It is a factor of every task's
-# reward, and a task counts as solved at a return of 900, which is impossible below this. Uneven
-# feet tilt a robot by a few degrees; a fallen robot is tilted by 60 degrees or more.
+# Least "upright" term of the reward of a robot that stands, at 26.7 degrees of tilt. The term is a
+# factor of every task's reward, and a task counts as solved at a return of 900, which is impossible
+# below this. Uneven feet tilt a robot by a few degrees; a fallen robot is tilted by 60 or more.
 _MIN_UPRIGHT = 0.9
 _MAX_REDRAWS = 100
 _NO_SHIFT: Vector = (0.0, 0.0, 0.0)

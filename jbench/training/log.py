@@ -43,7 +43,7 @@ class RunLog:
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.RUN_TABLES}
         self.progress = position or Position(processor_time=0.0)
         self._began = time.perf_counter() - self.progress.wall_time
-        # Tables that the next commit writes anew; of the paths, the first and the latest are kept.
+        # Tables that the next commit replaces. The first and the latest path are kept.
         self._before: dict[str, pa.Table] = {}
         self._paths = schema.PATHS.empty_table()
         if position is not None:

@@ -166,9 +166,9 @@ def _device(record: Record, at_end: bool = False) -> str:
 
 def _recorded_device(record: Record, at_end: bool) -> str:
     made = record.manifest.provenance
-    began = str(made.get("device", "cpu"))
-    *_, last = ({}, *made.get("continued", [])) if at_end else ({},)
-    return str(last.get("changed", {}).get("device", [began])[-1])
+    continued = made.get("continued") if at_end else None
+    changed = continued[-1]["changed"] if continued else {}  # since the beginning
+    return str(changed.get("device", [made.get("device", "cpu")])[-1])
 
 
 def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:

@@ -41,7 +41,7 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
     share = rows.pivot_table(index="a_label", columns="b_label", values="p")
     share = share.reindex(index=names, columns=names)
     axes.pcolormesh(share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, edgecolors="none")
-    size = mpl.rcParams["font.size"] * 0.9
+    size = mpl.rcParams["font.size"] * min(0.9, 10 / len(names))  # "100" fits into a cell
     for row in rows.to_dict("records"):
         at = names.index(row["b_label"]) + 0.5, names.index(row["a_label"]) + 0.5
         weight = "bold" if row["decided"] else "normal"

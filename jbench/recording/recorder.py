@@ -53,7 +53,7 @@ class Recording:
     ) -> None:
         self.id, self.finished = settings.id, False
         self._settings, self._results, self._made_on = settings, results, made_on
-        self._encoder = load_run_encoder(settings, results)
+        self._encoder = load_run_encoder(settings.encoder, results)
         self._task = find_task(settings.task)
         self._logger, self._process = logger, os.getpid()
         self._writer: RunWriter | None = None

@@ -3,6 +3,7 @@
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 
 from jbench.agents.algorithms import algorithm_provenance
 from jbench.devices import find_device
@@ -63,10 +64,12 @@ def run_batch(
     made_on = {**device_provenance(find_device(device)), **algorithm, **task_code}
     members: list[Member] = []
     failures: dict[str, Exception] = {}
+    # Runs of the same encoder share it, and may then encode all their observations at once.
+    load_encoder = cache(lambda id: load_run_encoder(id, encoders or results))
     with contextlib.ExitStack() as locks:
         for run in runs:
             try:
-                encoder = load_run_encoder(run, encoders or results)
+                encoder = load_encoder(run.encoder)
                 record = locks.enter_context(results.locked("run", run.id))
                 member = _begin(run, encoder, record, results, made_on, report)
             except (RequestError, WorkError) as error:

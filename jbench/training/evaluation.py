@@ -23,9 +23,9 @@ FINAL_EPISODES = 100
 the returns of an agent's episodes vary more than the expected returns of agents."""
 
 
-def load_run_encoder(settings: RunSettings | ExternalSettings, results: Results) -> Encoder | None:
+def load_run_encoder(id: str | None, results: Results) -> Encoder | None:
     """Returns the encoder of a run, or None for the full observation."""
-    return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
+    return None if id is None else load_encoder(results, id)[0]
 
 
 def make_env(

@@ -82,8 +82,12 @@ def numbers(*bounds):
 robots = st.builds(
     robot,
     numbers(0.2, 0.2, 0.05),
-    # Not upside down, which has no heading.
-    numbers(1, 1, 1, 1).filter(lambda q: q[0] ** 2 + q[3] ** 2 > 0.01),
+    # A robot that is upside down, or whose x axis is vertical, has no heading.
+    numbers(1, 1, 1, 1).filter(
+        lambda q: (
+            q[0] ** 2 + q[3] ** 2 > 0.01 and abs(q[1] * q[3] - q[0] * q[2]) < 0.49 * np.dot(q, q)
+        )
+    ),
     numbers(1, 1, 1, 20, 20, 20),
     numbers(3, 150),
     numbers(0.2, 0.2, 3),

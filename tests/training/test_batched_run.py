@@ -33,6 +33,7 @@ def settings(algo="td3", seed=0, **changes):
 
 
 ENCODED = {"representation": "dae5", "encoder": "face_direction/dae5-00000000"}
+OTHER = "face_direction/dae5-11111111"
 
 
 class OtherEncoder(TanhEncoder):
@@ -46,10 +47,11 @@ class OtherEncoder(TanhEncoder):
 @pytest.mark.parametrize(("algo", "changes"), [("ddpg", {}), ("td3", ENCODED)])
 def test_run_in_batch_equals_run_alone(algo, changes, tmp_path, monkeypatch):
     if changes:
-        encoders = {0: TanhEncoder(), 3: OtherEncoder()}
-        monkeypatch.setattr(batched_run, "load_run_encoder", lambda run, _: encoders[run.seed])
+        encoders = {changes["encoder"]: TanhEncoder(), OTHER: OtherEncoder()}
+        monkeypatch.setattr(batched_run, "load_run_encoder", lambda id, _: encoders[id])
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
-    runs = [settings(algo, seed, steps=4 * EPISODE, **changes) for seed in (0, 3)]
+    about = {0: changes, 3: {**changes, "encoder": OTHER} if changes else {}}
+    runs = [settings(algo, seed, steps=4 * EPISODE, **about[seed]) for seed in about]
     assert run_batch(runs, together) == {}
     assert run_batch(runs[1:], alone) == {}
     found = [results.find("run", runs[1].id) for results in (together, alone)]

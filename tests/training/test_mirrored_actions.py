@@ -8,21 +8,23 @@ import gymnasium
 import numpy as np
 import onnxruntime
 import pytest
+import torch
 from torch import nn
 
 import jbench
 from jbench.agents.environments import Environments
-from jbench.encoders.kinds.planar import PlanarMirror, PlanarReduction
+from jbench.encoders.kinds.planar import HeadingFrame, PlanarMirror, PlanarReduction
 from jbench.encoders.registry import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.errors import RequestError
+from jbench.names import TASKS
 from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import TrainedAgent, load_agent
 from jbench.registration import environment_id
 from jbench.store import Results
-from jbench.tasks.features import mirrored
+from jbench.tasks.features import mirrored, observation_size
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.repeat import reevaluate, retrain
 from tests.agents.test_batched_engine import build_engine
@@ -75,6 +77,22 @@ def test_robots_in_training_get_negated_actions_where_target_is_on_right():
             rewards = robots.step(taken[..., None]).rewards
             np.testing.assert_array_equal(agents.step(actions[..., None]).rewards, rewards)
         assert set(np.ravel(signs)) == {-1, 1}
+
+
+@pytest.mark.parametrize("kind", [PlanarReduction, HeadingFrame, PlanarMirror])
+@pytest.mark.parametrize("task", TASKS)
+def test_seeds_that_share_encoder_have_inputs_and_signs_of_seeds_alone(task, kind):
+    encoder = planar_encoder(task, kind)
+    with closing(Environments(task, range(7), 3, [encoder] * 7)) as robots:
+        seen = torch.from_numpy(
+            np.random.default_rng(0).uniform(-1, 1, (7, 3, observation_size(task)))
+        ).float()
+        assert torch.equal(robots.encode(seen), torch.stack([*map(encoder.encode, seen)]))
+        alone = np.ones((7, 3, 1))
+        if kind is PlanarMirror:
+            alone = [encoder.action_signs(rows).numpy() for rows in seen]
+            assert np.ptp(alone) == 2
+        np.testing.assert_array_equal(robots.action_signs(seen), alone)
 
 
 @pytest.fixture(scope="module")

@@ -103,6 +103,8 @@ class Scaled(Fitted):
     agent on observations also differ in the scale of their inputs.
     """
 
+    is_exact = True
+
     @classmethod
     def latent_sizes(cls, task: str) -> range:
         size = find_task(task).observation_size
@@ -125,6 +127,8 @@ class Raw(Fitted):
     environment did not have before September 2019. The motor speed then varies by 180 and the
     quaternion by 1.
     """
+
+    is_exact = True
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:

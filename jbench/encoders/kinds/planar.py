@@ -58,6 +58,8 @@ class PlanarReduction(Fitted):
     kind, so agents on `planar` and on `scaled` differ only in the reduction.
     """
 
+    is_exact = True
+
     @classmethod
     def columns(cls, task: str) -> tuple[str, ...]:
         """Returns the names of the latents of a task, in order."""
@@ -93,8 +95,8 @@ class PlanarReduction(Fitted):
 
     def reduce(self, task: str, physical: Array) -> Array:
         """Returns the `numbers` as an array (..., latents)."""
-        numbers = self.numbers(task, physical)
-        return array_namespace(physical).stack(list(numbers.values()), axis=-1)
+        stack = array_namespace(physical).stack
+        return stack(list(self.numbers(task, physical).values()), axis=-1)
 
     def restore(self, task: str, latents: Array, center_of_mass: Array) -> Array:
         """Returns features (..., dim(O)) in SI units of a robot with these unscaled latents.
@@ -153,11 +155,7 @@ class PlanarReduction(Fitted):
         return _divided(numbers - weights["latent.offset"], weights["latent.gain"])
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the observation of a robot with heading 0 at the origin.
-
-        It equals the encoded observation up to a motion in the plane (`move_from_origin`: a
-        rotation about the origin).
-        """
+        """Returns the encoded observation of a robot moved to the heading 0; see `restore`."""
         task, gain, offset = _task_and_scaling(weights)
         numbers = latents * weights["latent.gain"] + weights["latent.offset"]
         physical = self.restore(task, numbers, weights["center_of_mass"])
@@ -246,5 +244,5 @@ def _by_axis(name: str, values: Iterable[Array]) -> dict[str, Array]:
 
 def _divided(values: Array, gain: Array) -> Array:
     """Returns values / gain, or 0 for constant features, whose gain is 0."""
-    xp = array_namespace(values)
-    return xp.where(gain != 0, values / xp.where(gain != 0, gain, 1.0), 0.0)
+    where = array_namespace(values).where
+    return where(gain != 0, values / where(gain != 0, gain, 1.0), 0.0)

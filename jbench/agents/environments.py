@@ -91,11 +91,9 @@ class Environments:
         (self.size,) = {
             full if encoder is None else encoder.latent_size for encoder in self.encoders
         }
-        # Seed by seed, because a matrix product may round differently in a larger batch.
-        self._parts: list[tuple[int | slice, Encoder | None]] = list(enumerate(self.encoders))
         first, *others = self.encoders
-        if getattr(first, "is_exact", False) and all(other is first for other in others):
-            self._parts = [(slice(None), first)]
+        is_shared = getattr(first, "is_rowwise", False) and all(other is first for other in others)
+        self._shared = first if is_shared else None
         blank = torch.zeros(1, full)
         self._mirrors = any(action_signs(encoder, blank) is not None for encoder in self.encoders)
         self._augment, self._robot = augment, augment(0)
@@ -126,20 +124,25 @@ class Environments:
         """Maps observations (seeds, N, dim(O)) of the task to inputs (seeds, N, size)."""
         if all(encoder is None for encoder in self.encoders):
             return observations
-        inputs = observations.new_empty(*observations.shape[:-1], self.size)
-        for seeds, encoder in self._parts:
-            seen = observations[seeds]
-            inputs[seeds] = seen if encoder is None else encoder.encode(seen)
-        return inputs
+        if self._shared is not None:  # with the same bits as below
+            inputs: Tensor = self._shared.encode(observations)
+            return inputs
+        # Seed by seed, because a matrix product may round differently in a larger batch.
+        pairs = zip(self.encoders, observations, strict=True)
+        return torch.stack(
+            [seen if encoder is None else encoder.encode(seen) for encoder, seen in pairs]
+        )
 
     def action_signs(self, observations: Tensor) -> NDArray[np.float32]:
         """Returns the signs (seeds, N, 1) that map agents' actions to robots' for observations."""
         signs = np.ones((*observations.shape[:-1], 1), np.float32)
         if self._mirrors:
-            for seeds, encoder in self._parts:
-                mirrored = action_signs(encoder, observations[seeds])
+            if self._shared is not None:
+                return np.asarray(action_signs(self._shared, observations))
+            for seed, encoder in enumerate(self.encoders):
+                mirrored = action_signs(encoder, observations[seed])
                 if mirrored is not None:
-                    signs[seeds] = mirrored
+                    signs[seed] = mirrored
         return signs
 
     def state(self, seed: int) -> SeedState:

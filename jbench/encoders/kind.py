@@ -27,13 +27,13 @@ class Kind(Settings):
 
     A kind implements `encode` and `decode`. Callers use `to_latents` and `from_latents`, which
     also apply the option `rescale`. `decodes_later` says that `decode` returns the state
-    `steps_ahead` steps later, `is_exact` that `encode` only adds, multiplies, divides and takes
-    square roots, so that a row has the same latents, bit for bit, in every batch.
+    `steps_ahead` steps later, `is_rowwise` that `encode` has no matrix product, which may round
+    differently in a larger batch: a row has the same latents, bit for bit, in every batch.
     """
 
     uses_actions: ClassVar[bool] = False
     decodes_later: ClassVar[bool] = False
-    is_exact: ClassVar[bool] = False
+    is_rowwise: ClassVar[bool] = False
 
     scale: Scale = omissible(
         "dataset",

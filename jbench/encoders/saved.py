@@ -49,7 +49,7 @@ class SavedEncoder:
     ) -> None:
         """Makes the encoder; weights that are not finite or of another size are a ValueError."""
         self._kind, self.latent_size = kind, latents
-        self.is_exact = kind.is_exact and kind.rescale is None
+        self.is_rowwise = kind.is_rowwise and kind.rescale is None
         gain, offset = scaling.gain_and_offset()
         self._weights = {**weights, _GAIN: gain, _OFFSET: offset}
         self._tensors: dict[tuple[torch.device, torch.dtype], dict[str, Tensor]] = {}

@@ -37,7 +37,7 @@ def wrap_angle(angle: Array) -> Array:
     xp = array_namespace(angle)
     wrapped = angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
     # Rounding may leave a wrapped angle slightly outside.
-    inside = xp.clip(wrapped, math.nextafter(-math.pi, 0), math.pi)
+    inside = wrapped.clip(math.nextafter(-math.pi, 0), math.pi)
     return xp.where(xp.abs(angle) < math.pi, angle, inside)
 
 
@@ -45,12 +45,12 @@ def rotation_matrix(quaternion: Array) -> Array:
     """Returns the (..., 3, 3) rotation matrices of (..., 4) unit quaternions (w, x, y, z)."""
     xp = array_namespace(quaternion)
     w, x, y, z = (quaternion[..., i] for i in range(4))
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    entries = (
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+    return xp.reshape(xp.stack(entries, axis=-1), (*quaternion.shape[:-1], 3, 3))
 
 
 def motor_angle(joint_angle: Array) -> Array:

@@ -103,7 +103,7 @@ class Scaled(Fitted):
     agent on observations also differ in the scale of their inputs.
     """
 
-    is_exact = True
+    is_rowwise = True
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:
@@ -128,7 +128,7 @@ class Raw(Fitted):
     quaternion by 1.
     """
 
-    is_exact = True
+    is_rowwise = True
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:

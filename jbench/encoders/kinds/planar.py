@@ -58,7 +58,7 @@ class PlanarReduction(Fitted):
     kind, so agents on `planar` and on `scaled` differ only in the reduction.
     """
 
-    is_exact = True
+    is_rowwise = True
 
     @classmethod
     def columns(cls, task: str) -> tuple[str, ...]:

@@ -74,7 +74,8 @@ def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     settings, changes = runs[0], {}
     if not settings.is_ours and settings.engine != "batched":
         raise WorkError(f"The speed of {settings.algo} is not measured.")
-    idle, algorithm = len(runs) * stepping(settings), hyperparameters(settings)
+    idle = len(runs) * stepping(settings, len(runs), device)
+    algorithm = hyperparameters(settings)
     evaluating, count = evaluation_steps(settings) * idle, settings.environments
     if isinstance(algorithm, PPOSettings):
         rollout = algorithm.n_steps * algorithm.n_envs
@@ -114,13 +115,15 @@ def evaluation_steps(settings: RunSettings) -> float:
     return episodes * EPISODE_STEPS / settings.steps
 
 
-def stepping(settings: RunSettings) -> float:
-    """Returns the seconds per control step without training."""
-    task = find_task(settings.task)
-    actions = np.zeros((1, task.action_size), np.float32)
-    with task.worlds(1, augment=settings.augment) as worlds:
-        worlds.reset([np.random.default_rng(0)])
+def stepping(settings: RunSettings, runs: int = 1, device: str = "cpu") -> float:
+    """Returns the seconds per control step of a robot in the evaluations of these many runs."""
+    task, count = find_task(settings.task), runs * max(1, settings.evaluate_episodes)
+    actions = np.zeros((count, task.action_size), np.float32)
+    steps = max(_STEPS // count, 5)
+    threads = 1 if device == "cpu" else cores()
+    with task.worlds(count, threads, settings.augment) as worlds:
+        worlds.reset([np.random.default_rng(0)] * count)
         began = time.perf_counter()
-        for _ in range(_STEPS):
+        for _ in range(steps):
             worlds.step(actions)
-        return (time.perf_counter() - began) / _STEPS
+        return (time.perf_counter() - began) / steps / count

@@ -102,6 +102,11 @@ def test_hyperparameters_of_the_option_are_no_words():
     assert variant_words(runs) == {"published": "", "script": "settings=script"}
 
 
+def test_option_of_ours_is_named_only_where_it_is_used():
+    runs = {"plain": with_changes("td3"), "mirrored": with_changes("td3", changes={"mirror": True})}
+    assert variant_words(runs) == {"plain": "", "mirrored": "mirror=true"}
+
+
 def test_external_run_named_td3_has_only_its_hyperparameters():
     settings = ExternalSettings(**{**RUN, "hyperparameters": {"tau": 0.1}})
     named = {path for path in flatten(settings) if path[0] == "hyperparameters"}

@@ -97,17 +97,17 @@ def run_details(
 
 
 def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yields the first and the last path of a run, in tenths of a millimeter."""
+    """Yields the first and the last path of a run, in millimeters."""
     steps = sorted(rows["steps"].unique())
     for at in dict.fromkeys((steps[0], steps[-1])):
         path = rows[rows["steps"] == at]
         last = path.iloc[-1]
         path = path.iloc[np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).astype(int)]
-        numbers = {"heading": last["heading"], "gained": last["episode_return"]}
-        numbers |= {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
+        numbers = {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
+        numbers |= {"heading": last["heading"]}
         known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
-        points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
-        yield {**known, "steps": int(at), "points": points.ravel().tolist()}
+        points = (path[["x", "y"]].to_numpy(np.float64) * 1000).round().astype(int)
+        yield {**known, "points": points.ravel().tolist()}
 
 
 def provenance(recorded: str) -> dict[str, str]:

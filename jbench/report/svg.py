@@ -23,7 +23,7 @@ _LINK = "{http://www.w3.org/1999/xlink}href"
 _COLORS = {style.INK: "currentColor", "#ffffff": "var(--card)"}
 _COLORS |= {style.SOFT: "var(--soft)", style.LINE: "var(--line)"}
 _STYLE = re.compile(r"(?:^|; )(?!font-family)([\w-]+): ([^;]+)")  # a page has its own font
-_NUMBER = re.compile(r"-?\d+\.\d+")
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _EDGE = 3  # points around a panel
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
@@ -68,6 +68,20 @@ def _fill(figure: Figure, axes: Axes) -> None:
     axes.set_position((left, bottom, right - left, top - bottom))
 
 
+def _shortened(numbers: str) -> str:
+    """Rounds coordinates to tenths of a point, less than a pixel; those of lines become steps."""
+    if "L" in numbers and not {"C", "Q"} & {*numbers}:
+        lines = []
+        for line in numbers.split("M")[1:]:
+            corners = np.array(_NUMBER.findall(line), float).reshape(-1, 2).round(1)
+            steps = np.diff(corners, axis=0, prepend=[[0, 0]]).round(1) + 0.0  # no -0
+            x, y, *others = (f"{step:g}" for step in steps.ravel().tolist())
+            lines.append(f"M{x} {y}l{' '.join(others)}{'z' if 'z' in line else ''}")
+        return re.sub(r"(?<!\d)0\.", ".", "".join(lines).replace(" -", "-"))
+    rounded = _NUMBER.sub(lambda n: f"{float(n[0]):.1f}".removesuffix(".0"), numbers)
+    return re.sub(r"\s*([MLCQz])\s*", r"\1", rounded.strip()).replace(" -", "-")
+
+
 def _clean(element: ElementTree.Element) -> None:
     """Replaces styles, colors, links and ids of series, in descendants as well; drops metadata."""
     element.tag = element.tag.removeprefix(_SVG)  # HTML needs no namespace
@@ -78,10 +92,8 @@ def _clean(element: ElementTree.Element) -> None:
     if element.get("transform", "").startswith("rotate(-0 "):
         element.attrib.pop("transform")
     for name in ("d", "x", "y"):
-        if value := element.get(name):  # a tenth of a point is less than a pixel
-            value = _NUMBER.sub(lambda n: f"{float(n[0]):.1f}".removesuffix(".0"), value)
-            value = re.sub(r"\s*([MLCQz])\s*", r"\1", value.strip())
-            element.set(name, value.replace(" -", "-"))
+        if value := element.get(name):
+            element.set(name, _shortened(value))
     series = element.get("id", "").removeprefix("series-")
     if series.isdecimal():
         element.set("data-series", series)

@@ -62,7 +62,7 @@ def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
 
 def _word(name: str, value: Any) -> str:
     field = RunSettings.model_fields.get(name)
-    if field is not None and not field.is_required() and value == field.default:
+    if value is ... or (field and not field.is_required() and value == field.default):
         return ""
     return _WORDS.get((name, str(value)), f"{name}={_text(value)}")
 
@@ -84,7 +84,7 @@ def _labels(
 
     If `always_named`, settings with a name of their own are in them even if all variants agree.
     """
-    flat = {variant: _with_base(flatten(values)) for variant, values in settings.items()}
+    flat = {v: _with_base(flatten(values), form is _word) for v, values in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
         path
@@ -108,8 +108,11 @@ def _labels(
     return labels
 
 
-def _with_base(flat: Flat) -> Flat:
-    """Returns settings of a run with the name of their base, or as changes of `published`."""
+def _with_base(flat: Flat, only_recorded: bool) -> Flat:
+    """Returns settings of a run with the name of their base, or as changes of `published`.
+
+    If `only_recorded`, options of ours that are at their default, such as `mirror`, are left out.
+    """
     algo = flat.get(("algo",))
     given = {path: value for path, value in flat.items() if path[0] == _TABLE}
     if algo not in SETTINGS or not given:
@@ -117,6 +120,9 @@ def _with_base(flat: Flat) -> Flat:
     bases = _bases(algo)
     base = next((name for name, values in bases.items() if values == given), "published")
     changes = given if base == "published" else bases["published"]
+    if only_recorded:
+        omitted = flatten({_TABLE: SETTINGS[algo].omitted()})
+        changes = {p: v for p, v in changes.items() if v != omitted.get(p, ...)}
     return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in given} | changes
 
 

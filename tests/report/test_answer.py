@@ -15,7 +15,7 @@ import pytest
 from scipy.stats import trim_mean
 
 import jbench
-from jbench.names import kind_in
+from jbench.names import in_prose
 from jbench.report.frames import Frames
 from jbench.store.shipped import shipped_results
 from tests.command_line import succeed
@@ -35,22 +35,26 @@ class Returns(NamedTuple):
 
     final: np.ndarray
     area: np.ndarray  # mean returns over the run
-    error: np.ndarray  # squared standard errors of the final returns, from their episodes
 
 
 WHICH = "FROM {table} JOIN runs USING (run) WHERE engine = 'batched' AND algo IN ('td3', 'ddpg') "
 WHICH += "AND settings->>'precision' IS NULL GROUP BY ALL ORDER BY ALL"
-EVALUATIONS = "SELECT algo, task, representation, seed, evaluations.control_steps AS step, "
-EVALUATIONS += "avg(episode_return) AS mean, var_samp(episode_return) / count(*) AS error "
+MIRRORED = "(settings->>'$.hyperparameters.mirror') = 'true'"
+NAMED = f"representation || if({MIRRORED}, ', mirror=true', '')"
+EVALUATIONS = (
+    f"SELECT algo, task, {NAMED} AS representation, seed, evaluations.control_steps AS step, "
+)
+EVALUATIONS += "avg(episode_return) AS mean "
 LAST = "FILTER (episodes.control_steps > steps * 3 / 4)"
-EPISODES = f"SELECT algo, task, representation, seed, avg(episode_return) {LAST} AS mean, "
-EPISODES += f"var_samp(episode_return) {LAST} / count(*) {LAST} AS error, "
+EPISODES = (
+    f"SELECT algo, task, {NAMED} AS representation, seed, avg(episode_return) {LAST} AS mean, "
+)
 EPISODES += "avg(episode_return) AS area "
 
 
 @pytest.fixture(scope="module")
 def evaluations():
-    """Returns all evaluations: algo, task, name, seed, step, mean, error."""
+    """Returns all evaluations: algo, task, name, seed, step, mean."""
     return named(jbench.open("reference").query(EVALUATIONS + WHICH.format(table="evaluations")))
 
 
@@ -59,12 +63,12 @@ def returns(evaluations):
     """Returns the `Returns` by ("evaluation" or "training", algo, task, name)."""
     keys, found = ["algo", "task", "name"], {}
     for key, rows in evaluations.groupby(keys):
-        means, errors = (rows.pivot(index="seed", columns="step")[c] for c in ("mean", "error"))
-        numbers = means.iloc[:, -1], means.mean(axis=1), errors.iloc[:, -1]
+        means = rows.pivot(index="seed", columns="step", values="mean")
+        numbers = means.iloc[:, -1], means.mean(axis=1)
         found["evaluation", *key] = Returns(*map(np.asarray, numbers))
     training = named(jbench.open("reference").query(EPISODES + WHICH.format(table="episodes")))
     for key, rows in training.groupby(keys):
-        found["training", *key] = Returns(*(rows[c].to_numpy() for c in ("mean", "area", "error")))
+        found["training", *key] = Returns(*(rows[c].to_numpy() for c in ("mean", "area")))
     return found
 
 
@@ -76,9 +80,8 @@ def finals(returns):
 
 def named(frame):
     """Adds the names of the pages: kinds whose size follows from the task have no number."""
-    kinds = [(kind_in(r), r) for r in frame.representation]
-    unnumbered = ("scaled", "planar", "heading")
-    return frame.assign(name=[kind if kind in unnumbered else name for kind, name in kinds])
+    unnumbered = r"^(scaled|planar|heading)\d+"
+    return frame.assign(name=frame["representation"].str.replace(unnumbered, r"\1", regex=True))
 
 
 def chosen_from(frame, **wanted):
@@ -127,13 +130,13 @@ def configuration(text):
 
 @pytest.mark.parametrize(
     ("page", "heading", "count"),
-    [("README.md", "final evaluation return", 6), ("docs/answer.md", "the agent observes", 13)],
+    [("README.md", "final evaluation return", 6), ("docs/answer.md", "the agent observes", 14)],
 )
 def test_main_table(returns, page, heading, count):
     policies = {row[0]: row for row in table("docs/policies.md", "hand-written")}
     rows = table(page, heading)
     for first, *cells in rows[:count]:
-        name = re.search(r"\(([\w-]+)\)", first.replace("`", ""))[1]
+        name = re.search(r"\(([\w, =-]+)\)", first.replace("`", ""))[1]
         for task, value, effect in zip(TASKS, cells[::2], cells[1::2], strict=True):
             if ("evaluation", "td3", task, name) not in returns:
                 assert (value, effect) == ("", "")
@@ -196,14 +199,17 @@ def test_forward_is_similar_to_scaled(finals):
     assert np.abs(interval(iqm, forward, scaled, confidence=0.9)).max() < 50
 
 
-def test_deviation_of_every_configuration(returns):
-    rows = table("docs/answer-details.md", "episodes alone")
-    complete = [key for key, runs in returns.items() if len(runs.final) >= SEEDS[key[1]]]
-    assert len(rows) == len(complete) / 2
-    for first, name, *deviations in rows:
-        runs = returns["evaluation", *configuration(first), name]
-        expected = np.std(runs.final, ddof=1), np.sqrt(runs.error.mean())
-        assert deviations == [f"{value:.0f}" for value in expected]
+def test_where_agents_differ_from_each_other():
+    rows = chosen_from(shipped().configurations, algo="TD3", returns="evaluation")
+    rows = rows[~rows["words"].isin(["bfloat16", "stable-baselines3"])]
+    names = "`" + rows["label"].str.removeprefix("TD3 ") + "`"
+    easier, differ = rows["task"] == TASKS[0], rows["s_low"] > 0
+    said = (
+        "`face_direction`, 0 is in the interval, except with {}. On `move_in_direction`, it is only"
+    )
+    said = f"{said} with {{}}."
+    exceptions = in_prose(names[easier & differ], "and"), *names[~easier & ~differ]
+    assert said.format(*exceptions) in text_of("answer-details")
 
 
 @cache
@@ -245,15 +251,23 @@ def test_planar_coordinates_help_by_what_they_leave_out(finals):
     assert f"less than with `planar`: {tested} by the sequential test" in text_of("answer")
 
 
-def test_mirror_symmetry_on_the_easier_task():
+def test_mirror_symmetry(returns):
     rows = table("docs/answer-details.md", "at the end")
     pair = [TASKS[0], "planar-mirror12", "scaled"]
     ((*_, at_end, _, p),) = (r for r in rows if [configuration(r[0])[1], *r[1:3]] == pair)
-    higher = f"is higher than with `scaled`: {at_end}, and p is {float(p):.2f}."
-    tested = decision(TASKS[0], "planar-mirror", "planar", "undecided")
-    assert f"{higher} Whether it is higher than with `planar` is undecided: {tested}" in (
-        text_of("answer")
+    text = text_of("answer")
+    assert f"is higher than with `scaled`: {at_end}, and p is {float(p):.2f}. Whether" in text
+    tested = [decision(task, "planar-mirror", "planar", "undecided") for task in TASKS]
+    assert "sequential test: {} and, on `move_in_direction`, {}.".format(*tested) in text
+    area = {key[2:]: runs.area for key, runs in returns.items() if key[:2] == ("evaluation", "td3")}
+    said = (
+        re.findall(r"over the run,? ([^)]*\])\)", text)[0],
+        *re.findall(r"run, (.*) against", text),
     )
+    faster, *others = re.findall(r"[-+]\d+ \[[^]]*\]", " ".join(said))
+    assert_agrees(faster, iqm, *(area[TASKS[1], name] for name in ("planar-mirror12", "planar")))
+    for task, shown in zip(TASKS, others, strict=True):
+        assert_agrees(shown, iqm, area[task, "planar, mirror=true"], area[task, "planar"])
 
 
 def test_heading_of_the_easier_task(finals):

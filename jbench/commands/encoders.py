@@ -207,8 +207,10 @@ def show_explained(records: Sequence["Record"]) -> None:
         shown = {name: "" if share is None else f"{share:.3f}" for name, share in shares.items()}
         texts.append({"encoder": record.id, **shown})
     if len(records) > 1:
+        import pandas as pd
+
         title = "Variance explained and R² of the next control step, on held-out episodes"
-        output.table(title, list(texts[0]), [list(row.values()) for row in texts])
+        output.frame(title, pd.DataFrame(texts))
         return
     (row,), latents = texts, records[0].settings["latents"]
     predicted = ", ".join(f"{target} {r2}" for target, r2 in list(row.items())[3:] if r2)

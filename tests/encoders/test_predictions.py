@@ -106,6 +106,8 @@ def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys)
     printed = capsys.readouterr().out
     assert "of the variance" in printed
     assert "R²" not in printed
+    show_explained([old, trained.record])  # beside one that has them
+    assert "yaw rate" in capsys.readouterr().out
 
 
 def test_angle_changes_are_wrapped_and_have_unit_variance(simulated):

@@ -97,7 +97,7 @@ def run_details(
 
 
 def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yields the first and the last path of a run, in millimeters."""
+    """Yields the first and the last path of a run, in tenths of a millimeter."""
     steps = sorted(rows["steps"].unique())
     for at in dict.fromkeys((steps[0], steps[-1])):
         path = rows[rows["steps"] == at]
@@ -106,7 +106,7 @@ def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
         numbers = {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
         numbers |= {"heading": last["heading"]}
         known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
-        points = (path[["x", "y"]].to_numpy(np.float64) * 1000).round().astype(int)
+        points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
         yield {**known, "points": points.ravel().tolist()}
 
 

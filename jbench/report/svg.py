@@ -74,9 +74,10 @@ def _shortened(numbers: str) -> str:
         lines = []
         for line in numbers.split("M")[1:]:
             corners = np.array(_NUMBER.findall(line), float).reshape(-1, 2).round(1)
-            steps = np.diff(corners, axis=0, prepend=[[0, 0]]).round(1) + 0.0  # no -0
-            x, y, *others = (f"{step:g}" for step in steps.ravel().tolist())
-            lines.append(f"M{x} {y}l{' '.join(others)}{'z' if 'z' in line else ''}")
+            offsets = np.diff(corners, axis=0, prepend=[[0, 0]]).round(1) + 0.0  # no -0
+            x, y, *others = (f"{step:g}" for step in offsets.ravel().tolist())
+            steps = f"l{' '.join(others)}" if others else ""
+            lines.append(f"M{x} {y}{steps}{'z' if 'z' in line else ''}")
         return re.sub(r"(?<!\d)0\.", ".", "".join(lines).replace(" -", "-"))
     rounded = _NUMBER.sub(lambda n: f"{float(n[0]):.1f}".removesuffix(".0"), numbers)
     return re.sub(r"\s*([MLCQz])\s*", r"\1", rounded.strip()).replace(" -", "-")

@@ -70,7 +70,7 @@ def cell_statuses(
                 steps_left=left,
                 seconds_left=None if seconds is None else left * seconds / processes,
                 estimate=source if left else "",
-                evaluating=_evaluating(cell.runs, seconds, device) if left and seconds else 0.0,
+                evaluating=_evaluating(cell.runs[0], seconds, device) if left and seconds else 0.0,
             )
         )
     return all_statuses
@@ -139,10 +139,9 @@ def _available() -> int | None:
     return None
 
 
-def _evaluating(runs: Sequence[RunSettings], seconds: float, device: str) -> float:
-    steps, together = engines.evaluation_steps(runs[0]), 1 if device == "cpu" else len(runs)
-    step = engines.stepping(runs[0], together, device)
-    return 0.0 if steps <= 1 else min(1.0, steps * step / seconds)
+def _evaluating(run: RunSettings, seconds: float, device: str) -> float:
+    steps = engines.evaluation_steps(run)
+    return 0.0 if steps <= 1 else min(1.0, steps * engines.stepping(run, device) / seconds)
 
 
 def _measured(results: Results, device: str) -> dict[str, tuple[float | None, str]]:

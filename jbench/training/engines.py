@@ -74,8 +74,7 @@ def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     settings, changes = runs[0], {}
     if not settings.is_ours and settings.engine != "batched":
         raise WorkError(f"The speed of {settings.algo} is not measured.")
-    idle = len(runs) * stepping(settings, len(runs), device)
-    algorithm = hyperparameters(settings)
+    idle, algorithm = len(runs) * stepping(settings, device), hyperparameters(settings)
     evaluating, count = evaluation_steps(settings) * idle, settings.environments
     if isinstance(algorithm, PPOSettings):
         rollout = algorithm.n_steps * algorithm.n_envs
@@ -115,15 +114,15 @@ def evaluation_steps(settings: RunSettings) -> float:
     return episodes * EPISODE_STEPS / settings.steps
 
 
-def stepping(settings: RunSettings, runs: int = 1, device: str = "cpu") -> float:
-    """Returns the seconds per control step of a robot in the evaluations of these many runs."""
-    task, count = find_task(settings.task), runs * max(1, settings.evaluate_episodes)
-    actions = np.zeros((count, task.action_size), np.float32)
-    steps = max(_STEPS // count, 5)
-    threads = 1 if device == "cpu" else cores()
-    with task.worlds(count, threads, settings.augment) as worlds:
-        worlds.reset([np.random.default_rng(0)] * count)
+def stepping(settings: RunSettings, device: str = "cpu") -> float:
+    """Returns the seconds per control step without training, with a robot on each thread."""
+    task, threads = find_task(settings.task), 1
+    if device != "cpu" and settings.engine != "sb3":
+        threads = cores()
+    actions = np.zeros((threads, task.action_size), np.float32)
+    with task.worlds(threads, threads, settings.augment) as worlds:
+        worlds.reset([np.random.default_rng(0)] * threads)
         began = time.perf_counter()
-        for _ in range(steps):
+        for _ in range(_STEPS // threads):
             worlds.step(actions)
-        return (time.perf_counter() - began) / steps / count
+        return (time.perf_counter() - began) / (_STEPS // threads * threads)

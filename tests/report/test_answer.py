@@ -204,10 +204,8 @@ def test_where_agents_differ_from_each_other():
     rows = rows[~rows["words"].isin(["bfloat16", "stable-baselines3"])]
     names = "`" + rows["label"].str.removeprefix("TD3 ") + "`"
     easier, differ = rows["task"] == TASKS[0], rows["s_low"] > 0
-    said = (
-        "`face_direction`, 0 is in the interval, except with {}. On `move_in_direction`, it is only"
-    )
-    said = f"{said} with {{}}."
+    said = "`face_direction`, 0 is in the interval, except with {}. On `move_in_direction`, "
+    said += "0 is in it only with {}."
     exceptions = in_prose(names[easier & differ], "and"), *names[~easier & ~differ]
     assert said.format(*exceptions) in text_of("answer-details")
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
 from jbench.report.figures import charts
+from jbench.report.figures.chart import Panel
 from jbench.report.figures.curves import drawn_points
 from jbench.report.frames import Frames
 from jbench.report.request import Request
@@ -207,6 +208,25 @@ def test_svg_of_a_page_has_no_style_no_double_id_and_a_title_for_each_mark(fabri
     assert series >= {"0", "1"}
     used = re.findall(r'href="#([^"]+)"', ElementTree.tostring(root, encoding="unicode"))
     assert set(used) <= set(ids)
+
+
+def test_lines_of_a_page_have_the_corners_that_matplotlib_writes():
+    def draw(axes):
+        axes.plot(
+            [0, 1, 2, 3, 4, 5, 6], [10, np.nan, -30, np.nan, 40.5, 41, np.nan], gid="series-7"
+        )
+        axes.set_axis_off()
+
+    text = panel_svgs(Panel("title", {"": draw}, (4, 3)), "label", "name")
+    (path,) = re.findall(r'<path d="([^"]*)"[^>]*stroke="#1f77b4"', text)
+    steps = [re.findall(r"-?(?:\d+\.?\d*|\.\d+)", line) for line in path.split("M")[1:]]
+    lines = [np.cumsum(np.array(line, float).reshape(-1, 2), axis=0) for line in steps]
+    assert [len(line) for line in lines] == [1, 1, 2]
+    for drawn, value in zip(
+        np.concatenate(lines).T, ([0, 2, 4, 5], [10, -30, 40.5, 41]), strict=True
+    ):
+        assert abs(np.corrcoef(drawn, value)[0, 1]) > 0.99999
+    assert [line.count("l") for line in path.split("M")[1:]] == [0, 0, 1]
 
 
 def test_names_are_drawn_as_they_are_but_for_control_characters(fabric):

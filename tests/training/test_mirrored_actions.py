@@ -81,14 +81,15 @@ def test_robots_in_training_get_negated_actions_where_target_is_on_right():
 
 @pytest.mark.parametrize("kind", [PlanarReduction, HeadingFrame, PlanarMirror])
 @pytest.mark.parametrize("task", TASKS)
-def test_seeds_that_share_encoder_have_inputs_and_signs_of_seeds_alone(task, kind):
+@pytest.mark.parametrize("count", [1, 3])
+def test_seeds_that_share_encoder_have_inputs_and_signs_of_seeds_alone(task, kind, count):
     encoder = planar_encoder(task, kind)
-    with closing(Environments(task, range(7), 3, [encoder] * 7)) as robots:
+    with closing(Environments(task, range(7), count, [encoder] * 7)) as robots:
         seen = torch.from_numpy(
-            np.random.default_rng(0).uniform(-1, 1, (7, 3, observation_size(task)))
+            np.random.default_rng(0).uniform(-1, 1, (7, count, observation_size(task)))
         ).float()
         assert torch.equal(robots.encode(seen), torch.stack([*map(encoder.encode, seen)]))
-        alone = np.ones((7, 3, 1))
+        alone = np.ones((7, count, 1))
         if kind is PlanarMirror:
             alone = [encoder.action_signs(rows).numpy() for rows in seen]
             assert np.ptp(alone) == 2

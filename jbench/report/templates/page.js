@@ -143,7 +143,7 @@ if (data) {
     make("path", { class: "mark", d: polyline(steps.map((step, i) => [x(step), y(values[i])])) }, svg);
   };
   const drawPaths = (svg, paths) => {
-    const read = ({ points }) => points.flatMap((_, i) => (i % 2 ? [] : [[points[i] / 1000, points[i + 1] / 1000]]));
+    const read = ({ points }) => points.flatMap((_, i) => (i % 2 ? [] : [[points[i] / 1e4, points[i + 1] / 1e4]]));
     const goals = paths.filter((path) => "x" in path).map((path) => [path.x, path.y]), inside = [...paths.flatMap(read), ...goals];
     const [xs, ys] = [0, 1].map((i) => inside.map((point) => point[i]));
     const middle = (values) => (Math.max(...values) + Math.min(...values)) / 2;

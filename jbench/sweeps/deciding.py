@@ -141,15 +141,28 @@ def _key(cell: Cell) -> str:
     return alike(cell.runs[0], {*SEED, *with_implied("representation")})
 
 
-def compared_return(record: Record, claim: Claim = "a") -> float:
+def more_returns(results: Results) -> dict[str, list[float]]:
+    """Returns those of `jbench evaluate` on the plain robot with random targets, by policy."""
+    by_policy: dict[str, list[float]] = {}
+    for record in results.scan("evaluation")[0]:
+        changed = [record.settings.get(name) for name in ("augment", "target_yaw")]
+        if record.status == "finished" and changed == [None, None]:
+            returns = record.read("policy_episodes")["episode_return"].to_pylist()
+            by_policy.setdefault(str(record.settings["policy"]), []).extend(returns)
+    return by_policy
+
+
+def compared_return(record: Record, claim: Claim = "a", more: Sequence[float] = ()) -> float:
     """Returns the mean return of a run's last evaluation (a), or of all evaluations (c).
 
-    Without evaluations, it is the mean over the last training episodes (see `final_return`), or
-    over all. Raises a WorkError if the rows can't be read, or the return is not finite.
+    `more` are returns that join its last evaluation, as in the report. Without evaluations, it is
+    the mean over the last training episodes (see `final_return`), or over all. Raises a WorkError
+    if the rows can't be read, or the return is not finite.
     """
     rows = record.read("evaluations")
     if rows.num_rows:
         which, returns = (rows[name].to_numpy() for name in ("evaluation", "episode_return"))
+        which, returns = np.append(which, [which.max()] * len(more)), np.append(returns, more)
         points = [returns[which == evaluation].mean() for evaluation in np.unique(which)]
         mean = points[-1] if claim == "a" else float(np.mean(points))
     else:
@@ -162,11 +175,12 @@ def compared_return(record: Record, claim: Claim = "a") -> float:
 
 def outcomes(chosen: Sequence[MatrixComparison], results: Results) -> list[MatrixComparison]:
     """Decides comparisons by the first seeds of each cell, up to the first unfinished one."""
+    more = more_returns(results)
 
     @cache
     def finished_return(run: str, claim: Claim) -> float | None:
         record = results.find("run", run) if is_finished(results, "run", run) else None
-        return None if record is None else compared_return(record, claim)
+        return None if record is None else compared_return(record, claim, more.get(run, ()))
 
     def first_returns(cell: Cell, pair: MatrixComparison) -> FloatArray:
         returns = (finished_return(run.id, pair.claim) for run in cell.runs[: pair.max_seeds])

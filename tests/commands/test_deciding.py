@@ -105,6 +105,24 @@ def test_run_without_an_evaluation_or_a_number(results, cells):
         deciding.compared_return(finish(results, run, [float("nan")]))
 
 
+def test_episodes_of_evaluate_join_the_last_evaluation(results, cells):
+    run = cells[0].runs[0]
+    record = finish(results, run, [10.0, 30.0])
+    for number, changes in enumerate(({}, {"augment": 3}, {"target_yaw": 0.0}, {"policy": "x"})):
+        about = {"task": run.task, "policy": run.id, "episodes": 2, **changes}
+        evaluation = results.create("evaluation", f"face_direction/e/s{number:02}-aaaaaaaa", about)
+        row = {"evaluation": evaluation.id, "length": 1000, "episode_return": 80.0 + number}
+        rows = [{**row, "episode": episode} for episode in range(2)]
+        evaluation.append(
+            {"policy_episodes": pa.Table.from_pylist(rows, schema.TABLES["policy_episodes"])}
+        )
+        evaluation.finish({"median": 80.0})
+    more = deciding.more_returns(results)
+    assert more == {run.id: [80.0, 80.0], "x": [83.0, 83.0]}
+    assert deciding.compared_return(record, "a", more[run.id]) == 50
+    assert deciding.compared_return(record, "c", more[run.id]) == (-1 + 50) / 2
+
+
 def test_representations_are_compared_with_full_observation(cells):
     asked = comparisons(cells, (), (), 30)
     assert [comparison.name for comparison in asked] == [

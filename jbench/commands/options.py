@@ -157,8 +157,8 @@ SET = Option(
 JOBS = Option(
     0,
     min=0,
-    help="Number of worker processes (0: one per core, or one for a GPU, which trains all seeds of "
-    "a configuration in one process).",
+    help="Number of worker processes (0: one per core; on a GPU, where each trains all seeds of a "
+    "configuration, one per five cores).",
 )
 _threads = partial(Option, 0, min=0, callback=lambda number: number or cores())
 THREADS = _threads(help="Number of threads (0: one per core).")

@@ -206,8 +206,11 @@ def train_batch(request: str) -> str:
 
 
 def default_jobs(device: str) -> int:
-    """Returns the number of processes at a time: one for each core, or one for a GPU."""
-    return cores() if device == "cpu" else 1
+    """Returns the number of processes at a time: one for each core.
+
+    On a GPU it is one for every five: a stack spends most of its time in Python (docs/speed.md).
+    """
+    return cores() if device == "cpu" else max(1, cores() // 5)
 
 
 def _start() -> subprocess.Popen[str]:

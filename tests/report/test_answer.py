@@ -37,25 +37,24 @@ class Returns(NamedTuple):
     area: np.ndarray  # mean returns over the run
 
 
-WHICH = "FROM {table} JOIN runs USING (run) WHERE engine = 'batched' AND algo IN ('td3', 'ddpg') "
-WHICH += "AND settings->>'precision' IS NULL GROUP BY ALL ORDER BY ALL"
-MIRRORED = "(settings->>'$.hyperparameters.mirror') = 'true'"
-NAMED = f"representation || if({MIRRORED}, ', mirror=true', '')"
-EVALUATIONS = (
-    f"SELECT algo, task, {NAMED} AS representation, seed, evaluations.control_steps AS step, "
-)
-EVALUATIONS += "avg(episode_return) AS mean "
-LAST = "FILTER (episodes.control_steps > steps * 3 / 4)"
-EPISODES = (
-    f"SELECT algo, task, {NAMED} AS representation, seed, avg(episode_return) {LAST} AS mean, "
-)
-EPISODES += "avg(episode_return) AS area "
+# Episodes of `jbench evaluate` join the last evaluation.
+EVALUATED = """(
+    SELECT run, control_steps, episode_return FROM evaluations UNION ALL
+    SELECT policy, steps, episode_return FROM policy_episodes
+    JOIN policy_evaluations USING (evaluation) JOIN runs ON policy = run
+) AS rows"""
+LAST = "FILTER (rows.control_steps > steps * 3 / 4)"
+QUERY = """SELECT algo, task, seed, {columns}, representation
+|| if((settings->>'$.hyperparameters.mirror') = 'true', ', mirror=true', '') AS representation
+FROM {table} JOIN runs USING (run) WHERE engine = 'batched' AND algo IN ('td3', 'ddpg')
+AND settings->>'precision' IS NULL GROUP BY ALL ORDER BY ALL"""
 
 
 @pytest.fixture(scope="module")
 def evaluations():
     """Returns all evaluations: algo, task, name, seed, step, mean."""
-    return named(jbench.open("reference").query(EVALUATIONS + WHICH.format(table="evaluations")))
+    columns = "rows.control_steps AS step, avg(episode_return) AS mean"
+    return queried(columns, EVALUATED)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +65,8 @@ def returns(evaluations):
         means = rows.pivot(index="seed", columns="step", values="mean")
         numbers = means.iloc[:, -1], means.mean(axis=1)
         found["evaluation", *key] = Returns(*map(np.asarray, numbers))
-    training = named(jbench.open("reference").query(EPISODES + WHICH.format(table="episodes")))
+    columns = f"avg(episode_return) {LAST} AS mean, avg(episode_return) AS area"
+    training = queried(columns, "episodes AS rows")
     for key, rows in training.groupby(keys):
         found["training", *key] = Returns(*(rows[c].to_numpy() for c in ("mean", "area")))
     return found
@@ -76,6 +76,10 @@ def returns(evaluations):
 def finals(returns):
     """Returns a function: the final evaluation returns with TD3 of representations on a task."""
     return lambda task, *names: [returns["evaluation", "td3", task, n].final for n in names]
+
+
+def queried(columns, table):
+    return named(jbench.open("reference").query(QUERY.format(columns=columns, table=table)))
 
 
 def named(frame):

@@ -41,8 +41,7 @@ def heading_reward(state: State, target: Target, angle: Array | None = None) -> 
 
 def speed_reward(state: State, target: Target) -> Array:
     """Returns the speed along the target's x axis divided by 0.1 m/s, clipped to [0, 1]."""
-    xp = array_namespace(state.torso_velocity)
-    return xp.clip(geometry.speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
+    return (geometry.speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED).clip(0, 1)
 
 
 _REWARDS: dict[str, Callable[[State, Target, Array | None], Array]] = {

@@ -20,8 +20,8 @@ def runs():
 def test_they_are_intact(runs):
     found = verify(shipped_results(), 1)
     assert found.faults == []
-    encoders = shipped_results().scan("encoder")[0]
-    assert found.records == len(runs) + len(encoders)
+    others = [shipped_results().scan(kind)[0] for kind in ("encoder", "evaluation")]
+    assert found.records == len(runs) + sum(map(len, others))
     assert runs
     assert {record.status for record in runs} == {"finished"}
     # No directory of the machine that made them is named.

@@ -157,8 +157,12 @@ def test_saved_panels_have_the_legend_of_their_visible_series(shipped_page, open
         figure.get_by_role("button", name="SVG").click()
     download.value.save_as(tmp_path / "saved.svg")
     saved = opened(tmp_path / "saved.svg").page
-    assert saved.locator("svg > text").all_text_contents() == ["full", "published, training"]
-    assert saved.locator("svg > svg").count() == 2
+    assert saved.locator("svg > text").all_text_contents() == [
+        "full",
+        "scaled",
+        "published, training",
+    ]
+    assert saved.locator("svg > svg").count() == 3
 
 
 def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):
@@ -172,7 +176,7 @@ def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):
     assert values == sorted(values, reverse=True)
     table.locator("select").first.select_option("move_in_direction")
     table.get_by_role("searchbox").fill("planar")
-    assert table.locator("output").inner_text() == "30 of 256"
+    assert table.locator("output").inner_text() == "30 of 262"
     table.locator("tr[data-run]:visible button").first.press("Enter")
     dialog = shown.locator("dialog")
     assert "move_in_direction/td3/planar" in dialog.locator("h2").inner_text()

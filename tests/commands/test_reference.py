@@ -78,4 +78,5 @@ def test_shipped_runs_are_merged_into_other_results(tmp_path, document):
     merged = document("merge", "reference", results="mine")["records"]
     assert {record["outcome"] for record in merged} == {"copied"}
     mine = Results(tmp_path / "mine")
-    assert len(mine.scan("run")[0]) + len(mine.scan("encoder")[0]) == len(merged)
+    kinds = ("run", "encoder", "evaluation")
+    assert sum(len(mine.scan(kind)[0]) for kind in kinds) == len(merged)

@@ -201,6 +201,16 @@ def holm(p_values):
 def test_forward_is_similar_to_scaled(finals):
     forward, scaled = finals(TASKS[0], "forward12", "scaled")
     assert np.abs(interval(iqm, forward, scaled, confidence=0.9)).max() < 50
+    assert round(iqm(forward)) == round(iqm(scaled)) == 910
+
+
+def test_what_learns_faster():
+    rows = chosen_from(shipped().verdicts, returns="evaluation", claim="c", algo="TD3")
+    keys = zip(rows["task"], rows["representation"], rows["against"], strict=True)
+    found = dict(zip(keys, rows["verdict"], strict=True))
+    planar = [found[task, "planar", baseline] for task in TASKS for baseline in BASELINES]
+    assert planar == ["faster"] * 4
+    assert found[TASKS[0], "forward12", "full"] == "undecided"
 
 
 def test_where_agents_differ_from_each_other():

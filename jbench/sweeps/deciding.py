@@ -16,6 +16,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import kind_in, known
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.verdicts import BASELINES
+from jbench.report.data.points import is_plain
 from jbench.returns import final_return
 from jbench.settings.recorded import SEED, alike, with_implied
 from jbench.settings.run import RunSettings
@@ -141,14 +142,14 @@ def _key(cell: Cell) -> str:
     return alike(cell.runs[0], {*SEED, *with_implied("representation")})
 
 
-def more_returns(results: Results) -> dict[str, list[float]]:
-    """Returns those of `jbench evaluate` on the plain robot with random targets, by policy."""
+def more_returns(results: Results, policies: Container[str]) -> dict[str, list[float]]:
+    """Returns those of `jbench evaluate` that join the runs' of these policies, by policy."""
     by_policy: dict[str, list[float]] = {}
     for record in results.scan("evaluation")[0]:
-        changed = [record.settings.get(name) for name in ("augment", "target_yaw")]
-        if record.status == "finished" and changed == [None, None]:
+        policy = str(record.settings["policy"])
+        if policy in policies and is_plain(record.status, record.settings):
             returns = record.read("policy_episodes")["episode_return"].to_pylist()
-            by_policy.setdefault(str(record.settings["policy"]), []).extend(returns)
+            by_policy.setdefault(policy, []).extend(returns)
     return by_policy
 
 
@@ -175,7 +176,8 @@ def compared_return(record: Record, claim: Claim = "a", more: Sequence[float] = 
 
 def outcomes(chosen: Sequence[MatrixComparison], results: Results) -> list[MatrixComparison]:
     """Decides comparisons by the first seeds of each cell, up to the first unfinished one."""
-    more = more_returns(results)
+    cells = (cell for pair in chosen for cell in (pair.ours, pair.theirs))
+    more = more_returns(results, {run.id for cell in cells for run in cell.runs})
 
     @cache
     def finished_return(run: str, claim: Claim) -> float | None:

@@ -117,7 +117,7 @@ def test_episodes_of_evaluate_join_the_last_evaluation(results, cells):
             {"policy_episodes": pa.Table.from_pylist(rows, schema.TABLES["policy_episodes"])}
         )
         evaluation.finish({"median": 80.0})
-    more = deciding.more_returns(results)
+    more = deciding.more_returns(results, {run.id, "x"})
     assert more == {run.id: [80.0, 80.0], "x": [83.0, 83.0]}
     assert deciding.compared_return(record, "a", more[run.id]) == 50
     assert deciding.compared_return(record, "c", more[run.id]) == (-1 + 50) / 2

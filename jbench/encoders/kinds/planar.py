@@ -95,8 +95,8 @@ class PlanarReduction(Fitted):
 
     def reduce(self, task: str, physical: Array) -> Array:
         """Returns the `numbers` as an array (..., latents)."""
-        stack = array_namespace(physical).stack
-        return stack(list(self.numbers(task, physical).values()), axis=-1)
+        numbers = self.numbers(task, physical)
+        return array_namespace(physical).stack(list(numbers.values()), axis=-1)
 
     def restore(self, task: str, latents: Array, center_of_mass: Array) -> Array:
         """Returns features (..., dim(O)) in SI units of a robot with these unscaled latents.
@@ -244,5 +244,5 @@ def _by_axis(name: str, values: Iterable[Array]) -> dict[str, Array]:
 
 def _divided(values: Array, gain: Array) -> Array:
     """Returns values / gain, or 0 for constant features, whose gain is 0."""
-    where = array_namespace(values).where
-    return where(gain != 0, values / where(gain != 0, gain, 1.0), 0.0)
+    xp = array_namespace(values)
+    return xp.where(gain != 0, values / xp.where(gain != 0, gain, 1.0), 0.0)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,11 +23,16 @@ Points = Mapping[str, FloatArray]  # (seeds, points) arrays by field
 NOTHING = np.empty((0, len(FIELDS)))  # points of a run without any
 
 
+def is_plain(status: str, settings: Mapping[str, Any]) -> bool:
+    """Returns whether an evaluation is finished and has the usual robot and targets."""
+    changed = settings.get("augment"), settings.get("target_yaw")
+    return status == "finished" and changed == (None, None)
+
+
 def plain_evaluations(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the finished evaluations by `jbench evaluate` on the usual robot and targets."""
-    settings = map(json.loads, rows["settings"])
-    plain = [(s.get("augment"), s.get("target_yaw")) == (None, None) for s in settings]
-    return rows[np.array(plain, bool) & (rows["status"] == "finished")]
+    """Returns the rows of `policy_evaluations` that are plain."""
+    plain = map(is_plain, rows["status"], map(json.loads, rows["settings"]))
+    return rows[np.array([*plain], bool)]
 
 
 def with_more_episodes(evaluations: pa.Table, tables: Mapping[str, pd.DataFrame]) -> pa.Table:

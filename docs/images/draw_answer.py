@@ -42,12 +42,13 @@ DRAWINGS = (
 
 
 def copy_compared(target: Path) -> Results:
-    """Copies the shipped runs that docs/answer.md compares, and all encoders."""
+    """Copies the shipped runs that docs/answer.md compares, all encoders and all evaluations."""
     source = shipped_results()
     for run in source.scan("run")[0]:
         if run.settings["engine"] == "batched" and "precision" not in run.settings:
             shutil.copytree(run.path, target / run.path.relative_to(source.path))
-    shutil.copytree(source.path / "encoders", target / "encoders")
+    for kind in ("encoders", "evaluations"):
+        shutil.copytree(source.path / kind, target / kind)
     return Results(target)
 
 

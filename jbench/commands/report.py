@@ -134,9 +134,10 @@ def _report(database: "Results", out: Path, request: Request) -> None:
             output.frame(table.title, table.texts())
             continue
         matrix, rows = verdict_matrix(frames), []
-        for row in matrix["rows"]:
-            cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
-            rows.append([row["about"], row["representation"], *cells])
+        for about, group in matrix["groups"].items():
+            for row in group:
+                cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
+                rows.append([about, row["representation"], *cells])
         heads = product(matrix["baselines"], matrix["claims"].values())
         header = ["", "observation", *(f"{title} against {name}" for name, title in heads)]
         output.table(table.title, header, rows)

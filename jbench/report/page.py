@@ -90,7 +90,7 @@ def _meanings(frames: Frames) -> list[tuple[str, str]]:
 
 
 def verdict_matrix(frames: Frames) -> dict[str, Any]:
-    """Returns the verdicts with a row for each representation, and a column for each claim."""
+    """Returns the verdicts by task and algorithm: a row for each representation, claims across."""
     verdicts = frames.lead(frames.verdicts)
     # Half of the width of a claim's small axis; few intervals reach beyond it.
     ends = verdicts.melt("claim", ["low", "high"], value_name="end").replace(np.inf, np.nan)
@@ -98,15 +98,16 @@ def verdict_matrix(frames: Frames) -> dict[str, Any]:
     baselines = list(dict.fromkeys(verdicts["against"]))
     claims = {claim: title for claim, title in COMPARED.items() if claim in scales}
     keys = [(name, claim) for name in baselines for claim in claims]
-    rows = []
+    groups: dict[str, list[dict[str, Any]]] = {}
     for _, group in verdicts.groupby("configuration", sort=False):
         first = group.iloc[0]
         known = {(row["against"], row["claim"]): row for row in group.to_dict("records")}
         shown = [_verdict(known[k], scales[k[1]]) if k in known else None for k in keys]
         source = "" if first["source"] == OWN else first["source"]
-        about = ", ".join(filter(None, (first["algo"], first["words"], first["task"], source)))
-        rows.append({"representation": first["representation"], "about": about, "verdicts": shown})
-    return {"baselines": baselines, "claims": claims, "rows": rows}
+        about = ", ".join(filter(None, (first["task"], first["algo"], first["words"], source)))
+        row = {"representation": first["representation"], "verdicts": shown}
+        groups.setdefault(about, []).append(row)
+    return {"baselines": baselines, "claims": claims, "groups": groups}
 
 
 def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:

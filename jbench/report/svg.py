@@ -24,6 +24,7 @@ _COLORS = {style.INK: "currentColor", "#ffffff": "var(--card)"}
 _COLORS |= {style.SOFT: "var(--soft)", style.LINE: "var(--line)"}
 _STYLE = re.compile(r"(?:^|; )(?!font-family)([\w-]+): ([^;]+)")  # a page has its own font
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+_INHERITED = ("clip-path", "fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap")
 _EDGE = 3  # points around a panel
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
@@ -88,8 +89,8 @@ def _clean(element: ElementTree.Element) -> None:
     element.tag = element.tag.removeprefix(_SVG)  # HTML needs no namespace
     for name, value in _STYLE.findall(element.attrib.pop("style", "")):
         element.set(name, _COLORS.get(value, value.removesuffix("px")))
-    if element.get("fill") == "none" and element.get("stroke") is None:
-        element.attrib.pop("clip-path", None)  # a place for the pointer, where nothing is drawn
+    if element.get("fill") == "none" and element.get("stroke") in (None, _COLORS[style.LINE]):
+        element.attrib.pop("clip-path", None)  # a place for the pointer, or a line of the grid
     if element.get("transform", "").startswith("rotate(-0 "):
         element.attrib.pop("transform")
     for name in ("d", "x", "y"):
@@ -113,3 +114,22 @@ def _clean(element: ElementTree.Element) -> None:
             element.remove(child)
         elif element.tag != "defs":
             child.attrib.pop("id", None)  # only definitions are referred to
+    if element.tag == "g":
+        _share(element)
+
+
+def _share(group: ElementTree.Element) -> None:
+    """Moves up what all parts of a group have in common, and parts that are alone in a group."""
+    parts = [part for part in group if part.tag not in ("title", "defs")]
+    for name in _INHERITED:
+        values = {part.get(name) for part in parts}
+        if len(values) == 1 and None not in values and not group.get(name):
+            group.set(name, str(values.pop()))
+            for part in parts:
+                part.attrib.pop(name)
+    for i, part in enumerate(group):
+        inner = part[0] if part.tag == "g" and len(part) == 1 else part
+        # Marks keep their groups, and the place of a copy would move what clips it.
+        if inner.tag not in ("g", "use") or not part.attrib:
+            inner.attrib = part.attrib | inner.attrib
+            group[i] = inner

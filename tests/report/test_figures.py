@@ -218,7 +218,8 @@ def test_lines_of_a_page_have_the_corners_that_matplotlib_writes():
         axes.set_axis_off()
 
     text = panel_svgs(Panel("title", {"": draw}, (4, 3)), "label", "name")
-    (path,) = re.findall(r'<path d="([^"]*)"[^>]*stroke="#1f77b4"', text)
+    paths = ElementTree.fromstring(text).iter("path")
+    (path,) = (found.get("d", "") for found in paths if found.get("stroke") == "#1f77b4")
     steps = [re.findall(r"-?(?:\d+\.?\d*|\.\d+)", line) for line in path.split("M")[1:]]
     lines = [np.cumsum(np.array(line, float).reshape(-1, 2), axis=0) for line in steps]
     assert [len(line) for line in lines] == [1, 1, 2]
@@ -227,6 +228,26 @@ def test_lines_of_a_page_have_the_corners_that_matplotlib_writes():
     ):
         assert abs(np.corrcoef(drawn, value)[0, 1]) > 0.99999
     assert [line.count("l") for line in path.split("M")[1:]] == [0, 0, 1]
+
+
+@pytest.mark.parametrize("colors", [["#aa0000"] * 3, ["#aa0000", "#00bb00", "#aa0000"]])
+@pytest.mark.parametrize("marker", ["^", "o"])  # drawn as paths, and as copies of a definition
+def test_marks_of_a_page_have_their_colors_whatever_they_share(colors, marker):
+    def draw(axes):
+        names = ["first", "second", "third"]
+        axes.scatter([0, 1, 2], [0, 1, 2], c=colors, marker=marker, urls=names, gid="series-0")
+
+    root = ElementTree.fromstring(panel_svgs(Panel("title", {"": draw}, (4, 3)), "label", "name"))
+    parents = {part: element for element in root.iter() for part in element}
+
+    def inherited(element, name):
+        while element.get(name) is None:
+            element = parents[element]
+        return element.get(name)
+
+    marks = {title.text: parents[title][-1] for title in root.iter("title")}
+    assert [inherited(marks[name], "fill") for name in ("first", "second", "third")] == colors
+    assert all(inherited(mark, "clip-path").startswith("url(#") for mark in marks.values())
 
 
 def test_names_are_drawn_as_they_are_but_for_control_characters(fabric):

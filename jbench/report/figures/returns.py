@@ -17,7 +17,7 @@ from jbench.report.style import Look, Looks
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
 _MOST = 21  # comparisons of methods in a figure: of seven on a task
-_NARROW = 3  # representations with R² from which a figure is drawn
+_ENOUGH = 3  # rows from which R² and s have a panel; tables have fewer
 
 
 def forest(frames: Frames) -> Chart | None:
@@ -38,7 +38,7 @@ def forest(frames: Frames) -> Chart | None:
         draw = partial(_draw_forest, group, looks=looks, seeds=seeds, policies=policies)
         panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
         known = group[group["s"].notna()]
-        if len(known) > 1:
+        if len(known) >= _ENOUGH:
             draw = partial(_draw_variability, known, looks=looks)
             height = 0.55 + marks.ROW * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
@@ -184,7 +184,7 @@ def predictions(frames: Frames) -> Chart:
         if marks.narrow(axes):
             axes.xaxis.set_major_locator(ticker.MaxNLocator(3))
 
-    rows = rows.assign(panel=rows["task"] + ", " + rows["algo"])[counts >= _NARROW]
+    rows = rows.assign(panel=rows["task"] + ", " + rows["algo"])[counts >= _ENOUGH]
     rows = rows.sort_values("panel", key=lambda names: pd.factorize(names)[0], kind="stable")
     panels = by_task(rows, draw, (3.2, 2.3), by=["quantity", "panel"])
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"

@@ -28,8 +28,7 @@ def runs(
     returns: bool = Option(
         False,
         "--returns",
-        help="Show final returns (reads all episodes); quote that of the evaluation. A report also "
-        "counts the episodes of jbench evaluate RUN.",
+        help="Show final returns (reads all episodes); quote that of the evaluation.",
     ),
     imports: bool = Option(False, "--imports", help="List imported learning curves, not runs."),
     results: Path = options.READ_RESULTS,

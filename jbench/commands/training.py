@@ -10,11 +10,11 @@ from jbench.commands import output
 from jbench.commands.progress import TrainingView
 from jbench.errors import WorkError
 from jbench.loggers.logger import copying_rows, make_logger
-from jbench.returns import final_return
+from jbench.returns import final_evaluation, final_return
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.store.listing import evaluation_return
+from jbench.store.listing import added_evaluations, evaluation_episodes
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
@@ -95,14 +95,15 @@ _FINAL_RETURNS = (
 
 def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     """Prints the final returns of each run in the results."""
-    rows = []
+    rows, added = [], added_evaluations(results)
     for run in runs:
         try:
             record = results.find("run", run.id)
             if record is not None:
                 status = "" if record.status == "finished" else f" ({record.status})"
                 returns = record.read("episodes")["episode_return"].to_numpy()
-                finals = final_return(returns), evaluation_return(record)
+                episodes = evaluation_episodes(record, added.get(run.id, ()))
+                finals = final_return(returns), final_evaluation(*episodes)
                 means = ("" if mean is None else f"{mean:.0f}" for mean in finals)
                 rows.append((record.id + status, len(returns), *means))
         except WorkError as error:

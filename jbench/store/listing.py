@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
@@ -99,6 +100,7 @@ def list_runs(
     The filters are the allowed values by field of a line.
     """
     records, problems = results.scan(kind)
+    added = added_evaluations(results) if returns else {}
     lines: list[Row] = []
     # By algorithm and representation, the settings of each variant.
     variants: dict[tuple[str, str], dict[str, Run]] = {}
@@ -107,7 +109,10 @@ def list_runs(
             line = make_line(record)
             if not matches(line, filters):
                 continue
-            lines.append(record.reading(partial(_with_returns, record)) if returns else line)
+            if returns:
+                read = partial(_with_returns, record, added.get(record.id, ()))
+                line = record.reading(read)
+            lines.append(line)
         except WorkError as error:
             problems.append(str(error))
             continue
@@ -168,13 +173,35 @@ def setting_values(results: Results, setting: str) -> set[str]:
     return {value for value in values if isinstance(value, str)}
 
 
-def evaluation_return(record: Record) -> float | None:
-    """Returns the final evaluation return of a run; see `jbench.returns`."""
+def is_plain(status: str, settings: Mapping[str, Any]) -> bool:
+    """Returns whether an evaluation is finished and has the usual robot and targets."""
+    changed = settings.get("augment"), settings.get("target_yaw")
+    return status == "finished" and changed == (None, None)
+
+
+def added_evaluations(results: Results) -> dict[str, list[Record]]:
+    """Returns those of `jbench evaluate` whose episodes join a run's last evaluation, by run."""
+    by_run: dict[str, list[Record]] = {}
+    for record in results.scan("evaluation")[0]:
+        if is_plain(record.status, record.settings):
+            by_run.setdefault(str(record.settings.get("policy")), []).append(record)
+    return by_run
+
+
+def evaluation_episodes(
+    record: Record, added: Collection[Record] = ()
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Returns the evaluations and the returns, (episodes,) each, of a run's evaluation episodes."""
     rows = record.read("evaluations")
-    return final_evaluation(rows["evaluation"].to_numpy(), rows["episode_return"].to_numpy())
+    which, returns = (rows[name].to_numpy() for name in ("evaluation", "episode_return"))
+    if len(which):
+        more = [one.read("policy_episodes")["episode_return"].to_numpy() for one in added]
+        returns = np.concatenate([returns, *more])
+        which = np.append(which, np.full(len(returns) - len(which), which.max()))
+    return which, returns
 
 
-def _with_returns(record: Record) -> Row:
+def _with_returns(record: Record, added: Collection[Record]) -> Row:
     line = make_line(record)
     if record.kind == "import":
         points = record.read("import_points").to_pandas()
@@ -187,7 +214,7 @@ def _with_returns(record: Record) -> Row:
     rows = record.read("episodes")
     if len(rows):
         line["last_return"] = final_return(rows["episode_return"].to_numpy())
-        line["evaluation_return"] = evaluation_return(record)
+        line["evaluation_return"] = final_evaluation(*evaluation_episodes(record, added))
         if line["wall_time"] is None:
             line["wall_time"] = rows["wall_time"][-1].as_py()
     return finite(line)

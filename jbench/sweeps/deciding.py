@@ -16,7 +16,6 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import kind_in, known
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.verdicts import BASELINES
-from jbench.report.data.points import is_plain
 from jbench.returns import final_return
 from jbench.settings.recorded import SEED, alike, with_implied
 from jbench.settings.run import RunSettings
@@ -24,6 +23,7 @@ from jbench.statistics import FloatArray
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.statistics.step_down import Decision, decide
 from jbench.store import Record, Results
+from jbench.store.listing import added_evaluations, evaluation_episodes
 from jbench.sweeps.cell import Cell, is_finished, with_runs
 from jbench.sweeps.matrix import COMPARISON, Claim, Planned, named
 
@@ -142,28 +142,15 @@ def _key(cell: Cell) -> str:
     return alike(cell.runs[0], {*SEED, *with_implied("representation")})
 
 
-def more_returns(results: Results, policies: Container[str]) -> dict[str, list[float]]:
-    """Returns those of `jbench evaluate` that join the runs' of these policies, by policy."""
-    by_policy: dict[str, list[float]] = {}
-    for record in results.scan("evaluation")[0]:
-        policy = str(record.settings["policy"])
-        if policy in policies and is_plain(record.status, record.settings):
-            returns = record.read("policy_episodes")["episode_return"].to_pylist()
-            by_policy.setdefault(policy, []).extend(returns)
-    return by_policy
-
-
-def compared_return(record: Record, claim: Claim = "a", more: Sequence[float] = ()) -> float:
+def compared_return(record: Record, claim: Claim = "a", added: Collection[Record] = ()) -> float:
     """Returns the mean return of a run's last evaluation (a), or of all evaluations (c).
 
-    `more` are returns that join its last evaluation, as in the report. Without evaluations, it is
-    the mean over the last training episodes (see `final_return`), or over all. Raises a WorkError
-    if the rows can't be read, or the return is not finite.
+    The episodes of added evaluations join the last one. Without evaluations, it is the mean over
+    the last training episodes (see `final_return`), or over all. Raises a WorkError if the rows
+    can't be read, or the return is not finite.
     """
-    rows = record.read("evaluations")
-    if rows.num_rows:
-        which, returns = (rows[name].to_numpy() for name in ("evaluation", "episode_return"))
-        which, returns = np.append(which, [which.max()] * len(more)), np.append(returns, more)
+    which, returns = evaluation_episodes(record, added)
+    if len(which):
         points = [returns[which == evaluation].mean() for evaluation in np.unique(which)]
         mean = points[-1] if claim == "a" else float(np.mean(points))
     else:
@@ -176,13 +163,12 @@ def compared_return(record: Record, claim: Claim = "a", more: Sequence[float] = 
 
 def outcomes(chosen: Sequence[MatrixComparison], results: Results) -> list[MatrixComparison]:
     """Decides comparisons by the first seeds of each cell, up to the first unfinished one."""
-    cells = (cell for pair in chosen for cell in (pair.ours, pair.theirs))
-    more = more_returns(results, {run.id for cell in cells for run in cell.runs})
+    added = added_evaluations(results)
 
     @cache
     def finished_return(run: str, claim: Claim) -> float | None:
         record = results.find("run", run) if is_finished(results, "run", run) else None
-        return None if record is None else compared_return(record, claim, more.get(run, ()))
+        return None if record is None else compared_return(record, claim, added.get(run, ()))
 
     def first_returns(cell: Cell, pair: MatrixComparison) -> FloatArray:
         returns = (finished_return(run.id, pair.claim) for run in cell.runs[: pair.max_seeds])

@@ -8,6 +8,7 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, schema
+from jbench.store.listing import added_evaluations, list_runs
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.deciding import comparisons
@@ -117,10 +118,11 @@ def test_episodes_of_evaluate_join_the_last_evaluation(results, cells):
             {"policy_episodes": pa.Table.from_pylist(rows, schema.TABLES["policy_episodes"])}
         )
         evaluation.finish({"median": 80.0})
-    more = deciding.more_returns(results, {run.id, "x"})
-    assert more == {run.id: [80.0, 80.0], "x": [83.0, 83.0]}
-    assert deciding.compared_return(record, "a", more[run.id]) == 50
-    assert deciding.compared_return(record, "c", more[run.id]) == (-1 + 50) / 2
+    added = added_evaluations(results)
+    assert {name: len(records) for name, records in added.items()} == {run.id: 1, "x": 1}
+    assert deciding.compared_return(record, "a", added[run.id]) == 50
+    assert deciding.compared_return(record, "c", added[run.id]) == (-1 + 50) / 2
+    assert list_runs(results, {}, returns=True)[0][0]["evaluation_return"] == 50
 
 
 def test_representations_are_compared_with_full_observation(cells):

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,6 +10,7 @@ import pyarrow as pa
 from jbench.names import EPISODE_STEPS, ReturnsName
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.statistics import FloatArray
+from jbench.store.listing import is_plain
 
 POINT = ["episode_return", "control_steps", "processor_time"]
 _POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]
@@ -21,12 +21,6 @@ PATHS = ("run", "evaluation", "control_steps", *_POSES)
 FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
 Points = Mapping[str, FloatArray]  # (seeds, points) arrays by field
 NOTHING = np.empty((0, len(FIELDS)))  # points of a run without any
-
-
-def is_plain(status: str, settings: Mapping[str, Any]) -> bool:
-    """Returns whether an evaluation is finished and has the usual robot and targets."""
-    changed = settings.get("augment"), settings.get("target_yaw")
-    return status == "finished" and changed == (None, None)
 
 
 def plain_evaluations(rows: pd.DataFrame) -> pd.DataFrame:

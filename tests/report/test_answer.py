@@ -175,7 +175,7 @@ def test_all_differences(returns):
         f"{p:.3f}" if p >= 0.001 else "< 0.001" for p in holm(p_values)
     ]
     (p,) = (r[-1] for r in rows if r[0].startswith(TASKS[0]) and r[1:3] == ["planar", "scaled"])
-    assert f"p is {float(p):.2f}, corrected" in text_of("answer")
+    assert f"p is {float(p):.2f}, corrected" in text_of("answer-details")
 
 
 def p_value(ours, theirs):
@@ -242,12 +242,12 @@ def test_what_makes_the_latents_of_the_autoencoder_useful(finals):
     plain, whitened, *scaled = finals(TASKS[0], *names)
     assert (len(plain), len(whitened), (whitened > plain.max()).sum()) == (10, 10, 9)
     for ends in (plain, whitened, *scaled):
-        assert f"({ends.min():.0f} to {ends.max():.0f})" in text_of("answer")
+        assert f"({ends.min():.0f} to {ends.max():.0f})" in text_of("answer-details")
     gain = decision(TASKS[0], "dae-yaw13", "dae12", "higher")
-    assert f"the latents alone: {gain} by the sequential test" in text_of("answer")
+    assert f"the latents alone: {gain} by the sequential test" in text_of("answer-details")
     both = (decision(TASKS[0], name, "scaled") for name in ("dae-yaw13", WHITENED))
     said = "less than `scaled`: {} with the yaw rate, and {} with scale and whitening"
-    assert said.format(*both) in text_of("answer")
+    assert said.format(*both) in text_of("answer-details")
 
 
 def test_whether_agents_vary_less():
@@ -273,14 +273,14 @@ def test_planar_coordinates_help_by_what_they_leave_out(finals):
     assert (len(heading), (planar > heading.max()).sum()) == (10, 7)
     assert abs(iqm(heading) - iqm(full)) < 50
     tested = decision(TASKS[1], "heading", "planar")
-    assert f"less than with `planar`: {tested} by the sequential test" in text_of("answer")
+    assert f"less than with `planar`: {tested} by the sequential test" in text_of("answer-details")
 
 
 def test_mirror_symmetry(returns):
     rows = table("docs/answer-details.md", "at the end")
     pair = [TASKS[0], "planar-mirror12", "scaled"]
     ((*_, at_end, _, p),) = (r for r in rows if [configuration(r[0])[1], *r[1:3]] == pair)
-    text = text_of("answer")
+    text = text_of("answer-details")
     assert f"is higher than with `scaled`: {at_end} (p {p}). Whether" in text
     tested = [decision(task, "planar-mirror", "planar", "undecided") for task in TASKS]
     assert "sequential test: {} and, on `move_in_direction`, {}.".format(*tested) in text
@@ -299,7 +299,7 @@ def test_heading_of_the_easier_task(finals):
     heading, scaled = finals(TASKS[0], "heading", "scaled")
     assert abs(iqm(heading) - iqm(scaled)) < 20
     tested = decision(TASKS[0], "heading", "planar", "undecided")
-    assert f"less than with `planar` is undecided: {tested}" in text_of("answer")
+    assert f"less than with `planar` is undecided: {tested}" in text_of("answer-details")
 
 
 def test_planar_without_the_yaw_rate(finals):

@@ -137,7 +137,8 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         for about, group in matrix["groups"].items():
             for row in group:
                 cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
-                rows.append([about, row["representation"], *cells])
+                name = ", ".join(filter(None, (row["representation"], row["words"])))
+                rows.append([about, name, *cells])
         heads = product(matrix["baselines"], matrix["claims"].values())
         header = ["", "observation", *(f"{title} against {name}" for name, title in heads)]
         output.table(table.title, header, rows)

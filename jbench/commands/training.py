@@ -14,7 +14,7 @@ from jbench.returns import final_evaluation, final_return
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.store.listing import added_evaluations, evaluation_episodes
+from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
@@ -95,14 +95,17 @@ _FINAL_RETURNS = (
 
 def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     """Prints the final returns of each run in the results."""
-    rows, added = [], added_evaluations(results)
+    rows = []
+    added, problems = added_returns(results, {run.id: run.model_dump() for run in runs})
+    for problem in problems:
+        output.warn(problem)
     for run in runs:
         try:
             record = results.find("run", run.id)
             if record is not None:
                 status = "" if record.status == "finished" else f" ({record.status})"
                 returns = record.read("episodes")["episode_return"].to_numpy()
-                episodes = evaluation_episodes(record, added.get(run.id, ()))
+                episodes = evaluation_returns(record, added.get(run.id, ()))
                 finals = final_return(returns), final_evaluation(*episodes)
                 means = ("" if mean is None else f"{mean:.0f}" for mean in finals)
                 rows.append((record.id + status, len(returns), *means))

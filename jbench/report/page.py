@@ -104,8 +104,8 @@ def verdict_matrix(frames: Frames) -> dict[str, Any]:
         known = {(row["against"], row["claim"]): row for row in group.to_dict("records")}
         shown = [_verdict(known[k], scales[k[1]]) if k in known else None for k in keys]
         source = "" if first["source"] == OWN else first["source"]
-        about = ", ".join(filter(None, (first["task"], first["algo"], first["words"], source)))
-        row = {"representation": first["representation"], "verdicts": shown}
+        about = ", ".join(filter(None, (first["task"], first["algo"], source)))
+        row = {**first[["representation", "words"]], "verdicts": shown}
         groups.setdefault(about, []).append(row)
     return {"baselines": baselines, "claims": claims, "groups": groups}
 

@@ -1,5 +1,6 @@
 """Policies beside the agents, random and hand-written, and what policies do (Figures 4 and 5)."""
 
+import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 
@@ -10,7 +11,6 @@ from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis.claims import Row, examine_solving
 from jbench.report.data.configuration import Part, in_order, long_frame
-from jbench.report.data.points import plain_evaluations
 from jbench.statistics import FloatArray
 from jbench.store import Record, Results
 
@@ -46,8 +46,11 @@ def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatA
     The evaluation of a task with the most episodes counts, or the newest of several such. Only
     evaluations on the plain robot with random targets count.
     """
-    rows = plain_evaluations(tables["policy_evaluations"])
-    rows = rows[rows["policy"] == HEURISTIC].dropna(subset=["task", "episodes"])
+    rows = tables["policy_evaluations"]
+    rows = rows[(rows["policy"] == HEURISTIC) & (rows["status"] == "finished")]
+    chosen = map(json.loads, rows["settings"])
+    plain = [settings.get("augment") is settings.get("target_yaw") is None for settings in chosen]
+    rows = rows[np.array(plain, bool)].dropna(subset=["task", "episodes"])
     chosen = rows.sort_values(["episodes", "created"]).drop_duplicates("task", keep="last")
     episodes = tables["policy_episodes"]
     episodes = episodes[np.isfinite(episodes["episode_return"])]

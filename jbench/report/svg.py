@@ -24,7 +24,7 @@ _COLORS = {style.INK: "currentColor", "#ffffff": "var(--card)"}
 _COLORS |= {style.SOFT: "var(--soft)", style.LINE: "var(--line)"}
 _STYLE = re.compile(r"(?:^|; )(?!font-family)([\w-]+): ([^;]+)")  # a page has its own font
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
-_INHERITED = ("clip-path", "fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap")
+_SHARED = ("clip-path", "fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap")
 _EDGE = 3  # points around a panel
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
@@ -121,7 +121,9 @@ def _clean(element: ElementTree.Element) -> None:
 def _share(group: ElementTree.Element) -> None:
     """Moves up what all parts of a group have in common, and parts that are alone in a group."""
     parts = [part for part in group if part.tag not in ("title", "defs")]
-    for name in _INHERITED:
+    if any(part.get("transform") for part in parts):
+        return  # it would move what clips a part
+    for name in _SHARED:
         values = {part.get(name) for part in parts}
         if len(values) == 1 and None not in values and not group.get(name):
             group.set(name, str(values.pop()))
@@ -129,7 +131,7 @@ def _share(group: ElementTree.Element) -> None:
                 part.attrib.pop(name)
     for i, part in enumerate(group):
         inner = part[0] if part.tag == "g" and len(part) == 1 else part
-        # Marks keep their groups, and the place of a copy would move what clips it.
-        if inner.tag not in ("g", "use") or not part.attrib:
+        # Marks keep their groups; a transform, or the place of a copy, would move what clips it.
+        if not part.attrib or not (inner.tag in ("g", "use") or inner.get("transform")):
             inner.attrib = part.attrib | inner.attrib
             group[i] = inner

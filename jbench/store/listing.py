@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
@@ -17,6 +17,7 @@ from jbench.settings.recorded import Run, Unreadable, read_run, variant
 from jbench.settings.variants import variant_words
 from jbench.store import schema
 from jbench.store.database import Results
+from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.store.files import DamagedError
 from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.record import Record
@@ -100,7 +101,10 @@ def list_runs(
     The filters are the allowed values by field of a line.
     """
     records, problems = results.scan(kind)
-    added = added_evaluations(results) if returns else {}
+    added: dict[str, list[NDArray[np.float64]]] = {}
+    if returns and kind == "run":
+        added, unread = added_returns(results, {record.id: record.settings for record in records})
+        problems += unread
     lines: list[Row] = []
     # By algorithm and representation, the settings of each variant.
     variants: dict[tuple[str, str], dict[str, Run]] = {}
@@ -173,35 +177,7 @@ def setting_values(results: Results, setting: str) -> set[str]:
     return {value for value in values if isinstance(value, str)}
 
 
-def is_plain(status: str, settings: Mapping[str, Any]) -> bool:
-    """Returns whether an evaluation is finished and has the usual robot and targets."""
-    changed = settings.get("augment"), settings.get("target_yaw")
-    return status == "finished" and changed == (None, None)
-
-
-def added_evaluations(results: Results) -> dict[str, list[Record]]:
-    """Returns those of `jbench evaluate` whose episodes join a run's last evaluation, by run."""
-    by_run: dict[str, list[Record]] = {}
-    for record in results.scan("evaluation")[0]:
-        if is_plain(record.status, record.settings):
-            by_run.setdefault(str(record.settings.get("policy")), []).append(record)
-    return by_run
-
-
-def evaluation_episodes(
-    record: Record, added: Collection[Record] = ()
-) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Returns the evaluations and the returns, (episodes,) each, of a run's evaluation episodes."""
-    rows = record.read("evaluations")
-    which, returns = (rows[name].to_numpy() for name in ("evaluation", "episode_return"))
-    if len(which):
-        more = [one.read("policy_episodes")["episode_return"].to_numpy() for one in added]
-        returns = np.concatenate([returns, *more])
-        which = np.append(which, np.full(len(returns) - len(which), which.max()))
-    return which, returns
-
-
-def _with_returns(record: Record, added: Collection[Record]) -> Row:
+def _with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> Row:
     line = make_line(record)
     if record.kind == "import":
         points = record.read("import_points").to_pandas()
@@ -214,7 +190,7 @@ def _with_returns(record: Record, added: Collection[Record]) -> Row:
     rows = record.read("episodes")
     if len(rows):
         line["last_return"] = final_return(rows["episode_return"].to_numpy())
-        line["evaluation_return"] = final_evaluation(*evaluation_episodes(record, added))
+        line["evaluation_return"] = final_evaluation(*evaluation_returns(record, added))
         if line["wall_time"] is None:
             line["wall_time"] = rows["wall_time"][-1].as_py()
     return finite(line)

@@ -23,7 +23,7 @@ from jbench.statistics import FloatArray
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.statistics.step_down import Decision, decide
 from jbench.store import Record, Results
-from jbench.store.listing import added_evaluations, evaluation_episodes
+from jbench.store.evaluations import added_returns, evaluation_returns
 from jbench.sweeps.cell import Cell, is_finished, with_runs
 from jbench.sweeps.matrix import COMPARISON, Claim, Planned, named
 
@@ -142,14 +142,14 @@ def _key(cell: Cell) -> str:
     return alike(cell.runs[0], {*SEED, *with_implied("representation")})
 
 
-def compared_return(record: Record, claim: Claim = "a", added: Collection[Record] = ()) -> float:
+def compared_return(record: Record, claim: Claim = "a", added: Sequence[FloatArray] = ()) -> float:
     """Returns the mean return of a run's last evaluation (a), or of all evaluations (c).
 
-    The episodes of added evaluations join the last one. Without evaluations, it is the mean over
+    Added returns join the last one. Without evaluations, it is the mean over
     the last training episodes (see `final_return`), or over all. Raises a WorkError if the rows
     can't be read, or the return is not finite.
     """
-    which, returns = evaluation_episodes(record, added)
+    which, returns = evaluation_returns(record, added)
     if len(which):
         points = [returns[which == evaluation].mean() for evaluation in np.unique(which)]
         mean = points[-1] if claim == "a" else float(np.mean(points))
@@ -162,8 +162,15 @@ def compared_return(record: Record, claim: Claim = "a", added: Collection[Record
 
 
 def outcomes(chosen: Sequence[MatrixComparison], results: Results) -> list[MatrixComparison]:
-    """Decides comparisons by the first seeds of each cell, up to the first unfinished one."""
-    added = added_evaluations(results)
+    """Decides comparisons by the first seeds of each cell, up to the first unfinished one.
+
+    Raises a WorkError if an evaluation can't be read, since it might join a run.
+    """
+    cells = (cell for pair in chosen for cell in (pair.ours, pair.theirs))
+    runs = {run.id: run.model_dump() for cell in cells for run in cell.runs}
+    added, problems = added_returns(results, runs)
+    if problems:
+        raise WorkError(problems[0])
 
     @cache
     def finished_return(run: str, claim: Claim) -> float | None:

@@ -3,12 +3,12 @@
 import json
 from functools import partial
 
+import numpy as np
 import pyarrow as pa
 import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, schema
-from jbench.store.listing import added_evaluations, list_runs
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.deciding import comparisons
@@ -106,23 +106,11 @@ def test_run_without_an_evaluation_or_a_number(results, cells):
         deciding.compared_return(finish(results, run, [float("nan")]))
 
 
-def test_episodes_of_evaluate_join_the_last_evaluation(results, cells):
-    run = cells[0].runs[0]
-    record = finish(results, run, [10.0, 30.0])
-    for number, changes in enumerate(({}, {"augment": 3}, {"target_yaw": 0.0}, {"policy": "x"})):
-        about = {"task": run.task, "policy": run.id, "episodes": 2, **changes}
-        evaluation = results.create("evaluation", f"face_direction/e/s{number:02}-aaaaaaaa", about)
-        row = {"evaluation": evaluation.id, "length": 1000, "episode_return": 80.0 + number}
-        rows = [{**row, "episode": episode} for episode in range(2)]
-        evaluation.append(
-            {"policy_episodes": pa.Table.from_pylist(rows, schema.TABLES["policy_episodes"])}
-        )
-        evaluation.finish({"median": 80.0})
-    added = added_evaluations(results)
-    assert {name: len(records) for name, records in added.items()} == {run.id: 1, "x": 1}
-    assert deciding.compared_return(record, "a", added[run.id]) == 50
-    assert deciding.compared_return(record, "c", added[run.id]) == (-1 + 50) / 2
-    assert list_runs(results, {}, returns=True)[0][0]["evaluation_return"] == 50
+def test_added_returns_join_the_last_evaluation(results, cells):
+    record = finish(results, cells[0].runs[0], [10.0, 30.0])
+    added = [np.array([80.0, 80.0])]
+    assert deciding.compared_return(record, "a", added) == 50
+    assert deciding.compared_return(record, "c", added) == (-1 + 50) / 2
 
 
 def test_representations_are_compared_with_full_observation(cells):

@@ -35,11 +35,12 @@ def shipped_page(shipped, tmp_path_factory):
     return path
 
 
-def add_runs(fabric, *names, seeds=2):
+def add_runs(fabric, *names, seeds=2, **changes):
     """Adds young runs, as those of the demo."""
     for name, seed in itertools.product(names, range(seeds)):
         returns = np.linspace(100, 400 + 50 * seed, 25)
-        fabric.run(returns, seed, evaluated={25_000: float(returns[-1])}, representation=name)
+        evaluated = {25_000: float(returns[-1])}
+        fabric.run(returns, seed, evaluated=evaluated, representation=name, **changes)
 
 
 def written(found, tmp_path):
@@ -219,13 +220,18 @@ def test_page_is_readable_without_scripts(shipped_page, opened):
 
 
 @pytest.mark.parametrize(
-    "case", ["shipped", pytest.param("young", marks=pytest.mark.slow), "one run", "hostile"]
+    "case",
+    ["shipped", pytest.param("young", marks=pytest.mark.slow), "one run", "variants", "hostile"],
 )
 def test_no_page_scrolls_sideways_or_loads_anything(fabric, opened, tmp_path, case, shipped_page):
     path = shipped_page
     if case != "shipped":
         names = ["full"] if case == "one run" else ["full", "dae12"]
         add_runs(fabric, *names, seeds=len(names))
+        if case == "variants":
+            hyperparameters = {"learning_rate": 1e-5, "batch_size": 1024, "tau": 0.005}
+            changes = {"time_limit": "terminal", "hyperparameters": hyperparameters}
+            add_runs(fabric, *names, **changes)
         found = Frames(fabric.results)
         path = written(hostile(found) if case == "hostile" else found, tmp_path)
     shown = opened(path, viewport=PHONE).page

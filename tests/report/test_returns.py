@@ -1,11 +1,16 @@
 """Tests of evaluation and training returns: cells, curves, statistics, claims and files of both."""
 
 import numpy as np
+import pytest
 
+import jbench
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.store.evaluations import added_returns
+from jbench.store.listing import list_runs
+from jbench.sweeps.deciding import compared_return
 
 FLAT = np.full(40, 500.0)
 RISING = {10_000: 100.0, 20_000: 300.0, 30_000: 600.0, 40_000: 950.0}
@@ -47,13 +52,43 @@ def test_seeds_are_aligned_by_control_steps(fabric):
     )
 
 
-def test_episodes_of_kept_policies_join_last_evaluation(fabric):
-    record = fabric.run(FLAT, 0, evaluated={20_000: 100.0, 40_000: 500.0})  # two episodes each
-    fabric.evaluation(record.id, [600.0] * 2, seed=0)
-    fabric.evaluation(record.id, [0.0] * 2, seed=1, target_yaw=0.5)  # a fixed target
+@pytest.mark.parametrize("trained", [{}, {"augment": 3, "robots": 2}])
+def test_episodes_of_kept_policies_join_last_evaluation(fabric, trained):
+    record = fabric.run(FLAT, 0, evaluated={20_000: 100.0, 40_000: 500.0}, **trained)
+    robot = {"augment": 4} if trained else {}  # the last of the training
+    fabric.evaluation(record.id, [600.0] * 2, seed=0, **robot)
+    fabric.evaluation(record.id, [600.0], seed=0, states=True, **robot)  # the same episode again
+    fabric.evaluation(record.id, [700.0] * 4, seed=1, **robot)
+    fabric.evaluation(record.id, [0.0] * 2, seed=2, target_yaw=0.5, **robot)
+    for other in ({"augment": 3}, {"augment": 5}, {} if trained else {"augment": 4}):
+        fabric.evaluation(record.id, [0.0] * 2, seed=2, **other)
+    fabric.evaluation("heuristic", [0.0] * 2, seed=3)
+    # Of 495, 505, twice 600 and four times 700.
+    assert last_returns(fabric, record) == [625] * 4
     seeds = Frames(fabric.results).seeds
-    (row,) = seeds[seeds["returns"] == "evaluation"].to_dict("records")
-    assert (row["final"], row["episodes"]) == (550, 4)  # of 495, 505, 600 and 600
+    assert seeds.loc[seeds["returns"] == "evaluation", "episodes"].tolist() == [8]
+
+
+def last_returns(fabric, record):
+    """Returns the last evaluation return of the only run, as all parts of jbench read it."""
+    added, _ = added_returns(fabric.results, {record.id: record.settings})
+    (line,), _ = list_runs(fabric.results, {}, returns=True)
+    seeds = Frames(fabric.results).seeds
+    (opened,) = jbench.open(fabric.results.path).runs()["evaluation_return"]
+    (reported,) = seeds.loc[seeds["returns"] == "evaluation", "final"]
+    compared = compared_return(record, added=added.get(record.id, ()))
+    return [opened, reported, line["evaluation_return"], compared]
+
+
+@pytest.mark.filterwarnings("ignore:.*damaged")
+def test_damaged_evaluation_is_named_and_leaves_the_runs_own_episodes(fabric):
+    record = fabric.run(FLAT, 0, evaluated={20_000: 100.0, 40_000: 500.0})
+    fabric.evaluation(record.id, [600.0] * 2, seed=0)
+    (file,) = fabric.results.path.rglob("policy_episodes*.parquet")
+    file.write_bytes(file.read_bytes()[:-9])
+    assert last_returns(fabric, record) == [500] * 4
+    _, (problem,) = list_runs(fabric.results, {}, returns=True)
+    assert str(file.parent) in problem
 
 
 def test_cells_are_compared_at_last_common_step(fabric):

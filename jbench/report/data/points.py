@@ -10,7 +10,7 @@ import pyarrow as pa
 from jbench.names import EPISODE_STEPS, ReturnsName
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.statistics import FloatArray
-from jbench.store.listing import is_plain
+from jbench.store.evaluations import joined_runs
 
 POINT = ["episode_return", "control_steps", "processor_time"]
 _POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]
@@ -23,23 +23,22 @@ Points = Mapping[str, FloatArray]  # (seeds, points) arrays by field
 NOTHING = np.empty((0, len(FIELDS)))  # points of a run without any
 
 
-def plain_evaluations(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the rows of `policy_evaluations` that are plain."""
-    plain = map(is_plain, rows["status"], map(json.loads, rows["settings"]))
-    return rows[np.array([*plain], bool)]
-
-
-def with_more_episodes(evaluations: pa.Table, tables: Mapping[str, pd.DataFrame]) -> pa.Table:
+def with_more_episodes(
+    evaluations: pa.Table, runs: pd.DataFrame, tables: Mapping[str, pd.DataFrame]
+) -> pa.Table:
     """Returns the evaluations of runs; episodes by `jbench evaluate` join a run's last one."""
-    added = plain_evaluations(tables["policy_evaluations"])[["evaluation", "policy"]]
-    if added.empty or not evaluations.num_rows:
+    about = tables["policy_evaluations"]
+    known, chosen = (map(json.loads, rows["settings"]) for rows in (runs, about))
+    described = zip(about["evaluation"], about["status"], chosen, strict=True)
+    joined = joined_runs(dict(zip(runs["run"], known, strict=True)), described)
+    if not joined or not evaluations.num_rows:
         return evaluations
-    episodes = tables["policy_episodes"][["evaluation", "episode_return"]]
-    episodes = episodes.merge(added, on="evaluation")
+    episodes = tables["policy_episodes"]
+    added = episodes.assign(run=episodes["evaluation"].astype(str).map(joined)).dropna(subset="run")
     keys = ["run", "evaluation", "control_steps", "processor_time"]
     last = evaluations.select(keys).to_pandas(use_threads=False).astype({"run": str})
     last = last.sort_values("evaluation").groupby("run", as_index=False).last()
-    more = episodes.drop(columns="evaluation").merge(last, left_on="policy", right_on="run")
+    more = added[["run", "episode_return"]].merge(last, on="run")
     if more.empty:
         return evaluations
     more = more.assign(episode=np.arange(len(more)) + 1_000_000)  # never the first of an evaluation

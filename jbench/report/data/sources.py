@@ -139,7 +139,7 @@ def _source(
     if chosen:
         runs = runs[_have_settings(chosen, runs["settings"])]
     runs, notes = _filtered(runs, request, strict)
-    evaluations = with_more_episodes(read.tables["evaluations"], tables)
+    evaluations = with_more_episodes(read.tables["evaluations"], runs, tables)
     # Imported curves have no paths.
     paths = run_paths(read.tables.get("paths"), evaluations).assign(source=name)
     episodes, runs = read.tables["episodes"], runs.assign(source=name)

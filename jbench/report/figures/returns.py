@@ -17,7 +17,7 @@ from jbench.report.style import Look, Looks
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
 _MOST = 21  # comparisons of methods in a figure: of seven on a task
-_ENOUGH = 3  # rows from which R² and s have a panel; tables have fewer
+_ENOUGH = 3  # rows of R² or s that have a panel; fewer are only in the tables
 
 
 def forest(frames: Frames) -> Chart | None:
@@ -46,7 +46,7 @@ def forest(frames: Frames) -> Chart | None:
     if frames.request.curves is None:
         note += (
             " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes"
-            + ("; hollow s: may be 0" if rows["s"].notna().any() else "")
+            + ("; hollow s: may be 0" if len(panels) > rows["task"].nunique() else "")
         )
     return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 

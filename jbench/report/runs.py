@@ -12,7 +12,7 @@ from jbench.names import ReturnsName, kind_in
 from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
 from jbench.report.data.configuration import ID, OWN, with_returns
-from jbench.report.data.returns import FILE, clean, display_name, shown_representation
+from jbench.report.data.returns import clean, display_name, shown_representation
 from jbench.report.data.sources import Source
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.run import RunSettings
@@ -62,7 +62,7 @@ def run_details(
     paths: pd.DataFrame,
     leading: ReturnsName,
 ) -> dict[str, Any]:
-    """Returns the runs for the script: names, facts, settings by number, curves and paths.
+    """Returns what the script shows of runs beside their rows: settings by number, curves, paths.
 
     Curves of the leading kind of return come first, unless they have less than five points.
     """
@@ -86,12 +86,10 @@ def run_details(
     settings: dict[tuple[str, str], int] = {}
     details = []
     for row in runs.to_dict("records"):
-        key, source = (row["source"], row["run"]), row["source"]
+        key = row["source"], row["run"]
         texts = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
-        facts = [row["label"], f"seed {row['seed']}", row["status"], row["diverged"], row["day"]]
-        name = row["run"] if source in (OWN, FILE) else f"{source}: {row['run']}"
-        detail = {"name": name, "facts": ", ".join(filter(None, facts))}
-        detail["settings"] = [settings.setdefault(pair, len(settings)) for pair in texts]
+        numbers = [settings.setdefault(pair, len(settings)) for pair in texts]
+        detail = {"diverged": row["diverged"], "settings": numbers}
         details.append(detail | {"curves": curves.get(key, []), "paths": ways.get(key, [])})
     return {"settings": list(settings), "runs": details}
 

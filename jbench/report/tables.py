@@ -37,11 +37,15 @@ def _final(frames: Frames) -> str:
 
 
 def _agent(frames: Frames) -> Column:
-    def with_source(row: Row) -> str:
-        apart = row["source"] not in (OWN, FILE)
-        return f"{row['source']}: {row['algo']}" if apart else str(row["algo"])
+    return _with_source("method" if frames.request.curves else "algorithm", "algo")
 
-    return Column("method" if frames.request.curves else "algorithm", "algo", with_source)
+
+def _with_source(title: str, key: str) -> Column:
+    def text(row: Row) -> str:
+        apart = row["source"] not in (OWN, FILE)
+        return f"{row['source']}: {row[key]}" if apart else str(row[key])
+
+    return Column(title, key, text)
 
 
 def _range(row: Row) -> str:
@@ -202,9 +206,9 @@ def _runs(frames: Frames) -> Table:
         return "diverged" if row["diverged"] else known
 
     columns = [
-        *(_TASK, _agent(frames), _OBSERVED, number("seed", "seed", str)),
+        *(_TASK, plain(_agent(frames).title, "algo"), _OBSERVED, number("seed", "seed", str)),
         number("steps", "steps", steps),
         *(number("final return", "final"), Column("status", "status", status)),
-        *(number("day", "day", str), plain("run")),
+        *(number("day", "day", str), _with_source("run", "run")),
     ]
     return Table("runs", "Runs", _final(frames), frames.runs, columns)

@@ -177,10 +177,12 @@ def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):
     assert values == sorted(values, reverse=True)
     table.locator("select").first.select_option("move_in_direction")
     table.get_by_role("searchbox").fill("planar")
-    assert table.locator("output").inner_text() == "30 of 262"
+    assert table.locator("output").inner_text() == "30 of 265"
     table.locator("tr[data-run]:visible button").first.press("Enter")
     dialog = shown.locator("dialog")
     assert "move_in_direction/td3/planar" in dialog.locator("h2").inner_text()
+    facts = dialog.locator(".facts").inner_text()
+    assert re.match(r"move_in_direction, TD3, planar.*, seed \d, steps 100k, final return ", facts)
     assert dialog.locator(".curve .mark").count() == 1
     rows = dict(row.split("\t")[:2] for row in dialog.locator("tbody tr").all_inner_texts())
     assert (rows["task"], rows["algo"]) == ("move_in_direction", "td3")

@@ -208,6 +208,6 @@ def _draw_published(axes: Axes, published: pd.DataFrame, looks: Looks) -> None:
         curve = curve.iloc[marks.thinned(len(curve), 100)]
         at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
         axes.plot(at, median, linestyle=(0, style.PUBLISHED_DASH), **look.ink)
-        shown = marks.thinned(len(at), 20)
+        shown = marks.thinned(len(at), 10)
         tips = [f"{called}, {source}, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
         marks.add_points(axes, at[shown], median[shown], tips, look, **marks.UNSEEN)

@@ -128,7 +128,8 @@ const data = document.getElementById("runs-data");
 if (data) {
   const { runs, settings } = JSON.parse(data.textContent), dialog = document.getElementById("run");
   const other = dialog.querySelector("label select");
-  runs.forEach((run, i) => other.add(new Option(run.name, i)));
+  const rows = all("tr[data-run]"), runName = (i) => rows[i].lastElementChild.textContent;
+  runs.forEach((run, i) => other.add(new Option(runName(i), i)));
   const polyline = (points) => `M${points.map((point) => point.join(" ")).join("L")}`;
   const drawCurve = (svg, [name, steps, values]) => {
     const usual = name.endsWith(" return") ? [0, 1000] : [], last = steps.at(-1) || 1;
@@ -173,8 +174,10 @@ if (data) {
   const open = (i) => {
     const run = runs[i], [chart, path] = all(".drawings > div", dialog), [curve, svg] = chart.children;
     path.lastElementChild.replaceChildren();
-    dialog.querySelector("h2").textContent = run.name;
-    dialog.querySelector(".facts").textContent = run.facts;
+    const facts = [...rows[i].cells].slice(0, -1).filter((cell) => cell.textContent)
+      .map(({ className, dataset, textContent }) => (className ? `${dataset.title} ${textContent}` : textContent));
+    dialog.querySelector("h2").textContent = runName(i);
+    dialog.querySelector(".facts").textContent = [...facts, run.diverged].filter(Boolean).join(", ");
     chart.hidden = !run.curves.length;
     path.hidden = !run.paths.length;
     curve.replaceChildren(...run.curves.map(([name], i) => new Option(name, i)));
@@ -186,5 +189,5 @@ if (data) {
     compare(run);
     dialog.showModal();
   };
-  for (const row of all("tr[data-run]")) row.onclick = () => open(+row.dataset.run);
+  rows.forEach((row, i) => (row.onclick = () => open(i)));
 }

@@ -368,6 +368,28 @@ def test_published_figure_9():
     assert reached in text_of("answer")
 
 
+def test_what_ppo_learns():
+    results = jbench.open("reference")
+    chosen = "SELECT task, settings->>'$.hyperparameters.n_steps' AS n, avg(episode_return) AS mean"
+    runs = "JOIN runs USING (run) WHERE algo = 'ppo' GROUP BY task, n, seed ORDER BY seed"
+    last = "(FROM {0} QUALIFY rank() OVER (PARTITION BY run ORDER BY {1} DESC) <= {2})"
+    found = [
+        results.query(f"{chosen} FROM {last.format(*what)} {runs}").groupby(["task", "n"])["mean"]
+        for what in (("episodes", "episode", 100), ("evaluations", "evaluation", 1))
+    ]
+    published = results.query(
+        "SELECT task, max_by(episode_return, control_steps) AS last FROM published "
+        "WHERE algo = 'ppo' AND quantile = 50 AND control_steps <= 1000000 GROUP BY task"
+    ).set_index("task")["last"]
+    rows = table("docs/agents.md", "last 100 training episodes")
+    assert len(rows) == len(found[0])
+    for task, settings, *cells, paper in rows:
+        key = task, {"published": "256", "script": "32"}[settings]
+        shown = [", ".join(f"{mean:.0f}" for mean in means.get_group(key)) for means in found]
+        assert cells == shown
+        assert paper == f"{published[task]:.0f}"
+
+
 @pytest.mark.slow
 def test_comparisons_that_the_sequential_test_has_decided(tmp_path):
     succeed("merge", "reference", results=tmp_path)

@@ -93,6 +93,11 @@ def _clean(element: ElementTree.Element) -> None:
         element.attrib.pop("clip-path", None)  # a place for the pointer, or a line of the grid
     if element.get("transform", "").startswith("rotate(-0 "):
         element.attrib.pop("transform")
+    if element.get("stroke-dashoffset") == "0":
+        element.attrib.pop("stroke-dashoffset")
+    if element.tag == "use" and element.get("fill") == element.get("stroke") == _COLORS[style.SOFT]:
+        for name in ("fill", "stroke", "stroke-width"):  # a tick, whose definition has them as well
+            element.attrib.pop(name, None)
     for name in ("d", "x", "y"):
         if value := element.get(name):
             element.set(name, _shortened(value))

@@ -1,6 +1,7 @@
 """Final returns and other numbers in rows: forest plots, differences, errors of encoders."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,24 +32,27 @@ def forest(frames: Frames) -> Chart | None:
     seeds = frames.lead(frames.seeds)
     by = "kind" if rows["kind"].nunique() > 1 else "algo"
     looks = style.looks(rows, by)
-    panels = []
+    paired, alone = list[Panel](), list[Panel]()
     for task, group in rows.assign(look=rows[by]).groupby("task", sort=False):
         policies = frames.baselines[frames.baselines["task"] == task]
         height = 0.55 + marks.ROW * (len(group) + len(policies))
         draw = partial(_draw_forest, group, looks=looks, seeds=seeds, policies=policies)
-        panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
+        finals = Panel(f"{task}: final return", {"": draw}, (5.2, height))
         known = group[group["s"].notna()]
         if len(known) >= _ENOUGH:
             draw = partial(_draw_variability, known, looks=looks)
             height = 0.55 + marks.ROW * len(known)
-            panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
+            paired += [finals, Panel(f"{task}: variability", {"": draw}, (5.2, height))]
+        else:
+            alone.append(finals)
     note = "large mark: interquartile mean, 95% interval; dots: seeds"
     if frames.request.curves is None:
         note += (
             " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes"
-            + ("; hollow s: may be 0" if len(panels) > rows["task"].nunique() else "")
+            + ("; hollow s: may be 0" if paired else "")
         )
-    return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
+    every: Any = "returns", "Final returns", note, [*paired, *alone], looks
+    return Chart(*every, data="configurations", **ROWS)
 
 
 def _draw_forest(

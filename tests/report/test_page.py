@@ -164,7 +164,7 @@ def test_saved_panels_have_the_legend_of_their_visible_series(shipped_page, open
         "planar",
         "published, training",
     ]
-    assert saved.locator("svg > svg").count() == 3
+    assert saved.locator("svg > svg").count() == 4
 
 
 def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):

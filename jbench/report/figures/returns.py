@@ -1,7 +1,6 @@
 """Final returns and other numbers in rows: forest plots, differences, errors of encoders."""
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -51,8 +50,8 @@ def forest(frames: Frames) -> Chart | None:
             " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes"
             + ("; hollow s: may be 0" if paired else "")
         )
-    every: Any = "returns", "Final returns", note, [*paired, *alone], looks
-    return Chart(*every, data="configurations", **ROWS)
+    panels = [*paired, *alone]
+    return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 
 
 def _draw_forest(

@@ -49,8 +49,10 @@ def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatA
     rows = tables["policy_evaluations"]
     rows = rows[(rows["policy"] == HEURISTIC) & (rows["status"] == "finished")]
     every = map(json.loads, rows["settings"])
-    plain = [settings.get("augment") is settings.get("target_yaw") is None for settings in every]
-    rows = rows[np.array(plain, bool)].dropna(subset=["task", "episodes"])
+    changed = [
+        (chosen.get("augment"), chosen.get("target_yaw")) != (None, None) for chosen in every
+    ]
+    rows = rows[~np.array(changed, bool)].dropna(subset=["task", "episodes"])
     chosen = rows.sort_values(["episodes", "created"]).drop_duplicates("task", keep="last")
     episodes = tables["policy_episodes"]
     episodes = episodes[np.isfinite(episodes["episode_return"])]

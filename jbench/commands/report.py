@@ -123,7 +123,7 @@ def report(
 def _report(database: "Results", out: Path, request: Request) -> None:
     from jbench.report.page import verdict_matrix
     from jbench.report.report import write_report
-    from jbench.report.tables import tables
+    from jbench.report.tables import OBSERVED, tables
     from jbench.store.query import records
 
     frames, files = write_report(None if request.curves else database, out, request)
@@ -137,8 +137,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         for about, group in matrix["groups"].items():
             for row in group:
                 cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
-                name = ", ".join(filter(None, (row["representation"], row["words"])))
-                rows.append([about, name, *cells])
+                rows.append([about, OBSERVED.form(row), *cells])
         heads = product(matrix["baselines"], matrix["claims"].values())
         header = ["", "observation", *(f"{title} against {name}" for name, title in heads)]
         output.table(table.title, header, rows)

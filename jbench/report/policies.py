@@ -48,11 +48,9 @@ def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatA
     """
     rows = tables["policy_evaluations"]
     rows = rows[(rows["policy"] == HEURISTIC) & (rows["status"] == "finished")]
-    every = map(json.loads, rows["settings"])
-    changed = [
-        (chosen.get("augment"), chosen.get("target_yaw")) != (None, None) for chosen in every
-    ]
-    rows = rows[~np.array(changed, bool)].dropna(subset=["task", "episodes"])
+    settings = [json.loads(text) for text in rows["settings"]]
+    changed = pd.DataFrame(settings, rows.index, ["augment", "target_yaw"]).notna().any(axis=1)
+    rows = rows[~changed].dropna(subset=["task", "episodes"])
     chosen = rows.sort_values(["episodes", "created"]).drop_duplicates("task", keep="last")
     episodes = tables["policy_episodes"]
     episodes = episodes[np.isfinite(episodes["episode_return"])]

@@ -22,7 +22,8 @@ _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
 _COLORS = {style.INK: "currentColor", "#ffffff": "var(--card)"}
 _COLORS |= {style.SOFT: "var(--soft)", style.LINE: "var(--line)"}
-_STYLE = re.compile(r"(?:^|; )(?!font-family)([\w-]+): ([^;]+)")  # a page has its own font
+# A page has its own font, and lines begin with their dashes.
+_STYLE = re.compile(r"(?:^|; )(?!font-family|stroke-dashoffset: 0(?:;|$))([\w-]+): ([^;]+)")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _SHARED = ("clip-path", "fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap")
 _EDGE = 3  # points around a panel
@@ -93,8 +94,6 @@ def _clean(element: ElementTree.Element) -> None:
         element.attrib.pop("clip-path", None)  # a place for the pointer, or a line of the grid
     if element.get("transform", "").startswith("rotate(-0 "):
         element.attrib.pop("transform")
-    if element.get("stroke-dashoffset") == "0":
-        element.attrib.pop("stroke-dashoffset")
     if element.tag == "use" and element.get("fill") == element.get("stroke") == _COLORS[style.SOFT]:
         for name in ("fill", "stroke", "stroke-width"):  # a tick, whose definition has them as well
             element.attrib.pop(name, None)

@@ -53,7 +53,7 @@ def _range(row: Row) -> str:
 
 
 _TASK, _ALGO = plain("task"), plain("algorithm", "algo")
-_OBSERVED = Column(
+OBSERVED = Column(
     "observation",
     "representation",
     lambda row: ", ".join(filter(None, (row["representation"], row["words"]))),
@@ -74,7 +74,7 @@ def _final_returns(frames: Frames) -> Table:
 
     draws, diverged = (number(n, n, lambda value: str(value or "")) for n in ("draws", "diverged"))
     columns = [
-        *(_TASK, _agent(frames), _OBSERVED, _SEEDS, draws, _RANGE, diverged),
+        *(_TASK, _agent(frames), OBSERVED, _SEEDS, draws, _RANGE, diverged),
         *(estimate("median", "median"), estimate("IQM", "iqm")),
         *(estimate("over the run", "over_run"), estimate("s", "s")),
         number("detectable", "detectable"),
@@ -100,7 +100,7 @@ def _final_returns(frames: Frames) -> Table:
 def _verdicts(frames: Frames) -> Table:
     rows = frames.lead(frames.verdicts)
     columns = [
-        *(_TASK, _ALGO, _OBSERVED, plain("against")),
+        *(_TASK, _ALGO, OBSERVED, plain("against")),
         Column("of", "claim", lambda row: COMPARED[row["claim"]]),
         Column("verdict", "verdict", "{0[mark]} {0[text]}".format),
         *(number("difference", "value", signed, ("low", "high")), _SEEDS),
@@ -132,7 +132,7 @@ def _decisions(frames: Frames) -> Table:
 
 def _comparisons(frames: Frames) -> Table:
     columns = [
-        *(_TASK, _ALGO, _OBSERVED, *([] if frames.request.curves else [plain("returns")])),
+        *(_TASK, _ALGO, OBSERVED, *([] if frames.request.curves else [plain("returns")])),
         *(plain("this", "a"), plain("against", "b")),
         Column("seeds", "seeds_a", "{0[seeds_a]}, {0[seeds_b]}".format, True),
         number("steps", "steps", steps),
@@ -206,7 +206,7 @@ def _runs(frames: Frames) -> Table:
         return "diverged" if row["diverged"] else known
 
     columns = [
-        *(_TASK, plain(_agent(frames).title, "algo"), _OBSERVED, number("seed", "seed", str)),
+        *(_TASK, _agent(frames), OBSERVED, number("seed", "seed", str)),
         number("steps", "steps", steps),
         *(number("final return", "final"), Column("status", "status", status)),
         *(number("day", "day", str), _with_source("run", "run")),

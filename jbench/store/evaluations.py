@@ -1,14 +1,19 @@
 """The evaluation episodes of runs: their own, and those of `jbench evaluate RUN` that join them."""
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError
 from jbench.store.database import Results
 from jbench.store.record import Record
+
+if TYPE_CHECKING:  # jbench runs does without pandas
+    import pandas as pd
 
 Recorded = Mapping[str, Any]
 """Settings from a manifest: untrusted."""
@@ -72,3 +77,29 @@ def evaluation_returns(
         returns = np.concatenate([returns, *added])
         which = np.append(which, np.full(len(returns) - len(which), which.max()))
     return which, returns
+
+
+def with_added_episodes(
+    evaluations: pa.Table, runs: "pd.DataFrame", tables: Mapping[str, "pd.DataFrame"]
+) -> pa.Table:
+    """Returns the table `evaluations` with those of `jbench evaluate` that join runs.
+
+    The tables are `runs`, `policy_evaluations` and `policy_episodes`.
+    """
+    about = tables["policy_evaluations"]
+    known, chosen = (map(json.loads, rows["settings"]) for rows in (runs, about))
+    described = zip(about["evaluation"], about["status"], chosen, strict=True)
+    joined = joined_runs(dict(zip(runs["run"], known, strict=True)), described)
+    if not joined or not evaluations.num_rows:
+        return evaluations
+    episodes = tables["policy_episodes"]
+    added = episodes.assign(run=episodes["evaluation"].astype(str).map(joined)).dropna(subset="run")
+    keys = ["run", "evaluation", "control_steps", "processor_time"]
+    last = evaluations.select(keys).to_pandas(use_threads=False).astype({"run": str})
+    last = last.sort_values("evaluation").groupby("run", as_index=False).last()
+    more = added[["run", "episode_return"]].merge(last, on="run")
+    if more.empty:
+        return evaluations
+    more = more.assign(episode=np.arange(len(more)) + 1_000_000)  # never the first of an evaluation
+    rows = pa.Table.from_pandas(more[evaluations.column_names], preserve_index=False)
+    return pa.concat_tables([evaluations, rows.cast(evaluations.schema)])

@@ -101,22 +101,24 @@ def list_runs(
     The filters are the allowed values by field of a line.
     """
     records, problems = results.scan(kind)
+    chosen: list[tuple[Record, Row]] = []
+    for record in records:
+        try:
+            if matches(line := make_line(record), filters):
+                chosen.append((record, line))
+        except WorkError as error:
+            problems.append(str(error))
     added: dict[str, list[NDArray[np.float64]]] = {}
     if returns and kind == "run":
-        added, unread = added_returns(results, {record.id: record.settings for record in records})
+        added, unread = added_returns(results, {record.id: record.settings for record, _ in chosen})
         problems += unread
     lines: list[Row] = []
     # By algorithm and representation, the settings of each variant.
     variants: dict[tuple[str, str], dict[str, Run]] = {}
-    for record in records:
+    for record, line in chosen:
         try:
-            line = make_line(record)
-            if not matches(line, filters):
-                continue
-            if returns:
-                read = partial(_with_returns, record, added.get(record.id, ()))
-                line = record.reading(read)
-            lines.append(line)
+            read = partial(_with_returns, record, added.get(record.id, ()))
+            lines.append(line := record.reading(read) if returns else line)
         except WorkError as error:
             problems.append(str(error))
             continue

@@ -145,9 +145,9 @@ def _key(cell: Cell) -> str:
 def compared_return(record: Record, claim: Claim = "a", added: Sequence[FloatArray] = ()) -> float:
     """Returns the mean return of a run's last evaluation (a), or of all evaluations (c).
 
-    Added returns join the last one. Without evaluations, it is the mean over
-    the last training episodes (see `final_return`), or over all. Raises a WorkError if the rows
-    can't be read, or the return is not finite.
+    Added returns join the last one. Without evaluations, it is the mean over the last training
+    episodes (see `final_return`), or over all. Raises a WorkError if the rows can't be read, or the
+    return is not finite.
     """
     which, returns = evaluation_returns(record, added)
     if len(which):

@@ -146,6 +146,17 @@ def test_the_forest_has_each_seed_and_the_policies(fabric):
     assert sorted(dots[0].get_offsets()[:, 0]) == [500, 510, 520]
 
 
+def test_three_configurations_have_a_panel_of_variability_and_such_tasks_come_first(fabric):
+    add_runs(fabric, "full", "dae12", task="move_from_origin")
+    add_runs(fabric, "full", "dae12", "pca12")
+    titles = [panel.title for panel in chart_of(fabric, "returns").panels]
+    assert titles == [
+        "face_direction: final return",
+        "face_direction: variability",
+        "move_from_origin: final return",
+    ]
+
+
 def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
     add_runs(fabric)
     found = Frames(fabric.results)

@@ -1,6 +1,5 @@
 """Points of runs in order: training episodes and evaluations, with diverged runs as zeros."""
 
-import json
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,7 +9,6 @@ import pyarrow as pa
 from jbench.names import EPISODE_STEPS, ReturnsName
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.statistics import FloatArray
-from jbench.store.evaluations import joined_runs
 
 POINT = ["episode_return", "control_steps", "processor_time"]
 _POSES = ["x", "y", "heading", "target_x", "target_y", "target_yaw"]
@@ -21,29 +19,6 @@ PATHS = ("run", "evaluation", "control_steps", *_POSES)
 FIELDS = ["returns", "control_steps", "processor_time", "deviations", "counts"]
 Points = Mapping[str, FloatArray]  # (seeds, points) arrays by field
 NOTHING = np.empty((0, len(FIELDS)))  # points of a run without any
-
-
-def with_more_episodes(
-    evaluations: pa.Table, runs: pd.DataFrame, tables: Mapping[str, pd.DataFrame]
-) -> pa.Table:
-    """Returns the evaluations of runs; episodes by `jbench evaluate` join a run's last one."""
-    about = tables["policy_evaluations"]
-    known, chosen = (map(json.loads, rows["settings"]) for rows in (runs, about))
-    described = zip(about["evaluation"], about["status"], chosen, strict=True)
-    joined = joined_runs(dict(zip(runs["run"], known, strict=True)), described)
-    if not joined or not evaluations.num_rows:
-        return evaluations
-    episodes = tables["policy_episodes"]
-    added = episodes.assign(run=episodes["evaluation"].astype(str).map(joined)).dropna(subset="run")
-    keys = ["run", "evaluation", "control_steps", "processor_time"]
-    last = evaluations.select(keys).to_pandas(use_threads=False).astype({"run": str})
-    last = last.sort_values("evaluation").groupby("run", as_index=False).last()
-    more = added[["run", "episode_return"]].merge(last, on="run")
-    if more.empty:
-        return evaluations
-    more = more.assign(episode=np.arange(len(more)) + 1_000_000)  # never the first of an evaluation
-    rows = pa.Table.from_pandas(more[evaluations.column_names], preserve_index=False)
-    return pa.concat_tables([evaluations, rows.cast(evaluations.schema)])
 
 
 def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:

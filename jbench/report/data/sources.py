@@ -13,13 +13,14 @@ from jbench.importing.curves import as_imports, as_runs, read_curves
 from jbench.names import REFERENCE
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
-from jbench.report.data.points import PATHS, POINT, run_paths, with_more_episodes
+from jbench.report.data.points import PATHS, POINT, run_paths
 from jbench.report.data.returns import FILE, shown_representation
 from jbench.report.request import Request, setting
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
 from jbench.store import Results, query, schema
+from jbench.store.evaluations import with_added_episodes
 from jbench.wording import are, counted
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
@@ -139,7 +140,7 @@ def _source(
     if chosen:
         runs = runs[_have_settings(chosen, runs["settings"])]
     runs, notes = _filtered(runs, request, strict)
-    evaluations = with_more_episodes(read.tables["evaluations"], runs, tables)
+    evaluations = with_added_episodes(read.tables["evaluations"], runs, tables)
     # Imported curves have no paths.
     paths = run_paths(read.tables.get("paths"), evaluations).assign(source=name)
     episodes, runs = read.tables["episodes"], runs.assign(source=name)

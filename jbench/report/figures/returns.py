@@ -31,26 +31,26 @@ def forest(frames: Frames) -> Chart | None:
     seeds = frames.lead(frames.seeds)
     by = "kind" if rows["kind"].nunique() > 1 else "algo"
     looks = style.looks(rows, by)
-    paired, alone = list[Panel](), list[Panel]()
-    for task, group in rows.assign(look=rows[by]).groupby("task", sort=False):
+    count = rows.groupby("task")["s"].transform("count")
+    rows = rows.assign(look=rows[by], beside=count >= _ENOUGH)
+    rows = rows.sort_values("beside", ascending=False, kind="stable")  # so that panels are pairs
+    panels = []
+    for task, group in rows.groupby("task", sort=False):
         policies = frames.baselines[frames.baselines["task"] == task]
         height = 0.55 + marks.ROW * (len(group) + len(policies))
         draw = partial(_draw_forest, group, looks=looks, seeds=seeds, policies=policies)
-        finals = Panel(f"{task}: final return", {"": draw}, (5.2, height))
-        known = group[group["s"].notna()]
-        if len(known) >= _ENOUGH:
+        panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
+        if group["beside"].all():
+            known = group[group["s"].notna()]
             draw = partial(_draw_variability, known, looks=looks)
             height = 0.55 + marks.ROW * len(known)
-            paired += [finals, Panel(f"{task}: variability", {"": draw}, (5.2, height))]
-        else:
-            alone.append(finals)
+            panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
     note = "large mark: interquartile mean, 95% interval; dots: seeds"
     if frames.request.curves is None:
         note += (
             " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes"
-            + ("; hollow s: may be 0" if paired else "")
+            + ("; hollow s: may be 0" if rows["beside"].any() else "")
         )
-    panels = [*paired, *alone]
     return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 
 

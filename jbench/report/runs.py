@@ -95,7 +95,7 @@ def run_details(
 
 
 def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yields the first and the last path of a run, in tenths of a millimeter."""
+    """Yields the first and the last path of a run, in tenths of a millimeter, waits left out."""
     steps = sorted(rows["steps"].unique())
     for at in dict.fromkeys((steps[0], steps[-1])):
         path = rows[rows["steps"] == at]
@@ -105,7 +105,8 @@ def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
         numbers |= {"heading": last["heading"]}
         known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
         points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
-        yield {**known, "points": points.ravel().tolist()}
+        moved = np.append(True, (points[1:] != points[:-1]).any(axis=1))
+        yield {**known, "points": points[moved].ravel().tolist()}
 
 
 def provenance(recorded: str) -> dict[str, str]:

@@ -26,6 +26,7 @@ _COLORS |= {style.SOFT: "var(--soft)", style.LINE: "var(--line)"}
 _STYLE = re.compile(r"(?:^|; )(?!font-family|stroke-dashoffset: 0(?:;|$))([\w-]+): ([^;]+)")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _SHARED = ("clip-path", "fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap")
+_WRITTEN = ("font-size", "text-anchor")  # these mean nothing to lines and marks
 _EDGE = 3  # points around a panel
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
@@ -127,11 +128,12 @@ def _share(group: ElementTree.Element) -> None:
     parts = [part for part in group if part.tag not in ("title", "defs")]
     if any(part.get("transform") for part in parts):
         return  # it would move what clips a part
-    for name in _SHARED:
-        values = {part.get(name) for part in parts}
+    texts = [part for part in parts if next(part.iter("text"), None) is not None]
+    for name, alike in [(name, parts) for name in _SHARED] + [(name, texts) for name in _WRITTEN]:
+        values = {part.get(name) for part in alike}
         if len(values) == 1 and None not in values and not group.get(name):
             group.set(name, str(values.pop()))
-            for part in parts:
+            for part in alike:
                 part.attrib.pop(name)
     for i, part in enumerate(group):
         inner = part[0] if part.tag == "g" and len(part) == 1 else part

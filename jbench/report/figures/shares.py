@@ -27,12 +27,15 @@ def pairs(frames: Frames) -> Chart:
     others = frames.pairs.groupby(["task", "a"])["b"].transform("nunique")
     rows = frames.pairs[others > 1]
     rows = rows[rows["b"].isin(rows["a"])]
-    rows = rows[rows.groupby("task")["a"].transform("nunique") > 2]
+    rows = rows.assign(title=rows["task"] + rows["steps"].map(": {:,} control steps".format))
+    rows = rows[rows.groupby("title")["a"].transform("nunique") > 2]
     note = (
-        "percentage of pairs of runs in which the row's reaches the higher final return; bold: "
-        "decided, as in the verdicts or corrected for the number of pairs"
+        "percentage of pairs of runs in which the row's reaches the higher final return than the "
+        "column's; bold: decided, as in the verdicts or corrected for the number of pairs"
     )
-    panels = by_task(rows, _draw_pairs, lambda rows: (5.2, 1.4 + 0.33 * rows["a"].nunique()))
+    panels = by_task(
+        rows, _draw_pairs, lambda rows: (5.2, 0.5 + 0.33 * rows["a"].nunique()), by=["title"]
+    )
     return Chart("pairs", "Probability of improvement", note, panels, **ROWS)
 
 
@@ -41,15 +44,15 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
     share = rows.pivot_table(index="a_label", columns="b_label", values="p")
     share = share.reindex(index=names, columns=names)
     axes.pcolormesh(share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, edgecolors="none")
-    size = mpl.rcParams["font.size"] * min(0.9, 10 / len(names))  # "100" fits into a cell
+    size = mpl.rcParams["font.size"] * min(0.9, 10.5 / len(names))  # "100" fits into a cell
     for row in rows.to_dict("records"):
         at = names.index(row["b_label"]) + 0.5, names.index(row["a_label"]) + 0.5
         weight = "bold" if row["decided"] else "normal"
         text = f"{100 * row['p']:.0f}"
         axes.text(*at, text, ha="center", va="center", color=_DARK, weight=weight, size=size)
-    middles, shown = np.arange(len(names)) + 0.5, [marks.shortened(name) for name in names]
-    axes.set_yticks(middles, shown)
-    axes.set_xticks(middles, shown, rotation=40, ha="right", rotation_mode="anchor")
+    middles = np.arange(len(names)) + 0.5
+    axes.set_yticks(middles, [f"{i}. {marks.shortened(name)}" for i, name in enumerate(names, 1)])
+    axes.set_xticks(middles, [str(i) for i in range(1, len(names) + 1)])
     axes.set_ylim(len(names), 0)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)

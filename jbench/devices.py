@@ -4,7 +4,7 @@ import re
 from typing import TYPE_CHECKING
 
 from jbench.errors import RequestError
-from jbench.names import DEVICES, in_prose
+from jbench.names import DEVICES, Precision, in_prose
 
 if TYPE_CHECKING:
     import torch
@@ -31,3 +31,9 @@ def find_device(name: str) -> "torch.device":
         there = in_prose([f"cuda:{i}" for i in range(count)])
         raise RequestError(f"There is no device {name} here; type --device {there}.")
     return torch.device("cuda", index)
+
+
+def check_precision(precision: Precision, device: str) -> None:
+    """Raises a RequestError if a device, such as cpu or cuda:1, does not have a precision."""
+    if precision == "tf32" and device == "cpu":
+        raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")

@@ -65,10 +65,10 @@ class Engine(AbstractContextManager["Engine"]):
 
     Use it as a context manager: it holds threads. `control_steps` and `updates` (None if unknown)
     are per seed. Robots of the `diverged` seeds, by index, get the action 0; the others are not
-    affected. If it `keeps_policy_exactly`, a copy from `policy` acts like the agent bit for bit.
+    affected.
     """
 
-    is_resumable = keeps_policy_exactly = True
+    is_resumable = True
     updates: int | None = None
 
     def __init__(self, environments: Environments, rollout_steps: int = 1) -> None:

@@ -24,8 +24,6 @@ from jbench.store import schema
 class PluginEngine(Engine):
     """Trains one agent of another package, which itself decides when it learns."""
 
-    keeps_policy_exactly = False  # a copy of its policy may round differently
-
     def __init__(
         self,
         name: str,

@@ -1,8 +1,9 @@
 """The commands that train agents: train, sweep."""
 
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from typer import Argument, Option
 
@@ -12,6 +13,9 @@ from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
 from jbench.wording import counted, with_results
+
+if TYPE_CHECKING:
+    from jbench.sweeps.matrix import Matrix
 
 _MAX_SEEDS = 30
 
@@ -177,7 +181,7 @@ def sweep(
     chosen = names.parse_numbers(seeds) if seeds is not None else None
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
-    train_on = _device(executor, address, gpus_per_task, next(iter(parts.values())).engine, device)
+    train_on = _device(executor, address, gpus_per_task, parts.values(), device)
     at_once = jobs or default_jobs(train_on)
     worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
     worker["checkpoint_every"] = checkpoint_every
@@ -210,17 +214,22 @@ def sweep(
 
 
 def _device(
-    executor: str, address: str | None, gpus: float, engine: names.Engine | None, device: str
+    executor: str, address: str | None, gpus: float, parts: Iterable["Matrix"], device: str
 ) -> str:
     """Returns the device that the batched engine trains on, `cpu`, `cuda` or such as `cuda:1`."""
+    from jbench.devices import check_precision
     from jbench.training.request import training_device
 
     if executor == "local":
         if address is not None or gpus:
             raise RequestError("--address and --gpus-per-task are for --executor ray.")
-        return training_device(engine, device)
+        devices = [training_device(part.engine, device, part.precision) for part in parts]
+        return next((device for device in devices if device != "cpu"), "cpu")
     if device != "auto":
         raise RequestError("--device is for --executor local; type --gpus-per-task.")
-    if gpus and engine == "sb3":
-        raise RequestError("--gpus-per-task is for the batched engine; this matrix uses sb3.")
-    return "cuda" if gpus else "cpu"
+    train_on = "cuda" if gpus else "cpu"
+    for part in parts:
+        check_precision(part.precision, train_on)
+        if gpus and part.engine == "sb3":
+            raise RequestError("--gpus-per-task is for the batched engine; this matrix uses sb3.")
+    return train_on

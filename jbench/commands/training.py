@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Sequence, Sized
 from contextlib import ExitStack, redirect_stdout
+from functools import partial
 from typing import Any, get_args
 
 from jbench import names
@@ -10,11 +11,11 @@ from jbench.commands import output
 from jbench.commands.progress import TrainingView
 from jbench.errors import WorkError
 from jbench.loggers.logger import copying_rows, make_logger
-from jbench.returns import final_evaluation, final_return
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.store.evaluations import added_returns, evaluation_returns
+from jbench.store.evaluations import added_returns
+from jbench.store.listing import line_with_returns
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
@@ -103,12 +104,12 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
         try:
             record = results.find("run", run.id)
             if record is not None:
-                status = "" if record.status == "finished" else f" ({record.status})"
-                returns = record.read("episodes")["episode_return"].to_numpy()
-                episodes = evaluation_returns(record, added.get(run.id, ()))
-                finals = final_return(returns), final_evaluation(*episodes)
+                read = partial(line_with_returns, record, added.get(run.id, ()))
+                line = record.reading(read)
+                status = "" if line["status"] == "finished" else f" ({line['status']})"
+                finals = line["last_return"], line["evaluation_return"]
                 means = ("" if mean is None else f"{mean:.0f}" for mean in finals)
-                rows.append((record.id + status, len(returns), *means))
+                rows.append((record.id + status, line["episodes"], *means))
         except WorkError as error:
             output.warn(str(error))
     output.table(_FINAL_RETURNS, ("run", "episodes", "training return", "evaluation return"), rows)

@@ -117,7 +117,7 @@ def list_runs(
     variants: dict[tuple[str, str], dict[str, Run]] = {}
     for record, line in chosen:
         try:
-            read = partial(_with_returns, record, added.get(record.id, ()))
+            read = partial(line_with_returns, record, added.get(record.id, ()))
             lines.append(line := record.reading(read) if returns else line)
         except WorkError as error:
             problems.append(str(error))
@@ -159,6 +159,29 @@ def make_line(record: Record) -> Row:
     return finite(line)
 
 
+def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> Row:
+    """Returns the line of a record with its final returns; see `added_returns`.
+
+    Raises as `make_row`, and a WorkError if rows can't be read: `Record.reading` tries again.
+    """
+    line = make_line(record)
+    if record.kind == "import":
+        points = record.read("import_points").to_pandas()
+        returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
+        if line["returns"] == "evaluation":
+            line["last_return"] = line["evaluation_return"] = final_return(returns[-1:])
+        else:
+            line["last_return"] = final_return(returns)
+        return line
+    rows = record.read("episodes")
+    if len(rows):
+        line["last_return"] = final_return(rows["episode_return"].to_numpy())
+        line["evaluation_return"] = final_evaluation(*evaluation_returns(record, added))
+        if line["wall_time"] is None:
+            line["wall_time"] = rows["wall_time"][-1].as_py()
+    return finite(line)
+
+
 def finite(row: Row) -> Row:
     """Returns a row with null for numbers that are not finite, which JSON does not have."""
     return {
@@ -177,22 +200,3 @@ def setting_values(results: Results, setting: str) -> set[str]:
     records = [*results.scan("run")[0], *results.scan("import")[0]]
     values = (record.settings.get(setting) for record in records)
     return {value for value in values if isinstance(value, str)}
-
-
-def _with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> Row:
-    line = make_line(record)
-    if record.kind == "import":
-        points = record.read("import_points").to_pandas()
-        returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
-        if line["returns"] == "evaluation":
-            line["last_return"] = line["evaluation_return"] = final_return(returns[-1:])
-        else:
-            line["last_return"] = final_return(returns)
-        return line
-    rows = record.read("episodes")
-    if len(rows):
-        line["last_return"] = final_return(rows["episode_return"].to_numpy())
-        line["evaluation_return"] = final_evaluation(*evaluation_returns(record, added))
-        if line["wall_time"] is None:
-            line["wall_time"] = rows["wall_time"][-1].as_py()
-    return finite(line)

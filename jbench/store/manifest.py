@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from jbench.errors import RequestError
+from jbench.names import Status
 from jbench.settings.base import canonical_json
 from jbench.store import files
 from jbench.store.provenance import provenance, utc_now
@@ -28,7 +29,6 @@ ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9][A-Za-z0-9_.-]{0
 
 Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
 Json = Mapping[str, Any]
-Status = Literal["unfinished", "finished", "failed"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds in order of dependence: later ones are made from earlier ones."""

@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 import pyarrow as pa
 
 from jbench.errors import WorkError
+from jbench.names import Status
 from jbench.store import files, listed, locks, schema
-from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Kind, Manifest, Status
+from jbench.store.manifest import ID, MANIFEST, FileEntry, Json, Kind, Manifest
 from jbench.store.provenance import differences, provenance, utc_now
 from jbench.wording import with_results
 

@@ -10,7 +10,7 @@ from jbench.store.database import Results
 
 def shipped() -> Path:
     """Returns the results directory in the package; it may not exist."""
-    return Path(str(resources.files("jbench").joinpath("reference")))
+    return Path(str(resources.files("jbench").joinpath(REFERENCE)))
 
 
 def shipped_results() -> Results:

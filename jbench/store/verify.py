@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jbench.errors import RequestError, WorkError
+from jbench.names import REFERENCE
 from jbench.settings.base import settings_hash
 from jbench.store import files, listed, locks, schema
 from jbench.store.database import Results
@@ -142,7 +143,7 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
     if record.kind == "evaluation":
         # The name of a hand-written policy has no slash; that of a shipped run begins with this.
         policy = str(settings.get("policy"))
-        is_run = "/" in policy and not policy.startswith("reference/")
+        is_run = "/" in policy and not policy.startswith(f"{REFERENCE}/")
         needed = "run", policy if is_run else None
     kind, named = needed
     if named is not None and (kind, str(named)) not in intact:

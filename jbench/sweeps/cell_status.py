@@ -35,7 +35,7 @@ class CellStatus(NamedTuple):
 
     cell: Cell
     finished: int
-    partial: int
+    unfinished: int
     failed: int
     missing: int
     steps_left: int

@@ -30,9 +30,9 @@ from jbench.training.events import Event, Report, ignore
 from jbench.training.status import (
     failures_among,
     new_beginnings,
-    plan,
     record_failure,
     run_status,
+    run_statuses,
     sentences,
 )
 
@@ -73,7 +73,9 @@ def sweep(
     for encoder in {encoder.id: encoder for cell in cells for encoder in cell.encoders}.values():
         results.clean("dataset", encoder.dataset)
         results.clean("encoder", encoder.id)
-    statuses = plan(all_runs(cells), results)
+    for run in all_runs(cells):
+        results.clean("run", run.id)
+    statuses = run_statuses(all_runs(cells), results)
     done = ("finished",) if retry_failed else ("finished", "failed")
     cells = with_runs(cells, {id for id, run in statuses.items() if run.state not in done})
     new = [run for run in all_runs(cells) if statuses[run.id].state == "missing"]

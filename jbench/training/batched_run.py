@@ -54,14 +54,14 @@ def run_batch(
         final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
 
     Returns the error of each failed run by id; a failure does not stop the others. Raises a
-    RequestError if the device is unavailable or settings are invalid, a WorkError if results can't
-    be written.
+    RequestError if the device is unavailable.
     """
     if runs[0].engine == "sb3":
         device = "cpu"
     task_code = find.code_provenance(runs[0].task)
     algorithm = algorithm_provenance(runs[0].algo)
     made_on = {**device_provenance(find_device(device)), **algorithm, **task_code}
+    end = until or math.inf
     members: list[Member] = []
     failures: dict[str, Exception] = {}
     # Runs of the same encoder share it, and may then encode all their observations at once.
@@ -77,20 +77,19 @@ def run_batch(
             else:
                 members += [] if member is None else [member]
         options = device, checkpoint_every, len(members), final_episodes, report, keep_state
-        due, end = members, until or math.inf
-        while due := [m for m in due if m.record.status == "unfinished" and m.control_steps < end]:
+        while due := [m for m in members if m.is_unfinished and m.control_steps < end]:
             # Seeds may have stopped at different steps: those furthest behind catch up first.
             behind = min(member.control_steps for member in due)
             ahead = [member.control_steps for member in due if member.control_steps > behind]
+            group = [member for member in due if member.control_steps == behind]
             try:
-                together = [member for member in due if member.control_steps == behind]
-                TrainingGroup(together, *options).train(min(ahead, default=until))
+                TrainingGroup(group, *options).train(min(ahead, default=until))
             except Exception as error:
-                for member in due:
-                    if member.record.status == "unfinished":
+                for member in group:
+                    if member.is_unfinished:
+                        member.failure = error
                         with contextlib.suppress(WorkError):
                             member.record.fail(sentence_of_failure(error))
-                raise
     return failures | {m.settings.id: m.failure for m in members if m.failure is not None}
 
 

@@ -18,7 +18,7 @@ class Event(NamedTuple):
         "episode",  # a training episode with `episode_return` ended after `steps` control steps
         "finished",  # it and the next two are the last event of a run
         "failed",  # `text` is the reason, and `traceback` is empty if it says all
-        "held",  # another process is training the run, as `text` says
+        "held",  # another process is training it; of a sweep, `runs` whose process is another one
         "note",  # of a sweep, as all that follow: `text` is a sentence for the user
         "warning",
         "progress",  # `steps` of `total` are done of the work that `text` names, in `unit`

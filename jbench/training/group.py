@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.engine import DivergedError, Engine
 from jbench.encoders import Encoder
-from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.store import Record
@@ -35,7 +34,12 @@ class Member:
     checkpoint: Checkpoint | None = None
     control_steps: int = 0
     evaluated: SavedNetwork | None = None
-    failure: WorkError | None = None
+    failure: Exception | None = None
+
+    @property
+    def is_unfinished(self) -> bool:
+        """Whether the run has neither finished nor failed."""
+        return self.failure is None and self.record.status == "unfinished"
 
 
 class TrainingGroup:
@@ -169,7 +173,8 @@ class TrainingGroup:
         self._share_processor_time()
         for index, member in self._active():
             member.log.commit()
-            is_same = member.evaluated is not None and self._engine.keeps_policy_exactly
+            # A copy of a plugin's policy may round differently.
+            is_same = member.evaluated is not None and self._settings.engine != "plugin"
             summary = member.log.summary(steps, evaluated=is_same)
             policy = member.evaluated or self._engine.policy(index)
             member.record.finish(

@@ -119,6 +119,8 @@ def retrain(
         raise RequestError(f"{record.id} is {record.status} and has no episode to compare with.")
     rounds = math.ceil(min(episodes, record.rows("episodes")) / settings.environments)
     until = rounds * EPISODE_STEPS * settings.environments
+    recorded = _rows(record, "episode", "evaluation", until=until)
+    evaluations = [number for _, kind, number, _ in recorded if kind == "evaluation"]
     with one_thread(), tempfile.TemporaryDirectory(prefix="jbench-") as directory:
         temporary = Results(Path(directory))
         failures = run_batch(
@@ -127,15 +129,14 @@ def retrain(
             encoders=results,
             device=_device(record),
             until=until if until < settings.steps else None,
+            final_episodes=evaluations.count(max(evaluations)) if evaluations else None,
             report=lambda event: progress(event.steps),
         )
         for failure in failures.values():
             raise failure
         new = temporary.find("run", settings.id)
         assert new is not None
-        recorded, computed = (
-            _rows(run, "episode", "evaluation", until=until) for run in (record, new)
-        )
+        computed = _rows(new, "episode", "evaluation", until=until)
     repeated = _compared(record, until, recorded, computed, "episode")
     losses = (row.get(name) for row in computed.values() for name in schema.LOSSES)
     if repeated.verdict == "equal" and all(loss is None for loss in losses):

@@ -6,7 +6,7 @@ from typing import Any
 
 from jbench import names
 from jbench.agents.algorithms import algorithm_fields, hyperparameters
-from jbench.devices import find_device
+from jbench.devices import check_precision, find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
@@ -143,6 +143,5 @@ def training_device(
         find_device(wanted)
         return "cpu"
     device = str(find_device(wanted))
-    if precision == "tf32" and device == "cpu":
-        raise RequestError("Only a GPU has --precision tf32; type float32 or bfloat16.")
+    check_precision(precision, device)
     return device

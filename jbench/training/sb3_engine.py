@@ -19,8 +19,6 @@ from jbench.training.evaluation import make_env
 class SB3Engine(AbstractContextManager["SB3Engine"]):
     """Has the interface of `Engine` for one seed, except for its state: such a run starts over."""
 
-    keeps_policy_exactly = True
-
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         self._encoder = encoder
         env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)

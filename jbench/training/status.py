@@ -8,7 +8,7 @@ but a sequence of robots depends on the number of steps.
 import contextlib
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Literal, NamedTuple
 
 from jbench.agents.algorithms import find_class
@@ -20,7 +20,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.wording import are, counted
 
-State = Literal["finished", "partial", "failed", "missing"]
+State = Literal["finished", "unfinished", "failed", "missing"]
 
 
 class RunStatus(NamedTuple):
@@ -43,8 +43,7 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
     if record.status == "finished":
         return RunStatus("finished", 0)
     done = record.rows("episodes") * EPISODE_STEPS if record.roles() else 0
-    state: State = "partial" if record.error is None else "failed"
-    return RunStatus(state, max(0, run.steps - done), record.error or "")
+    return RunStatus(record.status, max(0, run.steps - done), record.error or "")
 
 
 def run_statuses(runs: Iterable[RunSettings], results: Results) -> dict[str, RunStatus]:
@@ -52,26 +51,19 @@ def run_statuses(runs: Iterable[RunSettings], results: Results) -> dict[str, Run
     return {run.id: run_status(run, results) for run in runs}
 
 
-def plan(runs: Sequence[RunSettings], results: Results) -> dict[str, RunStatus]:
-    """Returns the status of each run by id; removes temporary files of interrupted writers."""
-    for run in runs:
-        results.clean("run", run.id)
-    return run_statuses(runs, results)
-
-
 def sentences(statuses: Mapping[str, RunStatus], retry_failed: bool) -> Iterator[str]:
     """Yields sentences on existing runs, with the errors of failed ones."""
-    finished, partial = (
+    finished, unfinished = (
         [id for id, status in statuses.items() if status.state == state]
-        for state in ("finished", "partial")
+        for state in ("finished", "unfinished")
     )
     if finished:
         rest = "; nothing to do" if len(finished) == len(statuses) else ""
         count = f"{len(finished)} of {counted(len(statuses), 'run')} {are(len(finished))}"
         subject = f"The run {finished[0]} is" if len(statuses) == 1 else count
         yield f"{subject} already finished{rest}."
-    if partial:
-        count = f"{counted(len(partial), 'run')} {are(len(partial))}"
+    if unfinished:
+        count = f"{counted(len(unfinished), 'run')} {are(len(unfinished))}"
         yield f"{count} unfinished: interrupted, or another process is training."
     failed = failures_among(statuses)
     for id, error in failed.items():

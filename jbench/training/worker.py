@@ -66,7 +66,7 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
     if failure is None or run_status(run, results).state == "finished":
         return Event("finished", run.id)
     if isinstance(failure, HeldError):
-        return Event("held", run.id, str(failure))
+        return Event("held", run.id)
     reason = sentence_of_failure(failure)
     record_failure(run, results, reason)
     # A sentence of jbench needs no traceback, but that of its cause.

@@ -311,3 +311,11 @@ def test_sweep_of_runs_too_short_to_learn_prints_one_warning(tmp_path, capsys):
     (warning,) = [line for line in capsys.readouterr().err.splitlines() if "Warning" in line]
     assert "after 11,000 control steps, so a run of 5,000 learns nothing" in warning
     assert "[hyperparameters.td3]" in warning
+
+
+def test_sweep_with_a_precision_that_the_device_lacks_is_refused(tmp_path, refused):
+    matrix = tmp_path / "tf32.toml"
+    matrix.write_text('tasks = ["move_to_pose"]\nalgos = ["td3"]\nprecision = "tf32"')
+    results = tmp_path / "results"
+    assert "Only a GPU has" in refused("sweep", str(matrix), "--device", "cpu", results=results)
+    assert not results.exists()

@@ -10,7 +10,6 @@ from jbench.cli import main
 from jbench.errors import WorkError
 from jbench.store import Results
 from jbench.store.verify import repair, verify
-from jbench.training.status import plan
 from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run, snapshot
 from tests.store.test_damage import truncate
@@ -106,14 +105,14 @@ def test_unreadable_results_directory_is_reported(results, monkeypatch):
         Results(results.path)
 
 
-def test_planning_removes_leftover_of_finished_run(results):
+def test_cleaning_removes_leftover_of_finished_run(results):
     settings = small_run("td3", {}, steps=1000, evaluate_every=1000, evaluate_episodes=1)
     record = results.create("run", settings.id, settings.model_dump(mode="json"))
     record.finish({})
     left = record.path / ".writing-abc"
     left.write_bytes(b"left")
     with record.lock():
-        plan([settings], results)
+        results.clean("run", settings.id)
         assert left.exists()  # it may belong to the process that holds the lock
-    assert plan([settings], results)[settings.id].state == "finished"
+    results.clean("run", settings.id)
     assert not left.exists()

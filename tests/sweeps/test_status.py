@@ -42,19 +42,19 @@ def finish(results, run, wall_time, together=1):
 
 
 def test_each_status_is_reported_with_steps_left(results, cell):
-    finished, partial, failed, missing = cell.runs
+    finished, unfinished, failed, missing = cell.runs
     finish(results, finished, 1.0)
     checkpoint = {"checkpoint.safetensors": b"x"}
-    begin(results, partial).append({"episodes": episodes(partial.id, [0.0] * 4)}, checkpoint)
+    begin(results, unfinished).append({"episodes": episodes(unfinished.id, [0.0] * 4)}, checkpoint)
     record = begin(results, failed)
     record.append({"episodes": episodes(failed.id, [0.0] * 3)})  # no checkpoint: restarts
     record.fail("no luck")
     statuses = [run_status(run, results) for run in cell.runs]
-    assert [status.state for status in statuses] == ["finished", "partial", "failed", "missing"]
+    assert [status.state for status in statuses] == ["finished", "unfinished", "failed", "missing"]
     assert [status.steps_left for status in statuses] == [0, 6000, 10_000, 10_000]
     assert failures_among(run_statuses(cell.runs, results)) == {failed.id: "no luck"}
     (line,) = cell_statuses([cell], results, jobs=2, quick=False)
-    assert (line.finished, line.partial, line.failed, line.missing) == (1, 1, 1, 1)
+    assert (line.finished, line.unfinished, line.failed, line.missing) == (1, 1, 1, 1)
     assert line.steps_left == 26_000
     (begin(results, missing).path / "manifest.json").write_text("{")
     damaged = run_status(missing, results)

@@ -7,6 +7,7 @@ import torch
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.store import Results
+from jbench.store.locks import HeldError
 from jbench.training import batched_run, evaluation
 from jbench.training.batched_run import run_batch
 from jbench.training.engines import seconds_per_step
@@ -14,7 +15,7 @@ from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.events import Event
 from jbench.training.repeat import reevaluate
 from jbench.training.request import training_device
-from jbench.training.status import plan
+from jbench.training.status import run_statuses
 from tests.training.small_runs import EPISODE, TanhEncoder, paths, rows, small_run
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
@@ -92,7 +93,7 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
     # Points at control steps 0, 20 and 40 of episodes of 50 steps.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}
     assert load_agent(results, run.id).task == "face_direction"
-    assert plan([run], results)[run.id].state == "finished"
+    assert run_statuses([run], results)[run.id].state == "finished"
     # The finished run is not repeated.
     before = record.manifest
     run_batch([run], results)
@@ -123,6 +124,25 @@ def test_run_locked_by_another_process_is_skipped(tmp_path):
     assert list(failures) == [runs[0].id]
     assert "Another process is writing" in str(failures[runs[0].id])
     assert results.find("run", runs[1].id).status == "finished"
+
+
+def test_error_of_a_group_fails_no_run_ahead_of_it(tmp_path):
+    results, longer = Results(tmp_path), 3 * EPISODE
+    runs = [settings(seed=seed, steps=longer, evaluate_episodes=0) for seed in range(3)]
+    assert run_batch(runs[:1], results, until=2 * EPISODE) == {}
+
+    def disturb(event):
+        if event.kind == "episode" and event.run == runs[1].id:
+            raise ValueError("something else")
+
+    with results.create("run", runs[2].id, runs[2].values).lock():
+        failures = run_batch(runs, results, report=disturb)
+    assert {id: type(error) for id, error in failures.items()} == {
+        runs[1].id: ValueError,
+        runs[2].id: HeldError,
+    }
+    statuses = [results.find("run", run.id).status for run in runs]
+    assert statuses == ["finished", "failed", "unfinished"]
 
 
 def test_missing_encoder_fails_only_its_runs(tmp_path):
@@ -171,7 +191,7 @@ def test_incompatible_settings_and_devices_are_refused():
     if not torch.cuda.is_available():
         with pytest.raises(RequestError, match="There is no CUDA device here"):
             training_device("batched", "cuda")
-        with pytest.raises(RequestError, match="Only a GPU has --precision tf32"):
+        with pytest.raises(RequestError, match="Only a GPU has the precision tf32"):
             training_device("batched", "auto", "tf32")
 
 

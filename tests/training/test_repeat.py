@@ -62,6 +62,13 @@ def test_run_is_reproduced_bit_for_bit(trained):
     assert changes_since(record) == {}
 
 
+def test_whole_run_is_reproduced_whatever_its_last_evaluation(tmp_path):
+    run, results = settings(), Results(tmp_path)
+    assert run_batch([run], results, final_episodes=3) == {}
+    again = retrain(results, results.find("run", run.id), 2)
+    assert again[1:4] == ("equal", "", 100)
+
+
 def test_run_that_ends_before_its_first_update_is_reproduced(tmp_path):
     lengths = {"steps": EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
     waiting = {**OFF_POLICY, "learning_starts": 1000}

@@ -7,7 +7,7 @@ from jbench.policies.saved import load_agent
 from jbench.store import Results
 from jbench.tasks import geometry
 from jbench.training.evaluation import make_env
-from jbench.training.status import plan
+from jbench.training.status import run_statuses
 from tests.training.small_runs import EPISODE, paths, small_run, train
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
@@ -110,5 +110,5 @@ def test_failure_is_recorded_and_can_be_retried(tmp_path, monkeypatch):
     failed = results.find("run", wanted.id)
     assert failed.status == "failed"
     assert failed.manifest.summary == {"error": "FloatingPointError: on fire"}
-    assert plan([wanted], results)[wanted.id].state == "failed"
+    assert run_statuses([wanted], results)[wanted.id].state == "failed"
     assert train(wanted, results).status == "finished"

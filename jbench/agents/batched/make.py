@@ -20,8 +20,9 @@ from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.engine import CPU
 from jbench.agents.environments import Environments
-from jbench.errors import RequestError, WorkError
-from jbench.names import TimeLimit
+from jbench.devices import check_precision
+from jbench.errors import WorkError
+from jbench.names import Precision, TimeLimit
 from jbench.policies.actors import copy_module
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
@@ -38,7 +39,7 @@ def make_engine(
     time_limit: TimeLimit = "bootstrap",
     ofe: OFESettings | None = None,
     device: torch.device = CPU,
-    precision: str = "float32",
+    precision: Precision = "float32",
     stacked: bool | None = None,
     dtype: torch.dtype = torch.float32,
 ) -> OffPolicyEngine | OnPolicyEngine:
@@ -87,14 +88,13 @@ def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:
     return partial(type("OnFeatures", (OnFeatures, LEARNERS[algo]), {}), ofe=ofe)
 
 
-def _set_precision(device: torch.device, precision: str) -> None:
+def _set_precision(device: torch.device, precision: Precision) -> None:
+    check_precision(precision, device.type)
     if device.type == "cuda":
         products = torch.backends.cuda.matmul
         products.fp32_precision = "tf32" if precision == "tf32" else "ieee"
         # Sums are float32, as on a CPU.
         products.allow_bf16_reduced_precision_reduction = False
-    elif precision == "tf32":
-        raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
 
 
 def checked_rule(

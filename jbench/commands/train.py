@@ -17,8 +17,6 @@ from jbench.wording import counted, with_results
 if TYPE_CHECKING:
     from jbench.sweeps.matrix import Matrix
 
-_MAX_SEEDS = 30
-
 
 @options.with_settings(RunSettings, *TYPED, main=("task", "algo", "encoder", "seeds", "steps"))
 def train(
@@ -141,7 +139,8 @@ def sweep(
         "default those of each representation with full and scaled.",
     ),
     max_seeds: int | None = Option(
-        None, help=f"With --until-decided: most seeds of a configuration (default: {_MAX_SEEDS})."
+        None,
+        help=f"With --until-decided: most seeds of a configuration (default: {names.MAX_SEEDS}).",
     ),
     executor: names.Executor = Option(
         "local", help="Where runs are trained: local (this machine) or ray (a Ray cluster)."
@@ -177,7 +176,7 @@ def sweep(
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
-    limit = _MAX_SEEDS if max_seeds is None else max_seeds
+    limit = names.MAX_SEEDS if max_seeds is None else max_seeds
     chosen = names.parse_numbers(seeds) if seeds is not None else None
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})

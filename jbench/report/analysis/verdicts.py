@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL, kind_in
+from jbench.names import FULL, MAX_SEEDS, kind_in
 from jbench.report.analysis.claims import MARGIN, Row
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import ID, Configuration, differing_in, with_returns
@@ -40,7 +40,6 @@ DECISIONS = [
     *("low", "high", "spent"),
 ]
 _DECIDED = {"larger": "higher", "smaller": "lower", "equal": "similar"}
-_MAX_SEEDS = 30  # of the group-sequential test
 _SEQUENTIAL = "sequential test"  # origin of its verdicts
 _WORDS = {  # of a larger and of a smaller number
     "a": ("higher", "lower"),
@@ -112,7 +111,7 @@ def decision_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     one, and spent a part of the error rate.
     """
     rows, planned = [], _planned()
-    shares, analyses = [plan["share"] for plan in planned], [_MAX_SEEDS // BLOCK] * len(planned)
+    shares, analyses = [plan["share"] for plan in planned], [MAX_SEEDS // BLOCK] * len(planned)
     known: dict[str, dict[tuple[str, ...], Configuration]] = {}
     for config in with_returns(configurations, EVALUATION):
         if not (config.words or config.robots):

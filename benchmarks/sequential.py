@@ -38,7 +38,7 @@ def simulate(
         margin: of equality; infinite to test for differences only.
     """
     random = np.random.default_rng(0)
-    looks = arguments.max_seeds // sequential.BLOCK
+    analyses = arguments.max_seeds // sequential.BLOCK
     rate = sequential.ERROR_RATE / comparisons
     names: list[sequential.Verdict] = ["larger", "smaller", "equal"]
     decided = []
@@ -46,40 +46,48 @@ def simulate(
         ours, theirs = random.normal(0, spread, (2, AT_A_TIME, arguments.max_seeds))
         tested = names[:2] if np.isinf(margin) else names
         first = [
-            sequential.first_look(
-                name, ours + shift, theirs, margin, rate, looks, relabelings=arguments.relabelings
+            sequential.deciding_analysis(
+                name,
+                ours + shift,
+                theirs,
+                margin,
+                rate,
+                analyses,
+                relabelings=arguments.relabelings,
             )
             for name in tested
         ]
         decided.append(np.stack([*first, np.zeros_like(first[0])][:3]))
     reached = np.concatenate(decided, axis=1)
-    order = np.where(reached > 0, reached, looks + 1)
-    which, look = order.argmin(axis=0), np.minimum(order.min(axis=0), looks)
-    found = order.min(axis=0) <= looks
-    seeds = float(look.mean() * sequential.BLOCK)
+    order = np.where(reached > 0, reached, analyses + 1)
+    which, analysis = order.argmin(axis=0), np.minimum(order.min(axis=0), analyses)
+    found = order.min(axis=0) <= analyses
+    seeds = float(analysis.mean() * sequential.BLOCK)
     return float(np.mean(found & (which < 2))), float(np.mean(found & (which == 2))), seeds
 
 
 def simulate_family(
-    shifts: tuple[float, ...], repetitions: int, looks: int = 3, relabelings: int = 4000
+    shifts: tuple[float, ...], repetitions: int, analyses: int = 3, relabelings: int = 4000
 ) -> dict[str, tuple[float, float, float]]:
     """Returns error rate, differences found, and small differences found, by procedure.
 
     Args:
         shifts: (comparisons,) of each configuration from the same baseline, in standard deviations.
         repetitions: number of simulated families.
-        looks: planned interim analyses.
+        analyses: planned interim analyses.
         relabelings: see `sequential.first_above`.
     """
     random, count, true = np.random.default_rng(0), len(shifts), np.array(shifts)
-    theirs = random.normal(size=(repetitions, looks * sequential.BLOCK))
+    theirs = random.normal(size=(repetitions, analyses * sequential.BLOCK))
     ours = random.normal(size=(count, *theirs.shape)) + true[:, None, None]
     at: dict[tuple[str, int], np.ndarray] = {}
     for parts in range(count + 1, 2 * count + 1):
         rate = 2 * sequential.ERROR_RATE / parts
         for name in ("larger", "smaller"):
             first = [
-                sequential.first_look(name, one, theirs, 0, rate, looks, relabelings=relabelings)
+                sequential.deciding_analysis(
+                    name, one, theirs, 0, rate, analyses, relabelings=relabelings
+                )
                 for one in ours
             ]
             at[name, parts] = np.stack(first)
@@ -91,7 +99,7 @@ def simulate_family(
             parts = round(2 * sequential.ERROR_RATE / rate)
             return 0 if verdict == "equal" else int(at[verdict, parts][i, r])
 
-        steps = step_down(reached, shares, looks)
+        steps = step_down(reached, shares, analyses)
         verdicts = ["undecided" if step is None else step.verdict for step in steps]
         signs["step-down"].append([SIGNS[verdict] for verdict in verdicts])
         larger, smaller = (at[name, 2 * count][:, r] > 0 for name in ("larger", "smaller"))

@@ -3,20 +3,20 @@
 import numpy as np
 from numpy.typing import NDArray
 
-FINAL_EPISODES = 100
+AVERAGED_EPISODES = 100
 """Maximum number of episodes in a final return: the paper's moving average (Figures 8 and 9)."""
 
 
-def final_episodes(
-    episodes: NDArray[np.int64], max_episodes: int = FINAL_EPISODES
+def averaged_episodes(
+    episodes: NDArray[np.int64], max_episodes: int = AVERAGED_EPISODES
 ) -> NDArray[np.int64]:
     """Returns the numbers (runs,) of last episodes to average: a quarter, 1 to the maximum."""
     return np.clip(episodes // 4, 1, max_episodes)
 
 
 def final_return(returns: NDArray[np.float64]) -> float | None:
-    """Returns the mean of finite returns among the `final_episodes`; of (episodes,); or None."""
-    return _finite_mean(returns[-int(final_episodes(np.array(len(returns)))) :])
+    """Returns the mean of finite returns among the `averaged_episodes`; of (episodes,); or None."""
+    return _finite_mean(returns[-int(averaged_episodes(np.array(len(returns)))) :])
 
 
 def final_evaluation(evaluations: NDArray[np.int32], returns: NDArray[np.float64]) -> float | None:

@@ -92,7 +92,7 @@ class Engine(AbstractContextManager["Engine"]):
         """
         while True:
             if self._collected == self._rollout_steps:
-                self._learn()
+                self._after_rollout()
                 self._collected = 0
             if self._collected == 0 and self.control_steps >= steps:
                 break
@@ -177,5 +177,5 @@ class Engine(AbstractContextManager["Engine"]):
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
         """Stores the transitions of a control step."""
 
-    def _learn(self) -> None:
+    def _after_rollout(self) -> None:
         """Makes the updates that are due after a rollout."""

@@ -119,7 +119,7 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
     """List datasets."""
     from jbench.datasets import Dataset
 
-    records, problems = parsing.existing_results(results).scan("dataset")
+    records, problems = parsing.results_to_read(results).scan("dataset")
     rows, entries = [], []
     for record in records:
         try:

@@ -35,7 +35,7 @@ def verify(
         os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
     from jbench.store.verify import verify as check
 
-    database = parsing.existing_results(results)
+    database = parsing.results_to_read(results)
     checked = check(database, threads, partial(output.progress, "verify", unit="folders"))
     for (kind, id), flaws in groupby(checked.findings, lambda flaw: (flaw.kind, flaw.id)):
         output.say(f"{kind} {id}")
@@ -120,7 +120,7 @@ def reproduce(
     from jbench.training.repeat import changes_since, default_episodes, reevaluate, retrain
 
     # A shipped run needs no results directory.
-    database = shipped_results() if run.startswith(SHIPPED) else parsing.existing_results(results)
+    database = shipped_results() if run.startswith(SHIPPED) else parsing.results_to_read(results)
     record = database.find("run", database.complete_id("run", run.removeprefix(SHIPPED)))
     if record is None:
         runs = with_results("jbench runs", database.name)

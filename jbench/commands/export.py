@@ -90,7 +90,7 @@ def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: P
     from jbench.report.request import Request
     from jbench.store.files import check_output, write_atomic
 
-    database = parsing.existing_results(results)
+    database = parsing.results_to_read(results)
     task = task and parsing.known_or_held("task", task, [database])
     check_output(file)
     read = sources.own_and_imported(database, Request(task=task))

@@ -66,7 +66,7 @@ def run_filters(
     return filters
 
 
-def existing_results(path: Path) -> "Results":
+def results_to_read(path: Path) -> "Results":
     """Returns results to read; see `jbench.store.shipped.results_to_read`."""
     from jbench.store.shipped import results_to_read
 

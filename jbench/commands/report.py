@@ -77,7 +77,7 @@ def report(
     # If two directories are compared, or a file is reported, --results is not read.
     sides = [Path(side) for side in compare or () if Path(side).is_dir()]
     unread = len(sides) == 2 or curves is not None
-    database = Results(results) if unread else parsing.existing_results(results)
+    database = Results(results) if unread else parsing.results_to_read(results)
     read = [Results(side) for side in sides] if unread else [database]
     if watch and (json or curves):
         other = "--json" if json else "--curves"
@@ -154,7 +154,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     output.warn_of_damage(frames.problems, repair_hint(database.name))
 
 
-def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[None]:
+def changes(directories: Sequence[Path], poll_seconds: float = 2.0) -> Iterator[None]:
     """Yields at once, and whenever records of results directories have changed, until Ctrl-C.
 
     It waits at least as long as the caller works, who then works at most half of the time. Ctrl-C
@@ -180,7 +180,7 @@ def changes(directories: Sequence[Path], look_every: float = 2.0) -> Iterator[No
             if now != seen:
                 seen = now
                 yield
-            time.sleep(max(look_every, time.monotonic() - began))
+            time.sleep(max(poll_seconds, time.monotonic() - began))
     finally:
         if signal.getsignal(signal.SIGINT) is remember:
             signal.signal(signal.SIGINT, before)

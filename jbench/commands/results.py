@@ -32,7 +32,7 @@ def query(
         raise RequestError("--csv and --json exclude each other; type one of them.")
     # The paper's curves are in jbench, so results need not exist.
     needs_results = named_tables(sql) != {"published"}
-    database = parsing.existing_results(results) if needs_results else Results(results)
+    database = parsing.results_to_read(results) if needs_results else Results(results)
     answer, problems = query_results(database, sql)
     if json:
         output.raw(f"{json_text(records(answer))}\n")
@@ -62,7 +62,7 @@ def repair(
     from jbench.store.verify import verify as check
 
     parsing.results_to_write(results)
-    database = parsing.existing_results(results)
+    database = parsing.results_to_read(results)
     checked = check(database, threads, partial(output.progress, "repair", unit="folders"))
     done = set_aside(database, checked.findings, dry_run)
     for moved, to in done.moved:
@@ -93,7 +93,7 @@ def merge(
     from jbench.store.merge import merge as join
 
     database = parsing.results_to_write(results)
-    sources = [parsing.existing_results(other) for other in others]
+    sources = [parsing.results_to_read(other) for other in others]
     merged = join(database, sources, partial(output.progress, "merge", unit="records"))
     refused = [record for record in merged if record.outcome == "refused"]
     for record in refused:

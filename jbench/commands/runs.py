@@ -40,7 +40,7 @@ def runs(
     """
     from jbench.store.listing import list_runs
 
-    database = parsing.existing_results(results)
+    database = parsing.results_to_read(results)
     typed = {"task": task, "algo": algo, "representation": representation}
     filters = parsing.run_filters(database, seed, status, **typed)
     what: Literal["run", "import"] = "import" if imports else "run"
@@ -92,16 +92,16 @@ def tail(
 
     Ctrl-C ends it.
     """
-    from jbench.store.follow import LOOK_EVERY, Follower
+    from jbench.store.follow import POLL_SECONDS, Follower
 
-    database = parsing.existing_results(results)
+    database = parsing.results_to_read(results)
     typed = {"task": task, "algo": algo, "representation": representation}
     filters = parsing.run_filters(database, seed, status, **typed)
     follower, problems = Follower(database, filters), 0
     lines, is_empty = _json_lines if json else _text_lines, True
     try:
         while True:
-            for change in follower.look():
+            for change in follower.changes():
                 if isinstance(change, str):
                     output.warn(change)
                     problems += 1
@@ -112,7 +112,7 @@ def tail(
             if once:
                 break
             last = None
-            time.sleep(LOOK_EVERY)
+            time.sleep(POLL_SECONDS)
     except KeyboardInterrupt:
         return
     if problems:
@@ -196,7 +196,7 @@ def leaderboard(
     from jbench.report.tables import leaderboard_table
     from jbench.store.query import records
 
-    named = [parsing.existing_results(directory) for directory in directories or [results]]
+    named = [parsing.results_to_read(directory) for directory in directories or [results]]
     # A directory may be typed twice, also by two paths.
     read = list({database.path.resolve(): database for database in named}.values())
     databases = {str(database.name): database for database in read}

@@ -113,7 +113,9 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
         and str(record.settings.get("dataset")) not in augmented
     ]
     if matches:
-        newest = max(matches, key=lambda each: (each.status == "finished", each.manifest.updated))
+        newest = max(
+            matches, key=lambda record: (record.status == "finished", record.manifest.updated)
+        )
         if newest.status == "finished":
             return newest.id
         name = newest.id

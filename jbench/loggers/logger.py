@@ -14,7 +14,7 @@ from typing import Any
 
 from jbench.errors import RequestError
 from jbench.store import Results
-from jbench.store.follow import LOOK_EVERY, Change, Follower, grouped
+from jbench.store.follow import POLL_SECONDS, Change, Follower, grouped
 from jbench.store.schema import LOSSES
 
 _PROJECT = "jbench"
@@ -71,7 +71,7 @@ class _TensorBoard(Logger):
     def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
         # The new file hides the points of earlier files from step 0 on.
         place = str(self._directory / name)
-        writer = self._make_writer(place, purge_step=0, flush_secs=int(LOOK_EVERY))
+        writer = self._make_writer(place, purge_step=0, flush_secs=int(POLL_SECONDS))
         writer.add_text("settings", f"    {json.dumps(config, indent=4)}")
         return writer
 
@@ -193,8 +193,8 @@ def copying_rows(
         is_last = False
         try:
             while not is_last:
-                is_last = done.wait(LOOK_EVERY)
-                for change in follower.look():
+                is_last = done.wait(POLL_SECONDS)
+                for change in follower.changes():
                     if isinstance(change, str):
                         warn(change)
                     else:

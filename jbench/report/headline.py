@@ -76,8 +76,8 @@ def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
     where: dict[str, dict[str, list[str]]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):
         outcomes: dict[str, list[str]] = {}
-        for task, of_task in rows.groupby("task", sort=False):
-            outcomes.setdefault(_outcome(of_task), []).append(str(task))
+        for task, group in rows.groupby("task", sort=False):
+            outcomes.setdefault(_outcome(group), []).append(str(task))
         for outcome, tasks in outcomes.items():
             everywhere = len(tasks) == rows["task"].nunique()
             on = "" if everywhere else f" on {in_prose(tasks, 'and')}"

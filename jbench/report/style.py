@@ -89,9 +89,9 @@ def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Loo
     by = by or ("kind" if rows["kind"].nunique() > 1 else "algo")
     known, others = (_KINDS, _OTHER_KINDS) if by == "kind" else (_ALGORITHMS, _OTHER_ALGORITHMS)
     groups = dict(zip(rows[name], rows[by], strict=True))
-    if by == "kind":  # one such as `planar-mirror` has the color of `planar`
+    if by == "kind":  # `planar-mirror` has the color of `planar`
         for series, kind in groups.items():
-            families = [one for one in known if f"{kind}-".startswith(f"{one}-")]
+            families = [family for family in known if f"{kind}-".startswith(f"{family}-")]
             groups[series] = max(families, key=len, default=kind)
     new = sorted({*groups.values()} - {*known})
     known = known | dict(zip(new, cycle(others), strict=False))

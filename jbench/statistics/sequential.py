@@ -1,6 +1,6 @@
 """A group-sequential test, which compares two configurations while seeds are still being added.
 
-Seeds come in blocks of five, and an interim analysis (a look) follows each block; the comparison
+Seeds come in blocks of five, and an interim analysis follows each block; the comparison
 stops as soon as it is decided. The test is a permutation test whose labels are exchanged within
 blocks, as in AdaStop (Mathieu et al., *AdaStop: adaptive statistical testing for sound comparisons
 of Deep RL agents*, TMLR 2024, section 4), so that it is valid for five seeds and for any
@@ -39,13 +39,13 @@ _BISECTIONS = 16  # per end of an interval: precision of 1e-4 of the range of th
 Verdict = Literal["larger", "smaller", "equal", "undecided"]
 
 
-def first_look(
+def deciding_analysis(
     verdict: Verdict,
     ours: FloatArray,
     theirs: FloatArray,
     margin: float,
     error_rate: float,
-    looks: int,
+    analyses: int,
     *,
     relabelings: int = RELABELINGS,
 ) -> IntArray:
@@ -55,9 +55,11 @@ def first_look(
         ours, theirs: (..., seeds) numbers of the seeds in complete blocks.
         margin: two configurations that differ by less are equal.
         error_rate: two-sided, over all analyses.
-        looks: number of planned analyses.
+        analyses: number of planned analyses.
     """
-    above = partial(first_above, error_rate=error_rate / 2, looks=looks, relabelings=relabelings)
+    above = partial(
+        first_above, error_rate=error_rate / 2, analyses=analyses, relabelings=relabelings
+    )
     if verdict == "equal":
         lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
         return np.where((lower > 0) & (upper > 0), np.maximum(lower, upper), 0)
@@ -68,7 +70,7 @@ def first_above(
     ours: FloatArray,
     theirs: FloatArray,
     error_rate: float,
-    looks: int,
+    analyses: int,
     *,
     block: int = BLOCK,
     relabelings: int = RELABELINGS,
@@ -83,7 +85,7 @@ def first_above(
     Args:
         ours, theirs: (..., seeds) numbers of the seeds in complete blocks.
         error_rate: one-sided, over all analyses.
-        looks: number of planned analyses; the seeds may cover fewer.
+        analyses: number of planned analyses; the seeds may cover fewer.
         relabelings: maximum number of relabelings, sampled if there are more.
     """
     shape = (*ours.shape[:-1], -1, block)
@@ -101,7 +103,7 @@ def first_above(
         for j, relabeling in enumerate(chosen):
             sums += differences[..., j, :][..., relabeling]
             if j == len(boundaries):
-                allowed = int(error_rate * (j + 1) / looks * sums.shape[-1])
+                allowed = int(error_rate * (j + 1) / analyses * sums.shape[-1])
                 boundaries.append(_boundary(sums, crossed, allowed) + rounding)
                 first[(first == 0) & (sums[..., 0] > boundaries[j][..., 0])] = j + 1
             crossed |= sums > boundaries[j]
@@ -117,25 +119,26 @@ def _boundary(sums: FloatArray, crossed: BoolArray, allowed: int) -> FloatArray:
 
 
 def interval(
-    ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int
+    ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: int
 ) -> tuple[float, float]:
     """Returns the repeated confidence interval of ours minus theirs at the last analysis.
 
-    It contains the shifts that no analysis up to this one rejects; see `first_look` for arguments.
+    It contains the shifts that no analysis up to this one rejects; for the arguments see
+    `deciding_analysis`.
     """
-    low = _lowest(ours, theirs, error_rate / 2, looks)
-    return low, -_lowest(theirs, ours, error_rate / 2, looks)
+    low = _lowest(ours, theirs, error_rate / 2, analyses)
+    return low, -_lowest(theirs, ours, error_rate / 2, analyses)
 
 
-def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int) -> float:
+def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: int) -> float:
     """Returns the smallest shift of ours that the one-sided test does not reject, by bisection."""
     high = float(ours.mean() - theirs.mean())
     low = high - (4 * float(np.ptp(np.concatenate([ours - high, theirs]))) + 1e-9)
-    if not first_above(ours - low, theirs, error_rate, looks):
+    if not first_above(ours - low, theirs, error_rate, analyses):
         return -np.inf
     for _ in range(_BISECTIONS):
         shift = (low + high) / 2
-        if first_above(ours - shift, theirs, error_rate, looks):
+        if first_above(ours - shift, theirs, error_rate, analyses):
             low = shift
         else:
             high = shift

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jbench.statistics import FloatArray
-from jbench.statistics.sequential import BLOCK, ERROR_RATE, Verdict, first_look, interval
+from jbench.statistics.sequential import BLOCK, ERROR_RATE, Verdict, deciding_analysis, interval
 
 
 class Decision(NamedTuple):
@@ -35,7 +35,7 @@ class Stop(NamedTuple):
     """The interim analysis, from 1 on, and the two-sided rate at which a comparison was decided."""
 
     verdict: Verdict
-    look: int
+    analysis: int
     rate: float
 
 
@@ -46,7 +46,7 @@ Reached = Callable[[int, Verdict, float], int]
 """Interim analysis at which a comparison (its index) has a verdict at a two-sided rate; else 0."""
 
 
-def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Stop | None]:
+def step_down(reached: Reached, shares: Sequence[float], analyses: int) -> list[Stop | None]:
     """Decides comparisons together, at an error rate of at most the sum of their shares.
 
     Each comparison consists of two one-sided hypotheses (not larger, not smaller) with half of its
@@ -66,24 +66,26 @@ def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Sto
     total = sum(shares)
     stops: list[Stop | None] = [None] * len(shares)
 
-    def verdict(i: int, parts: int, look: int) -> Verdict | None:
+    def verdict(i: int, parts: int, analysis: int) -> Verdict | None:
         """Returns the first one up to an analysis that all larger rates reach, too."""
         names: tuple[Verdict, ...] = ("larger", "smaller", "equal")
         at = {name: reached(i, name, 2 * total / parts) for name in names}
         fewest = math.ceil(total / shares[i] + 1 - 1e-6)  # parts, if all others have a direction
-        for name in sorted((name for name in names if 0 < at[name] <= look), key=at.__getitem__):
+        for name in sorted(
+            (name for name in names if 0 < at[name] <= analysis), key=at.__getitem__
+        ):
             larger = (reached(i, name, 2 * total / n) for n in range(fewest, parts))
-            if all(0 < reached_at <= look for reached_at in larger):
+            if all(0 < reached_at <= analysis for reached_at in larger):
                 return name
         return None
 
-    for look in range(1, looks + 1):
+    for analysis in range(1, analyses + 1):
         new = True
         while new:
             new = False
             for i, parts in enumerate(_parts(stops, shares)):
-                if stops[i] is None and (decided := verdict(i, parts, look)):
-                    stops[i], new = Stop(decided, look, 2 * total / parts), True
+                if stops[i] is None and (decided := verdict(i, parts, analysis)):
+                    stops[i], new = Stop(decided, analysis, 2 * total / parts), True
     return stops
 
 
@@ -97,7 +99,7 @@ def _parts(stops: Sequence[Stop | None], shares: Sequence[float]) -> list[int]:
 def decide(
     pairs: Sequence[tuple[FloatArray, FloatArray]],
     shares: Sequence[float],
-    looks: Sequence[int],
+    analyses: Sequence[int],
     margin: float,
 ) -> list[Decision]:
     """Compares pairs of configurations, each pair up to the interim analysis that decides it.
@@ -107,26 +109,28 @@ def decide(
     Args:
         pairs: (comparisons,) numbers of ours (seeds,) and theirs (seeds,), in the order of seeds.
         shares: (comparisons,) two-sided error rates, whose sum is that of all together.
-        looks: (comparisons,) planned interim analyses.
+        analyses: (comparisons,) planned interim analyses.
     """
     complete, cut = [], []
-    for (ours, theirs), most in zip(pairs, looks, strict=True):
+    for (ours, theirs), most in zip(pairs, analyses, strict=True):
         complete.append(min(len(ours) // BLOCK, len(theirs) // BLOCK, most))
         cut.append((ours[: complete[-1] * BLOCK], theirs[: complete[-1] * BLOCK]))
 
     @cache
     def reached(i: int, verdict: Verdict, rate: float) -> int:
-        return int(complete[i] and first_look(verdict, *cut[i], margin, rate, looks[i]))
+        return int(complete[i] and deciding_analysis(verdict, *cut[i], margin, rate, analyses[i]))
 
-    stops = step_down(reached, shares, max(looks, default=0))
+    stops = step_down(reached, shares, max(analyses, default=0))
     decisions = []
     for i, parts in enumerate(_parts(stops, shares)):
-        verdict, look, rate = stops[i] or Stop("undecided", complete[i], 2 * sum(shares) / parts)
-        seeds = look * BLOCK
+        verdict, analysis, rate = stops[i] or Stop(
+            "undecided", complete[i], 2 * sum(shares) / parts
+        )
+        seeds = analysis * BLOCK
         ours, theirs = (side[:seeds] for side in cut[i])
-        low, high = interval(ours, theirs, rate, looks[i]) if look else (-np.inf, np.inf)
-        difference = float(ours.mean() - theirs.mean()) if look else np.nan
-        spent = rate * look / looks[i]
+        low, high = interval(ours, theirs, rate, analyses[i]) if analysis else (-np.inf, np.inf)
+        difference = float(ours.mean() - theirs.mean()) if analysis else np.nan
+        spent = rate * analysis / analyses[i]
         decisions.append(Decision(verdict, seeds, difference, low, high, rate, spent))
     return decisions
 

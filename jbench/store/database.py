@@ -120,7 +120,7 @@ class Results:
             stack.extend(path / name for name in sorted(below, reverse=True))
             yield Record(path, kind, id, [e.name for e in entries if e.name not in below])
 
-    def look(self, kind: Kind, id: str) -> Record:
+    def folder(self, kind: Kind, id: str) -> Record:
         """Returns one folder as `walk` does; an empty one if it does not exist."""
         return next(self.walk(kind, id), Record(self.path / f"{kind}s" / id, kind, id, ()))
 

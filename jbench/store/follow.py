@@ -16,8 +16,8 @@ from jbench.store.listing import Row, finite, make_line, matches
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
 
-LOOK_EVERY = 2.0
-"""Seconds between two looks at the results."""
+POLL_SECONDS = 2.0
+"""Seconds between two reads of the manifests."""
 
 
 class Change(NamedTuple):
@@ -45,8 +45,8 @@ class Follower:
         self._stamps: dict[str, tuple[int, ...] | None] = {}
         self._reported: set[str] = set()
 
-    def look(self) -> Iterator[Change | str]:
-        """Yields the changes since the last look, and a sentence for each damaged run, once."""
+    def changes(self) -> Iterator[Change | str]:
+        """Yields the changes since the last call, and a sentence for each damaged run, once."""
         for record in self._results.walk("run"):
             now, seen = stamp(record.path / MANIFEST), self._seen.get(record.id)
             if now is not None and now == self._stamps.get(record.id):

@@ -79,7 +79,7 @@ def _merged(results: Results, source: Results, record: Record, quarantine: Quara
         if existing is not None:
             outcome = other.reading(partial(_choose, existing, other))
         if outcome == "replaced":
-            quarantine.take_record(results.look(kind, id))
+            quarantine.take_record(results.folder(kind, id))
         if outcome in ("copied", "replaced"):
             other.reading(partial(target.copy_from, other))
     return outcome

@@ -90,7 +90,7 @@ def examine(results: Results, kind: Kind, id: str) -> tuple[Record | None, list[
     Unlisted files are reported even if the record is locked, since the caller may hold the lock.
     """
     for _ in range(_MAX_TRIES):
-        record, flaws = _check(results.look(kind, id))
+        record, flaws = _check(results.folder(kind, id))
         if not flaws or record is None or not record.refresh():
             return record, flaws
     return record, []  # it changes faster than it can be checked
@@ -190,7 +190,7 @@ class Quarantine:
             self.moved[path] = to
 
     def take_record(self, record: Record) -> None:
-        """Moves the files of a record of `Results.look`, its manifest first, but not its lock."""
+        """Moves the files of a record of `Results.folder`, its manifest first, but not its lock."""
         record.check()
         for name in sorted(record.names, key=lambda name: (name != MANIFEST, name)):
             if name != locks.LOCK:
@@ -214,7 +214,7 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
 
 def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
     """Repairs a folder unless it is locked; returns the command that makes its record again."""
-    looked_at, dry_run, whose = results.look(kind, id), quarantine.dry_run, f"the {kind} {id}"
+    looked_at, dry_run, whose = results.folder(kind, id), quarantine.dry_run, f"the {kind} {id}"
     looked_at.check()
     if dry_run and locks.is_held(looked_at.path):
         raise locks.HeldError(whose)
@@ -227,7 +227,7 @@ def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine
                 raise WorkError(f"{flaw} It is left alone.")
         is_damaged = any(flaw.sort == "damaged" for flaw in flaws)
         if is_damaged:
-            quarantine.take_record(results.look(kind, id))
+            quarantine.take_record(results.folder(kind, id))
         # Problems that `take_record` has not moved, such as a directory with the name of a file.
         for flaw in flaws:
             if os.path.lexists(flaw.path):

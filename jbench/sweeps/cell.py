@@ -31,7 +31,7 @@ from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
-from jbench.store.follow import LOOK_EVERY
+from jbench.store.follow import POLL_SECONDS
 from jbench.store.locks import HeldError
 from jbench.store.manifest import Kind
 from jbench.sweeps.matrix import Matrix, named
@@ -195,4 +195,4 @@ def _make(make: Callable[..., object], begun: Event, report: Report) -> None:
         except HeldError as error:
             if look == 0:
                 report(Event("note", text=f"{str(error).partition(';')[0]}; waiting for it."))
-            time.sleep(LOOK_EVERY)
+            time.sleep(POLL_SECONDS)

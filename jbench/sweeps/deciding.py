@@ -182,9 +182,9 @@ def outcomes(chosen: Sequence[MatrixComparison], results: Results) -> list[Matri
         return np.array([*takewhile(lambda number: number is not None, returns)], float)
 
     pairs = [(first_returns(pair.ours, pair), first_returns(pair.theirs, pair)) for pair in chosen]
-    shares, looks = [pair.share for pair in chosen], [pair.max_seeds // BLOCK for pair in chosen]
+    shares, analyses = [pair.share for pair in chosen], [pair.max_seeds // BLOCK for pair in chosen]
     reached = []
-    for pair, decision in zip(chosen, decide(pairs, shares, looks, MARGIN), strict=True):
+    for pair, decision in zip(chosen, decide(pairs, shares, analyses, MARGIN), strict=True):
         undecided = decision.verdict == "undecided"
         seeds = min(decision.seeds + BLOCK, pair.max_seeds) if undecided else 0
         next_runs = (*pair.ours.runs[:seeds], *pair.theirs.runs[:seeds])

@@ -22,7 +22,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import ONE_THREAD
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
-from jbench.store.follow import LOOK_EVERY
+from jbench.store.follow import POLL_SECONDS
 from jbench.sweeps.cell import is_finished
 from jbench.training.events import Event
 
@@ -119,7 +119,7 @@ class Ray:
         """Trains runs in a task; see `Local`. Their progress is read from the results."""
         with locks.share(self._results.path):
             task = self._task.remote(self._worker.request(runs))
-            while not self._ray.wait([task], timeout=LOOK_EVERY)[0]:
+            while not self._ray.wait([task], timeout=POLL_SECONDS)[0]:
                 if self._stopped.is_set():
                     self._ray.cancel(task, force=True)  # its process ends with it
                     return
@@ -180,8 +180,8 @@ class Ray:
 
     def _arrives(self, run: str) -> bool:
         """Waits 90 s at most for a run, as a network file system may show it late."""
-        for _ in range(round(90 / LOOK_EVERY)):
-            if is_finished(self._results, "run", run) or self._stopped.wait(LOOK_EVERY):
+        for _ in range(round(90 / POLL_SECONDS)):
+            if is_finished(self._results, "run", run) or self._stopped.wait(POLL_SECONDS):
                 return True
         return False
 

@@ -22,7 +22,7 @@ from jbench.settings.run import RunSettings
 from jbench.simulation.find import checked_task
 from jbench.store import Results, locks
 from jbench.store.files import make_directory
-from jbench.store.follow import LOOK_EVERY
+from jbench.store.follow import POLL_SECONDS
 from jbench.sweeps.cell import Cell, all_runs, prepare, with_runs
 from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
 from jbench.sweeps.executors import Local, Ray
@@ -37,7 +37,7 @@ from jbench.training.status import (
 )
 
 Executor: TypeAlias = Local | Ray  # its `train` is called from threads, `jobs` at a time
-_Task: TypeAlias = Future[list[RunSettings]]
+_Future: TypeAlias = Future[list[RunSettings]]
 
 _MAX_DEATHS = 3  # a run fails when this many of its processes have died
 
@@ -134,7 +134,7 @@ def forecasts(cells: Sequence[Cell], results: Results, jobs: int, device: str) -
 
 @dataclass
 class _Scheduler:
-    """Trains batches of runs, each by a task of a pool, which sends events; one thread decides."""
+    """Trains batches of runs, each in a thread, which sends events; one thread decides."""
 
     results: Results
     executor: Executor
@@ -142,9 +142,9 @@ class _Scheduler:
     report: Report
     retry: Collection[str]
     wait: bool
-    tasks: set[_Task] = field(default_factory=set)
+    futures: set[_Future] = field(default_factory=set)
     deaths: Counter[str] = field(default_factory=Counter)  # of the processes of a run, by its id
-    events: queue.SimpleQueue[Event | _Task] = field(default_factory=queue.SimpleQueue)
+    events: queue.SimpleQueue[Event | _Future] = field(default_factory=queue.SimpleQueue)
     elsewhere: set[str] = field(default_factory=set)
     failures: dict[str, str] = field(default_factory=dict)
     tracebacks: set[str] = field(default_factory=lambda: {""})  # those that were shown
@@ -152,16 +152,16 @@ class _Scheduler:
     def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
         """Trains runs; returns a sentence for each that failed, by run id."""
         self._submit(batches(runs, self.executor.jobs, self.executor.device))
-        while self.tasks:
+        while self.futures:
             with suppress(queue.Empty):  # on Windows, Ctrl-C is seen only between two calls
-                self._handle(self.events.get(timeout=LOOK_EVERY))
+                self._handle(self.events.get(timeout=POLL_SECONDS))
         return self.failures
 
-    def _submit(self, batches_of_runs: Iterable[Sequence[RunSettings]]) -> None:
-        for batch in batches_of_runs:
-            task = self.pool.submit(self._train_batch, batch)
-            self.tasks.add(task)
-            task.add_done_callback(self.events.put)
+    def _submit(self, groups: Iterable[Sequence[RunSettings]]) -> None:
+        for batch in groups:
+            future = self.pool.submit(self._train_batch, batch)
+            self.futures.add(future)
+            future.add_done_callback(self.events.put)
 
     def _train_batch(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
         """Trains runs that need it, in a thread; returns those whose process died."""
@@ -178,7 +178,7 @@ class _Scheduler:
                 left[run.id] = run
         if held:
             if self.elsewhere.issuperset(run.id for run in held):
-                time.sleep(LOOK_EVERY)  # another look at them
+                time.sleep(POLL_SECONDS)  # another look at them
             self.events.put(Event("held", runs=held))
         if left:
             runs = list(left.values())
@@ -189,9 +189,9 @@ class _Scheduler:
             self.events.put(Event("ended", runs=runs))
         return list(left.values())
 
-    def _handle(self, event: Event | _Task) -> None:
+    def _handle(self, event: Event | _Future) -> None:
         if isinstance(event, Future):
-            self.tasks.remove(event)
+            self.futures.remove(event)
             if died := event.result():
                 self._try_again(died)
         elif event.kind == "held":

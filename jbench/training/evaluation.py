@@ -114,7 +114,10 @@ def evaluate_policies(
         augment = settings.robot_seed(settings.robot_at(control_steps))
     if settings.engine == "sb3":
         block, generators = 1, [np.random.default_rng(*seeds)]
-        of_all, act = act, lambda rows: of_all(rows[0])[None]  # it may round by their shape
+        act_on_rows, act = (
+            act,
+            lambda rows: act_on_rows(rows[0])[None],
+        )  # it may round by their shape
         with task.worlds(1) as worlds:
             for _ in range(1 + number * settings.evaluate_episodes):
                 worlds.reset(generators)

@@ -122,7 +122,7 @@ def test_page_is_opened_if_it_and_display_exist(tmp_path, monkeypatch):
 
 class TestWatch:
     def test_watch_rewrites_report_only_after_commit(self, fabric, filled):
-        turns = changes([filled], look_every=0.01)
+        turns = changes([filled], poll_seconds=0.01)
         next(turns)
         threading.Timer(0.2, fabric.run, [FLAT, 9]).start()
         next(turns)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.statistics.sequential import first_above, first_look, interval
+from jbench.statistics.sequential import deciding_analysis, first_above, interval
 from jbench.statistics.step_down import decide
 
-LOOKS = 6  # at 5, 10 ... 30 seeds
+ANALYSES = 6  # at 5, 10 ... 30 seeds
 
 
-def compare(ours, theirs, margin, rate, looks):
-    (decision,) = decide([(ours, theirs)], [rate], [looks], margin)
+def compare(ours, theirs, margin, rate, analyses):
+    (decision,) = decide([(ours, theirs)], [rate], [analyses], margin)
     return decision
 
 
@@ -46,34 +46,34 @@ def test_rejection_agrees_with_hand_computed_p_value(ours, theirs, p):
     ours, theirs = np.array(ours, float), np.array(theirs, float)
     blocks = len(ours) // 2
 
-    def last_look_rejects(rate):
-        # If earlier looks reject no relabeling, the last one has the whole rate.
+    def last_analysis_rejects(rate):
+        # If earlier analyses reject no relabeling, the last one has the whole rate.
         return first_above(ours, theirs, rate, blocks, block=2) == blocks
 
-    # With two blocks this is less than 2 / 6: the first look may reject none.
-    assert last_look_rejects(p + 0.01) == (p < 1)
-    assert not last_look_rejects(p - 0.01)
+    # With two blocks this is less than 2 / 6: the first analysis may reject none.
+    assert last_analysis_rejects(p + 0.01) == (p < 1)
+    assert not last_analysis_rejects(p - 0.01)
 
 
-def test_error_rate_spent_by_earlier_look_is_not_available():
-    # 2 looks, rate 2/6: the first may reject one of six relabelings, which is 6 of the 36 of both
+def test_error_rate_spent_by_earlier_analysis_is_not_available():
+    # 2 analyses, rate 2/6: the first may reject one of six relabelings: 6 of the 36 of both
     # blocks; 12 are allowed up to the second, so 6 are left for it, of the 30 others. Their largest
     # sums are 8 (1 + 7), 7, 7 (0 + 7), 6 (-1 + 7), 2 (1 + 1), and then 1, four times.
     first, second = np.array([9.0, 2.0]), np.array([9.0, 8.0])
     theirs, bad = np.array([8.0, 1.0]), np.array([1.0, 2.0])
     rate = 2 / 6 + 1e-6
 
-    def look(ours, other):
+    def analysis(ours, other):
         return first_above(np.concatenate(ours), np.concatenate(other), rate, 2, block=2)
 
-    assert look([second, first], [bad, theirs]) == 1
-    assert look([first, second], [theirs, bad]) == 2  # 8
-    assert look([first, first], [theirs, theirs]) == 2  # 2: the fifth
+    assert analysis([second, first], [bad, theirs]) == 1
+    assert analysis([first, second], [theirs, bad]) == 2  # 8
+    assert analysis([first, first], [theirs, theirs]) == 2  # 2: the fifth
     nine_one, eight_two = np.array([9.0, 1.0]), np.array([8.0, 2.0])
-    assert look([first, nine_one], [theirs, eight_two]) == 0  # 1: from the sixth to the ninth
+    assert analysis([first, nine_one], [theirs, eight_two]) == 0  # 1: from the sixth to the ninth
 
 
-def test_single_look_equals_permutation_test_of_scipy():
+def test_single_analysis_equals_permutation_test_of_scipy():
     random = np.random.default_rng(0)
     for _ in range(20):
         ours, theirs = random.normal(1.5, 1, 5), random.normal(0, 1, 5)
@@ -93,10 +93,10 @@ def test_single_look_equals_permutation_test_of_scipy():
 )
 def test_false_positives_do_not_exceed_error_rate(distribution):
     random, repetitions = np.random.default_rng(1), 2000
-    ours, theirs = (distribution(random, (repetitions, 5 * LOOKS)) for _ in range(2))
+    ours, theirs = (distribution(random, (repetitions, 5 * ANALYSES)) for _ in range(2))
     rate = 0.05
     above = [
-        first_above(*pair, rate / 2, LOOKS, relabelings=1000) > 0
+        first_above(*pair, rate / 2, ANALYSES, relabelings=1000) > 0
         for pair in ((ours, theirs), (theirs, ours))
     ]
     wrong = np.mean(above[0] | above[1])
@@ -111,9 +111,9 @@ def test_larger_shift_is_detected_with_fewer_seeds():
     needed = []
     for shift in (150, 300):  # 1.5 and 3 standard deviations
         ours = normal(random, (200, 30)) + shift
-        looks = first_above(ours, theirs, 0.025, LOOKS, relabelings=2000)
-        assert np.mean(looks > 0) > 0.97
-        needed.append(5 * looks.mean())
+        analyses = first_above(ours, theirs, 0.025, ANALYSES, relabelings=2000)
+        assert np.mean(analyses > 0) > 0.97
+        needed.append(5 * analyses.mean())
     assert needed[0] < 14
     assert needed[1] < 7.5
 
@@ -123,19 +123,21 @@ def test_cells_that_differ_by_margin_are_rarely_equal(difference):
     random, repetitions = np.random.default_rng(3), 500
     # The spread is small enough compared with the margin that equality can be found.
     ours, theirs = (random.normal(500, 25, (repetitions, 30)) for _ in range(2))
-    looks = first_look("equal", ours + difference, theirs, 50, 0.05, LOOKS, relabelings=1000)
-    assert np.mean(looks > 0) < 0.025 + 3 * np.sqrt(0.025 / repetitions)
-    same = first_look("equal", ours, theirs, 50, 0.05, LOOKS, relabelings=1000)
+    analyses = deciding_analysis(
+        "equal", ours + difference, theirs, 50, 0.05, ANALYSES, relabelings=1000
+    )
+    assert np.mean(analyses > 0) < 0.025 + 3 * np.sqrt(0.025 / repetitions)
+    same = deciding_analysis("equal", ours, theirs, 50, 0.05, ANALYSES, relabelings=1000)
     assert np.mean(same > 0) > 0.9
 
 
 def test_result_is_independent_of_seed_order_in_block():
     random = np.random.default_rng(4)
     ours, theirs = normal(random, 30) + 60, normal(random, 30)
-    expected = compare(ours, theirs, 50, 0.05, LOOKS)
+    expected = compare(ours, theirs, 50, 0.05, ANALYSES)
     for _ in range(3):
         shuffled = [random.permuted(x.reshape(6, 5), axis=1).ravel() for x in (ours, theirs)]
-        compared = compare(*shuffled, 50, 0.05, LOOKS)
+        compared = compare(*shuffled, 50, 0.05, ANALYSES)
         assert compared.verdict == expected.verdict
         assert compared[1:] == pytest.approx(expected[1:])
 
@@ -145,7 +147,7 @@ def test_decision_agrees_with_interval_and_is_final():
     verdicts = set()
     for shift, spread in ((200, 100), (-200, 100), (0, 15), (20, 100), (30, 5)):
         ours, theirs = random.normal(shift, spread, 30), random.normal(0, spread, 30)
-        compared = compare(ours, theirs, 50, 0.05, LOOKS)
+        compared = compare(ours, theirs, 50, 0.05, ANALYSES)
         outside = compared.low > 0 or compared.high < 0
         within = compared.low > -50 and compared.high < 50
         assert (compared.verdict in ("larger", "smaller")) == outside
@@ -153,8 +155,8 @@ def test_decision_agrees_with_interval_and_is_final():
         assert compared.low < compared.difference < compared.high
         assert compared.spent == pytest.approx(0.05 * compared.seeds / 30)
         # Additional seeds change nothing; fewer seeds are undecided.
-        assert compare(ours[: compared.seeds], theirs, 50, 0.05, LOOKS) == compared
-        fewer = compare(ours[: compared.seeds - 1], theirs, 50, 0.05, LOOKS)
+        assert compare(ours[: compared.seeds], theirs, 50, 0.05, ANALYSES) == compared
+        fewer = compare(ours[: compared.seeds - 1], theirs, 50, 0.05, ANALYSES)
         assert fewer.verdict == "undecided"
         verdicts.add(compared.verdict)
     assert verdicts == {"larger", "smaller", "equal", "undecided"}
@@ -163,9 +165,9 @@ def test_decision_agrees_with_interval_and_is_final():
 def test_five_seeds_are_undecided_with_shared_error_rate():
     # The smallest p-value of 5 + 5 seeds is 1/252.
     ours, theirs = np.arange(10.0) + 1000, np.arange(10.0)
-    compared = compare(ours[:5], theirs[:5], 50, 0.05 / 16, LOOKS)
+    compared = compare(ours[:5], theirs[:5], 50, 0.05 / 16, ANALYSES)
     assert (compared.verdict, compared.seeds) == ("undecided", 5)
     assert (compared.low, compared.high) == (-np.inf, np.inf)
-    assert compare(ours, theirs, 50, 0.05 / 16, LOOKS).verdict == "larger"
-    assert interval(ours, theirs, 0.05 / 16, LOOKS)[0] > 900
-    assert compare(ours[:4], theirs, 50, 0.05, LOOKS)[:2] == ("undecided", 0)
+    assert compare(ours, theirs, 50, 0.05 / 16, ANALYSES).verdict == "larger"
+    assert interval(ours, theirs, 0.05 / 16, ANALYSES)[0] > 900
+    assert compare(ours[:4], theirs, 50, 0.05, ANALYSES)[:2] == ("undecided", 0)

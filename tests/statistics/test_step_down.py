@@ -8,7 +8,7 @@ from jbench.statistics.step_down import decide, step_down
 
 
 def stepping(needed, verdict="larger"):
-    """Returns tests that find a verdict at look 1 from the rate that a comparison needs."""
+    """Returns tests that find a verdict at analysis 1 from the rate that a comparison needs."""
 
     def reached(i, name, rate):
         return int(name == verdict and rate >= needed[i] - 1e-9)
@@ -52,12 +52,12 @@ def test_verdict_must_hold_at_all_larger_rates():
     assert step_down(reached, [0.025, 0.025], 1)[0] is None
 
 
-def test_later_look_decides_after_share_is_passed_on():
+def test_later_analysis_decides_after_share_is_passed_on():
     def reached(i, name, rate):
         return {0: 3, 1: 1 if rate > 0.026 else 0}[i] if name == "larger" else 0
 
     first, second = step_down(reached, [0.025, 0.025], 4)
-    assert (first.look, second.look) == (3, 3)
+    assert (first.analysis, second.analysis) == (3, 3)
     assert second.rate == pytest.approx(0.1 / 3)
 
 
@@ -77,12 +77,14 @@ def test_decisions_of_bonferroni_remain_and_others_are_added():
 
 def test_error_rate_of_correlated_comparisons():
     # Three of six comparisons with the same baseline have no difference; the others pass on.
-    random, repetitions, looks, m = np.random.default_rng(1), 400, 2, 6
+    random, repetitions, analyses, m = np.random.default_rng(1), 400, 2, 6
     theirs = np.tile(random.normal(0, 1, (repetitions, 10)), (m, 1, 1))
     shifts = np.array([4, 4, 4, 0, 0, 0])
     ours = random.normal(shifts[:, None, None], 1, theirs.shape)
     at = {
-        (name, parts): first_above(sign * ours, sign * theirs, 0.05 / parts, looks, relabelings=500)
+        (name, parts): first_above(
+            sign * ours, sign * theirs, 0.05 / parts, analyses, relabelings=500
+        )
         for parts in range(m + 1, 2 * m + 1)
         for name, sign in (("larger", 1), ("smaller", -1))
     }
@@ -92,7 +94,7 @@ def test_error_rate_of_correlated_comparisons():
         def reached(i, name, rate, r=r):
             return 0 if name == "equal" else int(at[name, round(0.1 / rate)][i, r])
 
-        steps = step_down(reached, [0.05 / m] * m, looks)
+        steps = step_down(reached, [0.05 / m] * m, analyses)
         wrong += any(stop is not None for stop in steps[3:])
         right += all(stop is not None for stop in steps[:3])
     assert wrong / repetitions <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / repetitions)

@@ -18,7 +18,7 @@ def append(record, *returns, first):
 def returns_of(follower):
     return [
         row["episode_return"]
-        for change in follower.look()
+        for change in follower.changes()
         for table, row in change.rows
         if table == "episodes"
     ]
@@ -28,7 +28,7 @@ def test_each_row_is_yielded_once_despite_compaction(results):
     run = add_whole_run(results, [1.0, 2.0], finish=False)
     follower = Follower(results, {})
     assert returns_of(follower) == [1, 2]
-    assert list(follower.look()) == []
+    assert list(follower.changes()) == []
     append(run, 3.0, first=2)
     append(run, 4.0, float("nan"), first=3)
     assert returns_of(follower) == [3, 4, None]
@@ -36,7 +36,7 @@ def test_each_row_is_yielded_once_despite_compaction(results):
     run.finish({"wall_time": 1.0})
     assert len(before) == 3
     assert len(listed(run)) == 1
-    (change,) = follower.look()
+    (change,) = follower.changes()
     assert (change.rows, change.is_new, change.status_changed) == ([], False, True)
     assert change.record.status == "finished"
 
@@ -47,7 +47,7 @@ def test_rows_committed_and_compacted_between_looks_are_yielded(results):
     assert returns_of(follower) == [1]
     append(run, 2.0, first=1)
     run.finish({"wall_time": 1.0})
-    (change,) = follower.look()
+    (change,) = follower.changes()
     assert [row["episode_return"] for _, row in change.rows] == [2]
     assert change.status_changed
 
@@ -58,7 +58,7 @@ def test_restarted_run_is_new_and_its_rows_are_yielded(results):
     assert returns_of(follower) == [1, 2]
     restart(run)
     append(run, 5.0, 6.0, first=0)
-    (change,) = follower.look()
+    (change,) = follower.changes()
     assert change.is_new
     assert [row["episode_return"] for _, row in change.rows] == [5, 6]
 
@@ -78,7 +78,7 @@ def test_damaged_run_is_reported_once_and_others_are_followed(results):
     truncate(damaged.path / listed(damaged)[0])
     other = add_whole_run(results, [2.0], finish=False, seed=1)
     follower = Follower(results, {})
-    sentence, change = follower.look()
+    sentence, change = follower.changes()
     assert damaged.id in sentence
     assert change.record.id == other.id
     append(other, 3.0, first=1)
@@ -90,5 +90,5 @@ def test_evaluation_is_yielded_after_episodes_that_precede_it(results):
     row = {"run": run.id, "evaluation": 0, "control_steps": 2000, "episode": 0}
     row |= {"episode_return": 9.0, "length": 1000, "wall_time": 1.0}
     run.append({"evaluations": pa.Table.from_pylist([row], schema.EVALUATIONS)})
-    (change,) = Follower(results, {}).look()
+    (change,) = Follower(results, {}).changes()
     assert [row["episode_return"] for _, row in change.rows] == [1, 2, 9, 3]

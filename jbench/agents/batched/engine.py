@@ -158,7 +158,7 @@ class BatchedEngine(Engine):
         actions: NDArray[np.float32] = self._run("act", inputs).float().numpy()
         return actions
 
-    def _learn(self) -> None:
+    def _after_rollout(self) -> None:
         self._update()
         for seed in self._not_finite(LOSS_SUMS):
             self._record_divergence(seed, divergent_loss(self.losses(seed)) or "losses")

@@ -15,7 +15,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, in_order, long_frame
 from jbench.report.data.curves import final_returns, moving_average
 from jbench.report.data.returns import EVALUATION, FILE
-from jbench.returns import FINAL_EPISODES
+from jbench.returns import AVERAGED_EPISODES
 from jbench.statistics import BoolArray, FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import Agents, difference
@@ -66,7 +66,7 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
     lengths = configuration.lengths_up_to(end)
     within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, configuration.returns, np.nan)
-    most = 1 if configuration.kind == EVALUATION else FINAL_EPISODES
+    most = 1 if configuration.kind == EVALUATION else AVERAGED_EPISODES
     last_points = final_returns(returns, configuration.control_steps, lengths, most)
     final, middles, deviations, episodes = last_points
     if configuration.kind == EVALUATION:

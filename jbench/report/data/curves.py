@@ -9,7 +9,7 @@ import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
 from jbench.names import EPISODE_STEPS, FULL, Order
-from jbench.returns import FINAL_EPISODES, final_episodes
+from jbench.returns import AVERAGED_EPISODES, averaged_episodes
 from jbench.statistics import FloatArray, IntArray
 
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
@@ -124,7 +124,7 @@ def quantiles_across_seeds(values: FloatArray) -> FloatArray:
 
 
 def final_returns(
-    returns: FloatArray, control_steps: FloatArray, lengths: IntArray, most: int = FINAL_EPISODES
+    returns: FloatArray, control_steps: FloatArray, lengths: IntArray, most: int = AVERAGED_EPISODES
 ) -> FloatArray:
     """Returns final returns, and the mean control step, deviation and number of points, (4, seeds).
 
@@ -133,7 +133,7 @@ def final_returns(
     Arguments are as for `learning_curve`.
     """
     rows = []
-    last = final_episodes(lengths, most)
+    last = averaged_episodes(lengths, most)
     for end, count, *points in zip(lengths, last, returns, control_steps, strict=True):
         achieved, steps = (values[end - count : end] for values in points)
         finite = achieved[np.isfinite(achieved)]

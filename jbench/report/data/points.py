@@ -57,9 +57,11 @@ def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
     else:
         rows[POINT] = rows[POINT].astype(float).where(np.isfinite(rows[POINT].astype(float)))
         grouped = rows.groupby(["run", number], observed=True)
-        each = grouped["episode_return"]  # ignores NaN
+        returns = grouped["episode_return"]  # ignores NaN
         points = grouped[["control_steps", "processor_time"]].max()
-        points = points.assign(returns=each.mean(), deviations=each.std(), counts=each.count())
+        points = points.assign(
+            returns=returns.mean(), deviations=returns.std(), counts=returns.count()
+        )
         points = points.reset_index()
     order, numbers = points[number].to_numpy(), points[FIELDS].to_numpy(float)
     numbers[~np.isfinite(numbers)] = np.nan

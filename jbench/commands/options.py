@@ -8,7 +8,7 @@ from functools import partial
 from glob import escape, glob
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -24,23 +24,20 @@ from jbench.settings.base import typed_default
 _Verb = Callable[..., None]
 
 
-def with_settings(kind: type, *chosen: str, main: Sequence[str] = ()) -> Callable[[_Verb], _Verb]:
-    """Returns a decorator that gives a command an option for each of some fields of a class.
+def with_settings(
+    kind: type[BaseModel], *chosen: str, main: Sequence[str] = ()
+) -> Callable[[_Verb], _Verb]:
+    """Returns a decorator that gives a command an option for each of some fields of a model.
 
     The command takes their values as keyword arguments by the names of the fields. These have type,
     description, default and unit. Parameters that are not `main` ones, those of the command
     included, are listed as "Advanced" by the help, unless `main` is empty.
     """
-    if issubclass(kind, BaseModel):
-        fields = kind.model_fields
-    else:
-        hints, read = get_type_hints(kind, include_extras=True), FieldInfo.from_annotated_attribute
-        fields = {name: read(hint, getattr(kind, name, ...)) for name, hint in hints.items()}
 
     def decorate(command: _Verb) -> _Verb:
         signature = inspect.signature(command, eval_str=True)
         *typed, _ = signature.parameters.values()  # the last one takes the chosen fields
-        parameters = [*typed, *(_parameter(name, fields[name]) for name in chosen)]
+        parameters = [*typed, *(_parameter(name, kind.model_fields[name]) for name in chosen)]
         for i, parameter in enumerate(parameters):
             if main and parameter.name not in main:
                 option = copy(parameter.default)

@@ -1,7 +1,6 @@
 """The report command."""
 
 import contextlib
-import dataclasses
 import shlex
 import signal
 import sys
@@ -20,6 +19,7 @@ from jbench.commands import options, output, parsing
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.opengl import has_display
 from jbench.report.request import Request
+from jbench.settings.base import validated
 from jbench.wording import repair_hint
 
 if TYPE_CHECKING:
@@ -83,7 +83,9 @@ def report(
         other = "--json" if json else "--curves"
         raise RequestError(f"--watch and {other} exclude each other; type one of them.")
     typed = [word for word in sys.argv[1:] if word not in ("--json", "--watch")]
-    request = Request(
+    request = validated(
+        Request,
+        "the report",
         task=task and (task if curves else parsing.known_or_held("task", task, read)),
         algo=algo and (algo if curves else parsing.known_or_held("algo", algo, read)),
         formats=tuple(dict.fromkeys(format_)),
@@ -117,7 +119,7 @@ def report(
             write(request)
             opened = opened or open_page(out / "index.html")
     output.say("No longer watching; writing the last report with all its files.")
-    write(dataclasses.replace(request, watched=False))
+    write(request.model_copy(update={"watched": False}))
 
 
 def _report(database: "Results", out: Path, request: Request) -> None:

@@ -12,6 +12,7 @@ from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.report.request import Request
+from jbench.settings.base import validated
 from jbench.wording import are, counted, duration, progress_text, repair_hint
 
 if TYPE_CHECKING:
@@ -200,7 +201,9 @@ def leaderboard(
     # A directory may be typed twice, also by two paths.
     read = list({database.path.resolve(): database for database in named}.values())
     databases = {str(database.name): database for database in read}
-    request = Request(
+    request = validated(
+        Request,
+        "the leaderboard",
         task=task and parsing.known_or_held("task", task, read),
         algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
         **chosen,

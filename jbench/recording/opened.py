@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jbench.names import RETURNS, Order, ReturnsName, known
+from jbench.names import Order, ReturnsName
 from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, Part, long_frame, with_returns
 from jbench.report.data.curves import QUANTILES, Curve
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
+from jbench.settings.base import validated
 from jbench.settings.recorded import Run, flatten, parse_run
 from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
@@ -113,10 +114,9 @@ class OpenedResults:
             names the settings that differ from the defaults, as the legends of a report do; each
             setting that differs between the curves has a column of its own, such as learning_rate.
         """
-        known("kind of returns", returns, RETURNS)
-        source = self._rows(
-            Request(task=task, algo=algo, returns=returns, window=window, order=order)
-        )
+        typed = {"returns": returns, "window": window, "order": order}
+        request = validated(Request, "the curves", task=task, algo=algo, **typed)
+        source = self._rows(request)
         chosen = with_returns(source.configurations, returns)
         drawn = chosen if per_seed else sorted(chosen, key=_key)
         parts = [part for c in drawn for part in _points(c, c.curve(order, window), per_seed)]

@@ -1,14 +1,14 @@
 """Request for a report."""
 
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import FIGURE_FORMATS, ORDERS, RETURNS, Order, ReturnsName, known
+from jbench.names import FIGURE_FORMATS, Order, ReturnsName, known
+from jbench.settings.base import Settings
 
 WINDOW = 100  # episodes in a moving average (paper, Figures 8 and 9)
 _EXCLUSIVE = (
@@ -26,8 +26,7 @@ def setting(typed: str) -> tuple[str, str]:
     return by_heading.get(name, name), value
 
 
-@dataclass(frozen=True)
-class Request:
+class Request(Settings):
     """Contents of a report.
 
     Attributes:
@@ -37,55 +36,48 @@ class Request:
             have no files of their own.
         command: the command line, which is written into the page.
 
-    A RequestError if a field is invalid.
+    `validated` raises a RequestError if a field is invalid.
     """
 
     task: str | None = None
     algo: str | None = None
-    since: Annotated[
-        str | None,
-        Field(description="only runs that began at this date or later, in UTC, such as 2026-11-21"),
-    ] = None
-    returns: Annotated[
-        ReturnsName,
-        Field(
-            description="returns that figures and statistics show first: evaluation (deterministic "
-            "policy) or training (exploration included)"
-        ),
-    ] = "evaluation"
-    order: Annotated[
-        Order,
-        Field(
-            description="order of smoothing: quantile-first (as Figure 9) or smooth-first (as "
-            "Figure 8)"
-        ),
-    ] = "quantile-first"
-    window: Annotated[
-        int, Field(description="number of episodes in a moving average; fewer for short runs")
-    ] = WINDOW
-    claims: Annotated[bool, Field(description="add verdicts on the paper's claims")] = False
-    each_seed: Annotated[bool, Field(description="draw every seed as a thin line as well")] = False
+    since: str | None = Field(
+        default=None,
+        description="only runs that began at this date or later, in UTC, such as 2026-11-21",
+    )
+    returns: ReturnsName = Field(
+        default="evaluation",
+        description="returns that figures and statistics show first: evaluation (deterministic "
+        "policy) or training (exploration included)",
+    )
+    order: Order = Field(
+        default="quantile-first",
+        description="order of smoothing: quantile-first (as Figure 9) or smooth-first (as "
+        "Figure 8)",
+    )
+    window: int = Field(
+        default=WINDOW, description="number of episodes in a moving average; fewer for short runs"
+    )
+    claims: bool = Field(default=False, description="add verdicts on the paper's claims")
+    each_seed: bool = Field(default=False, description="draw every seed as a thin line as well")
     formats: tuple[str, ...] = ("png", "svg")
-    columns: Annotated[
-        int | None,
-        Field(description="draw figures for 1 or 2 columns of a paper (default: for a screen)"),
-    ] = None
-    reference: Annotated[bool, Field(description="add the runs shipped with jbench")] = False
-    baseline: Annotated[
-        str | None,
-        Field(
-            description="draw the imported curves of this algorithm dotted, as published curves are"
-        ),
-    ] = None
+    columns: int | None = Field(
+        default=None,
+        description="draw figures for 1 or 2 columns of a paper (default: for a screen)",
+    )
+    reference: bool = Field(default=False, description="add the runs shipped with jbench")
+    baseline: str | None = Field(
+        default=None,
+        description="draw the imported curves of this algorithm dotted, as published curves are",
+    )
     compare: tuple[str, str] | None = None
     curves: Path | None = None
     watched: bool = False
     command: str = "jbench report"
 
-    def __post_init__(self) -> None:
-        known("order", self.order, ORDERS)
-        known("kind of return", self.returns, RETURNS)
-        if not isinstance(self.window, int) or self.window < 1:
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        if self.window < 1:
             raise RequestError(f"A window of {self.window} episodes is invalid; type 1 or more.")
         if self.columns not in (None, 1, 2):
             raise RequestError(f"--columns {self.columns}: type 1 or 2.")
@@ -104,6 +96,7 @@ class Request:
                 "as engine=sb3 engine=batched."
             )
         self.begun_since()
+        return self
 
     @property
     def names_compared(self) -> set[str]:

@@ -11,6 +11,7 @@ from jbench.errors import RequestError
 from jbench.report.data import sources
 from jbench.report.frames import Frames
 from jbench.report.request import Request
+from jbench.settings.base import validated
 from jbench.store import Results
 from tests.store.store_rows import alter_manifest
 
@@ -108,7 +109,7 @@ class TestCompare:
     )
     def test_invalid_comparison_is_refused(self, both, compare, printed):
         with pytest.raises(RequestError, match=printed):
-            Frames(both, Request(compare=compare))
+            Frames(both, validated(Request, "the report", compare=compare))
 
     @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all names are Unicode")
     def test_directory_whose_name_is_not_unicode_is_compared(self, fabric, tmp_path):

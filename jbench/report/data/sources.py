@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +66,7 @@ def own(results: Results, request: Request, name: str = OWN, *, strict: bool = T
 
 def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
     """Returns the imported curves of the requested task and algorithm; they have no date."""
-    request = replace(request, since=None)
+    request = request.model_copy(update={"since": None})
     tables, problems = query.load(results, ("imports", "import_points"))
     imports, points = (tables[n].to_pandas(use_threads=False) for n in ("imports", "import_points"))
     runs, notes, unusable = as_runs(_filtered(imports, request, strict=False)[0], points)
@@ -90,7 +90,7 @@ def from_file(request: Request, path: Path) -> Source:
 
 def reference(request: Request, results: Results) -> Source:
     """Returns the runs shipped with jbench, which form separate configurations."""
-    request = replace(request, since=None)  # which selects runs of the user only
+    request = request.model_copy(update={"since": None})  # which selects runs of the user only
     source = _source(_load(results), request, REFERENCE, strict=False)
     if not source.configurations:
         source.notes += ["This version of jbench ships no reference runs for this report."]

@@ -62,8 +62,9 @@ def run_details(
     paths: pd.DataFrame,
     leading: ReturnsName,
 ) -> dict[str, Any]:
-    """Returns what the script shows of runs beside their rows: settings by number, curves, paths.
+    """Returns what the script shows of runs beside their rows: curves, paths and settings.
 
+    Settings and the control steps of curves are numbers of those that the runs share.
     Curves of the leading kind of return come first, unless they have less than five points.
     """
     sizes = run_curves.groupby(["source", "run", "returns"])["steps"].transform("size")
@@ -76,12 +77,13 @@ def run_details(
     groups = every.groupby(["source", "run", "name"], sort=False)
     most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, groups.ngroups)))
     curves: dict[Any, list[list[Any]]] = {}
+    steps: dict[tuple[int, ...], int] = {}
     for (source, run, name), points in groups[["steps", "value"]]:
         at = np.linspace(0, len(points) - 1, min(len(points), most)).round().astype(int)
         shown = points.to_numpy(float)[at]
         values = [json.loads(f"{value:.3g}") for value in shown[:, 1]]
-        curve = [str(name), shown[:, 0].round().astype(int).tolist(), values]
-        curves.setdefault((source, run), []).append(curve)
+        number = steps.setdefault(tuple(shown[:, 0].round().astype(int).tolist()), len(steps))
+        curves.setdefault((source, run), []).append([str(name), number, values])
     ways = {key: list(_paths(rows)) for key, rows in paths.groupby(["source", "run"], sort=False)}
     settings: dict[tuple[str, str], int] = {}
     details = []
@@ -91,7 +93,7 @@ def run_details(
         numbers = [settings.setdefault(pair, len(settings)) for pair in texts]
         detail = {"diverged": row["diverged"], "settings": numbers}
         details.append(detail | {"curves": curves.get(key, []), "paths": ways.get(key, [])})
-    return {"settings": list(settings), "runs": details}
+    return {"settings": list(settings), "steps": list(steps), "runs": details}
 
 
 def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:

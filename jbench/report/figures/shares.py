@@ -14,6 +14,7 @@ from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, by_task
 from jbench.report.frames import Frames
 from jbench.report.policies import FULL_SPEED
+from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _PROFILES = 6  # lines that can be told apart
 _SHARES = colors.LinearSegmentedColormap.from_list("share", ["#e08214", "#f3f1ee", "#4d8fc4"])
@@ -43,7 +44,9 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
     names = list(dict.fromkeys(rows["a_label"]))
     share = rows.pivot_table(index="a_label", columns="b_label", values="p")
     share = share.reindex(index=names, columns=names)
-    axes.pcolormesh(share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, edgecolors="none")
+    axes.pcolormesh(
+        share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, edgecolors="none", clip_on=False
+    )
     size = mpl.rcParams["font.size"] * min(0.9, 10.5 / len(names))  # "100" fits into a cell
     for row in rows.to_dict("records"):
         at = names.index(row["b_label"]) + 0.5, names.index(row["a_label"]) + 0.5
@@ -60,9 +63,10 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
 
 
 def profiles(frames: Frames) -> Chart:
-    """Returns the share of runs above each return, of tasks with few enough configurations."""
-    lines = frames.profiles.groupby("task")["label"].transform("nunique")
-    rows = frames.profiles[(lines > 1) & (lines <= _PROFILES)]
+    """Returns the share of runs above each return, for few configurations of enough seeds."""
+    rows = frames.profiles[frames.profiles["seeds"] >= DECIDING_SEEDS]
+    lines = rows.groupby("task")["label"].transform("nunique")
+    rows = rows[(lines > 1) & (lines <= _PROFILES)]
     looks = style.looks(rows, "label")
     every = frames.profiles[frames.profiles["task"] != ALL_TASKS]
 
@@ -77,7 +81,7 @@ def profiles(frames: Frames) -> Chart:
         axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
         axes.set_xlim(left=float(rows["final_return"].min()))
 
-    note = "share of runs with a higher final return, up to six configurations; 95% bands"
+    note = f"share of runs with a higher final return; {DECIDING_SEEDS} seeds or more; 95% bands"
     panels = by_task(rows, draw, (5.2, 2.8))
     return Chart("profiles", "Performance profiles", note, panels, looks)
 

@@ -126,13 +126,13 @@ for (const table of all(".sortable")) {
 // A row of the runs opens the run.
 const data = document.getElementById("runs-data");
 if (data) {
-  const { runs, settings } = JSON.parse(data.textContent), dialog = document.getElementById("run");
+  const { runs, settings, steps } = JSON.parse(data.textContent), dialog = document.getElementById("run");
   const other = dialog.querySelector("label select");
   const rows = all("tr[data-run]"), runName = (i) => rows[i].lastElementChild.textContent;
   runs.forEach((run, i) => other.add(new Option(runName(i), i)));
   const polyline = (points) => `M${points.map((point) => point.join(" ")).join("L")}`;
-  const drawCurve = (svg, [name, steps, values]) => {
-    const usual = name.endsWith(" return") ? [0, 1000] : [], last = steps.at(-1) || 1;
+  const drawCurve = (svg, [name, number, values]) => {
+    const at = steps[number], usual = name.endsWith(" return") ? [0, 1000] : [], last = at.at(-1) || 1;
     const top = Math.max(...usual, ...values), bottom = Math.min(...usual, ...values, top - 1e-6 * Math.abs(top) - 1e-12);
     svg.replaceChildren();
     const x = (step) => 40 + (310 * step) / last, y = (value) => 195 - (185 * (value - bottom)) / (top - bottom);
@@ -141,7 +141,7 @@ if (data) {
       make("text", { x: 34, y: y(level) + 4, "text-anchor": "end" }, svg).textContent = +level.toPrecision(3);
     }
     make("text", { x: 350, y: 214, "text-anchor": "end" }, svg).textContent = `${last.toLocaleString("en")} steps`;
-    make("path", { class: "mark", d: polyline(steps.map((step, i) => [x(step), y(values[i])])) }, svg);
+    make("path", { class: "mark", d: polyline(at.map((step, i) => [x(step), y(values[i])])) }, svg);
   };
   const drawPaths = (svg, paths) => {
     const read = ({ points }) => points.flatMap((_, i) => (i % 2 ? [] : [[points[i] / 1e4, points[i + 1] / 1e4]]));

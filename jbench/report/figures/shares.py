@@ -28,7 +28,8 @@ def pairs(frames: Frames) -> Chart:
     others = frames.pairs.groupby(["task", "a"])["b"].transform("nunique")
     rows = frames.pairs[others > 1]
     rows = rows[rows["b"].isin(rows["a"])]
-    rows = rows.assign(title=rows["task"] + rows["steps"].map(": {:,} control steps".format))
+    lengths = zip(rows["task"], rows["steps"], strict=True)
+    rows = rows.assign(title=[f"{task}: {steps:,} control steps" for task, steps in lengths])
     rows = rows[rows.groupby("title")["a"].transform("nunique") > 2]
     note = (
         "percentage of pairs of runs in which the row's reaches the higher final return than the "

@@ -46,7 +46,7 @@ def simulate(
         ours, theirs = random.normal(0, spread, (2, AT_A_TIME, arguments.max_seeds))
         tested = names[:2] if np.isinf(margin) else names
         first = [
-            sequential.deciding_analysis(
+            sequential.decided_at(
                 name,
                 ours + shift,
                 theirs,
@@ -85,9 +85,7 @@ def simulate_family(
         rate = 2 * sequential.ERROR_RATE / parts
         for name in ("larger", "smaller"):
             first = [
-                sequential.deciding_analysis(
-                    name, one, theirs, 0, rate, analyses, relabelings=relabelings
-                )
+                sequential.decided_at(name, one, theirs, 0, rate, analyses, relabelings=relabelings)
                 for one in ours
             ]
             at[name, parts] = np.stack(first)

@@ -72,4 +72,4 @@ def with_results(command: str, results: Path) -> str:
 def repair_hint(results: Path) -> str:
     """Returns the sentence on the commands for damaged records."""
     verify, repair = (with_results(f"jbench {verb}", results) for verb in ("verify", "repair"))
-    return f"`{verify}` lists the damage, `{repair}` sets it aside."
+    return f"`{verify}` lists the problems, `{repair}` sets aside what is damaged."

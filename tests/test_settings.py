@@ -93,6 +93,10 @@ def test_variants_are_labeled_by_what_differs(variants):
 def test_truncated_labels_are_unique():
     many = {c: dict.fromkeys("pqrst", c) for c in "ab"}
     assert variant_labels(many)["a"] == "p=a, q=a, r=a, s=a, … (a)"
+    changed = {c: with_changes("td3", changes={"tau": tau}) for c, tau in (("a", 0.1), ("b", 0.2))}
+    shown = {**changed, "c": with_changes("td3", "script", {"gamma": 0.5, "batch_size": 7})}
+    assert "batch_size=7, gamma=0.5, " in variant_labels(shown)["c"]
+    assert variant_labels({c: {"algo": c, **dict.fromkeys("qrstu")} for c in "ab"})
     long = {c: {"x": "-" * 50 + c + "-" * 50} for c in "ab"}
     assert len(set(variant_labels(long).values())) == 2
 

@@ -75,7 +75,9 @@ def _reevaluate_all(database: "Results") -> list["Repeated"]:
     outcomes = []
     with output.progress("reevaluate", len(records), "runs") as progress:
         for done, record in enumerate(records, 1):
-            with contextlib.suppress(WorkError):  # it is reported as damaged
+            with contextlib.suppress(
+                WorkError
+            ):  # its files or its encoder's are reported as damaged
                 outcomes.append(reevaluate(database, record))
                 if outcomes[-1].verdict == "different" and (changed := changes_since(record)):
                     reason = f"{outcomes[-1].reason} Since then, {describe_changes(changed)}."

@@ -105,7 +105,7 @@ def warn_of_damage(problems: Sequence[str], advice: str = "") -> None:
         warn(problem)
     if problems:
         count = f"{counted(len(problems), 'record')} {are(len(problems))}"
-        raise WorkError(f"{count} damaged and left out; see above. {advice}".rstrip())
+        raise WorkError(f"{count} left out; see above. {advice}".rstrip())
 
 
 def document(content: dict[str, Any]) -> None:

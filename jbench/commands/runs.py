@@ -118,7 +118,7 @@ def tail(
         return
     if problems:
         count = f"{counted(problems, 'run')} {are(problems)}"
-        raise WorkError(f"{count} damaged and left out; see above.")
+        raise WorkError(f"{count} left out; see above.")
     if is_empty:
         output.say(f"No such runs in {results}.")
 
@@ -197,6 +197,8 @@ def leaderboard(
     from jbench.report.tables import leaderboard_table
     from jbench.store.query import records
 
+    if directories and results != Path(names.RESULTS):
+        raise RequestError("--results and DIR exclude each other; type the directories alone.")
     named = [parsing.results_to_read(directory) for directory in directories or [results]]
     # A directory may be typed twice, also by two paths.
     read = list({database.path.resolve(): database for database in named}.values())

@@ -67,15 +67,15 @@ def train(
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.request import request_runs, training_device
-    from jbench.training.status import failures_among, run_statuses
+    from jbench.training.status import failures_among, run_statuses, with_kept_interval
 
     if task == "all" or "," in task:
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
     database = parsing.results_to_write(results)
     algo = algo.lower() if algo.lower() in ALGORITHMS else algo
     chosen["engine"] = choose_engine(algo, chosen["engine"])
-    every = chosen["evaluate_every"] or names.evaluation_interval(chosen["steps"])
-    chosen["evaluate_every"] = every
+    typed_interval = chosen["evaluate_every"]
+    chosen["evaluate_every"] = typed_interval or names.evaluation_interval(chosen["steps"])
     train_on = training_device(chosen["engine"], device, chosen["precision"])
     at_once = jobs or default_jobs(train_on)
     runs = request_runs(
@@ -89,6 +89,7 @@ def train(
         overrides=parsing.parse_overrides(set_),
         **chosen,
     )
+    runs = runs if typed_interval else with_kept_interval(runs, database)
     training.check_runs(runs[:1], keep_state)
     cells = [Cell(task, algo, runs[0].representation, runs, default_base(task, settings))]
     title = counted(len(runs), "run")

@@ -20,7 +20,7 @@ from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.events import Event
-from jbench.training.status import State, check_state_can_be_kept
+from jbench.training.status import State, check_state_can_be_kept, new_beginnings, run_status
 from jbench.wording import counted, duration
 
 
@@ -104,8 +104,8 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
         try:
             record = results.find("run", run.id)
             if record is not None:
-                read = partial(line_with_returns, record, added.get(run.id, ()))
-                line = record.reading(read)
+                more = added.get(run.id, ())
+                line = record.reading(partial(line_with_returns, record, more))
                 status = "" if line["status"] == "finished" else f" ({line['status']})"
                 finals = line["last_return"], line["evaluation_return"]
                 means = ("" if mean is None else f"{mean:.0f}" for mean in finals)
@@ -156,6 +156,10 @@ def show_status(
         header += ["time left", "estimated from"]
         for line, row in zip(texts, rows, strict=True):
             line += [time(row["seconds_left"]) if row["steps_left"] else "", row["estimate"]]
+        runs = (run for cell in cells for run in cell.runs)
+        missing = [run for run in runs if run_status(run, results).state == "missing"]
+        for sentence in new_beginnings(missing, results):
+            output.say(sentence)
     output.table(title, header, texts)
     if times and any(status.steps_left for status in statuses):
         failed = ", the failed runs included" if any(status.failed for status in statuses) else ""

@@ -93,7 +93,9 @@ class EncoderSettings(Settings):
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
         problem = _wrong_size(self.kind, self.task, self.latents)
         if problem is not None:
-            raise ValueError(f"{problem}, not {self.latents}")
+            possible = latent_sizes(self.kind, self.task)
+            hint = f", not {self.latents}" if possible else "; choose dae, pca or forward"
+            raise ValueError(problem + hint)
         return self
 
     @property

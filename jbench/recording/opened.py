@@ -74,8 +74,9 @@ class OpenedResults:
         Returns:
             A row for each run: run, task, algo, representation, encoder, variant, source, seed,
             steps, status, evaluation_return and training_return (final returns as in `jbench
-            report`; NaN if there is none), and a column for each other setting, such as
-            learning_rate. Settings that an algorithm does not have are missing values.
+            report`; NaN if there is none, or a longer run of the seed counts there), and a column
+            for each other setting, such as learning_rate. Settings that an algorithm does not have
+            are missing values.
         """
         source = self._rows(Request(task=task, algo=algo))
         seeds = seed_frame(source.configurations)

@@ -76,7 +76,7 @@ class Frames:
         sequences = [pair for pair in drawn if pair[0].robots > 1]
         theirs = published[published["figure"] == SEQUENCE]
         self.sequences = configurations.sequence_frame(sequences, theirs)
-        self.claims, untested = _claims(trained, source, request)
+        self.claims, untested = _claims(trained, source, request, results)
         self.runs = run_frame(source, returns)
         self.provenance = provenance_frame(self.runs)
         by_hand = policies.hand_written_returns(source.tables)
@@ -152,12 +152,12 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, P
 
 
 def _claims(
-    trained: Sequence[Configuration], source: Source, request: Request
+    trained: Sequence[Configuration], source: Source, request: Request, results: Results | None
 ) -> tuple[pd.DataFrame, list[str]]:
-    if not request.claims:
+    if results is None or not request.claims:
         return claim_frame([]), []
     ours = [row for kind in KINDS for row in examine(with_returns(trained, kind))]
-    by_hand, notes = policies.findings(source.tables, request.task)
+    by_hand, notes = policies.findings(source.tables, request.task, results.name)
     papers = published_findings(request.task, request.algo)
     # Two sides are compared without their policies.
     return claim_frame([*ours, *by_hand, *papers]), [] if request.compare else notes

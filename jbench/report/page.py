@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.markers import MarkerStyle
 
 from jbench.names import MEANINGS, kind_in
-from jbench.paper.citation import CITATION
+from jbench.paper import CITATION
 from jbench.report import style
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.data.configuration import OWN

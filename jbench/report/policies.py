@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from jbench.report.analysis.claims import Row, examine_solving
 from jbench.report.data.configuration import Part, in_order, long_frame
 from jbench.statistics import FloatArray
 from jbench.store import Record, Results
+from jbench.wording import with_results
 
 MOTOR = ("task", "policy", "label", "median", "velocity", "density")
 POSITIONS = ("task", "policy", "label", "median", "x", "y", "share", "target_yaw", "reach")
@@ -29,15 +31,18 @@ def baseline_frame(tasks: set[str]) -> pd.DataFrame:
     return rows[rows["task"].isin(tasks)].reset_index(drop=True)
 
 
-def findings(tables: Mapping[str, pd.DataFrame], task: str | None) -> tuple[list[Row], list[str]]:
-    """Returns findings on claim (h), and a note on tasks whose policy was not evaluated."""
+def findings(
+    tables: Mapping[str, pd.DataFrame], task: str | None, results: Path
+) -> tuple[list[Row], list[str]]:
+    """Returns findings on claim (h), and what to type for tasks whose policy was not evaluated."""
     returns = hand_written_returns(tables)
     tasks = in_order(returns if task is None else {task} & returns.keys())
     rows = [examine_solving("h", name, returns[name]) for name in tasks]
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
-    note = "Claim (h) is not tested on {}: type `jbench evaluate {} --task {}`."
-    notes = [note.format(", ".join(missing), HEURISTIC, missing[0])] if missing else []
-    return rows, notes
+    if not missing:
+        return rows, []
+    command = with_results(f"jbench evaluate {HEURISTIC} --task {missing[0]}", results)
+    return rows, [f"Claim (h) is not tested on {', '.join(missing)}: type `{command}`."]
 
 
 def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatArray]:

@@ -1,5 +1,6 @@
 """Request for a report."""
 
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
@@ -24,6 +25,11 @@ def setting(typed: str) -> tuple[str, str]:
         return "representation", "full" if value == "none" else value
     by_heading = {"algorithm": "algo", "observation": "representation"}
     return by_heading.get(name, name), value
+
+
+def settings_typed(side: str) -> list[str]:
+    """Returns the settings of a side of a comparison; a comma in brackets separates none."""
+    return [part.strip() for part in re.split(r",(?![^\[]*\])", side)]
 
 
 class Request(Settings):
@@ -105,7 +111,7 @@ class Request(Settings):
             setting(part)[0]
             for side in self.compare or ()
             if not Path(side).is_dir()
-            for part in side.split(",")
+            for part in settings_typed(side)
         }
 
     def begun_since(self) -> datetime | None:

@@ -100,11 +100,15 @@ def _labels(
     rows = sorted(flat.items(), key=lambda row: ([_rank(row[1].get(p)) for p in differing], row[0]))
     labels = {}
     for variant, values in rows:
-        texts = [form(names[path], values.get(path, ...)) for path in differing[:_NAMED_SETTINGS]]
-        labels[variant] = ", ".join(filter(None, texts))
+        texts = {path: form(names[path], values.get(path, ...)) for path in differing}
+        algo = values.get(("algo",))
+        usual = _bases(algo)["published"] if algo in SETTINGS else {}
+        unusual = sorted(filter(texts.get, differing), key=lambda p: values.get(p) == usual.get(p))
+        shown = {*unusual[:_NAMED_SETTINGS]}
+        labels[variant] = ", ".join(texts[path] for path in differing if path in shown)
     # Labels must stay distinct, even if settings are left out or values are cut short.
     if len(differing) > _NAMED_SETTINGS or len(set(labels.values())) < len(labels):
-        labels = {variant: f"{label}, … ({variant})" for variant, label in labels.items()}
+        labels = {v: ", ".join(filter(None, (label, f"… ({v})"))) for v, label in labels.items()}
     return labels
 
 

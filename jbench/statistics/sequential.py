@@ -39,7 +39,7 @@ _BISECTIONS = 16  # per end of an interval: precision of 1e-4 of the range of th
 Verdict = Literal["larger", "smaller", "equal", "undecided"]
 
 
-def deciding_analysis(
+def decided_at(
     verdict: Verdict,
     ours: FloatArray,
     theirs: FloatArray,
@@ -123,8 +123,7 @@ def interval(
 ) -> tuple[float, float]:
     """Returns the repeated confidence interval of ours minus theirs at the last analysis.
 
-    It contains the shifts that no analysis up to this one rejects; for the arguments see
-    `deciding_analysis`.
+    It contains the shifts that no analysis up to this one rejects; see `decided_at` for arguments.
     """
     low = _lowest(ours, theirs, error_rate / 2, analyses)
     return low, -_lowest(theirs, ours, error_rate / 2, analyses)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jbench.statistics import FloatArray
-from jbench.statistics.sequential import BLOCK, ERROR_RATE, Verdict, deciding_analysis, interval
+from jbench.statistics.sequential import BLOCK, ERROR_RATE, Verdict, decided_at, interval
 
 
 class Decision(NamedTuple):
@@ -71,9 +71,8 @@ def step_down(reached: Reached, shares: Sequence[float], analyses: int) -> list[
         names: tuple[Verdict, ...] = ("larger", "smaller", "equal")
         at = {name: reached(i, name, 2 * total / parts) for name in names}
         fewest = math.ceil(total / shares[i] + 1 - 1e-6)  # parts, if all others have a direction
-        for name in sorted(
-            (name for name in names if 0 < at[name] <= analysis), key=at.__getitem__
-        ):
+        decided = [name for name in names if 0 < at[name] <= analysis]
+        for name in sorted(decided, key=at.__getitem__):
             larger = (reached(i, name, 2 * total / n) for n in range(fewest, parts))
             if all(0 < reached_at <= analysis for reached_at in larger):
                 return name
@@ -118,14 +117,13 @@ def decide(
 
     @cache
     def reached(i: int, verdict: Verdict, rate: float) -> int:
-        return int(complete[i] and deciding_analysis(verdict, *cut[i], margin, rate, analyses[i]))
+        return int(complete[i] and decided_at(verdict, *cut[i], margin, rate, analyses[i]))
 
     stops = step_down(reached, shares, max(analyses, default=0))
     decisions = []
     for i, parts in enumerate(_parts(stops, shares)):
-        verdict, analysis, rate = stops[i] or Stop(
-            "undecided", complete[i], 2 * sum(shares) / parts
-        )
+        never = Stop("undecided", complete[i], 2 * sum(shares) / parts)
+        verdict, analysis, rate = stops[i] or never
         seeds = analysis * BLOCK
         ours, theirs = (side[:seeds] for side in cut[i])
         low, high = interval(ours, theirs, rate, analyses[i]) if analysis else (-np.inf, np.inf)

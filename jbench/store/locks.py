@@ -5,7 +5,6 @@ They are those of `portalocker`: advisory `flock` on Linux and macOS, locked byt
 
 import contextlib
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from jbench.errors import WorkError
 from jbench.store import files
 
 LOCK = "lock"  # name of the lock file
-_PATIENCE = 0.05  # seconds; `is_held` of another process holds a lock for an instant
 
 
 class HeldError(WorkError):
@@ -32,25 +30,22 @@ def hold(
     whose: str,
     kind: LockFlags = LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING,
     access: int = os.O_RDWR | os.O_CREAT,
-    patience: float = _PATIENCE,
 ) -> Iterator[None]:
-    """Holds a lock of a directory during the block; by default exclusive.
+    """Holds a lock of a directory during the block; by default exclusive, without waiting.
 
-    Raises a HeldError if another process holds it for so many seconds, a WorkError if the file
-    can't be opened or locked.
+    Raises a HeldError if another process holds it, a WorkError if the file can't be opened or
+    locked.
     """
     path = directory / LOCK
     try:
         handle = os.open(path, access | files.PLAIN, 0o644)
     except OSError as error:
         raise WorkError(f"{path} can't be opened ({error.strerror}).") from None
-    deadline = time.monotonic() + patience
     try:
         try:
-            while not _try_lock(handle, kind):
-                if time.monotonic() >= deadline:
-                    raise HeldError(whose)
-                time.sleep(_PATIENCE / 10)
+            portalocker.lock(handle, kind)
+        except portalocker.AlreadyLocked:
+            raise HeldError(whose) from None
         except portalocker.LockException as error:
             # portalocker wraps the error of the system.
             reason = getattr(error.__cause__, "strerror", None) or error
@@ -58,15 +53,6 @@ def hold(
         yield
     finally:
         files.close(handle)
-
-
-def _try_lock(handle: int, kind: LockFlags) -> bool:
-    """Locks a file; returns whether it could, that is, no other process has locked it."""
-    try:
-        portalocker.lock(handle, kind)
-    except portalocker.AlreadyLocked:
-        return False
-    return True
 
 
 def share(directory: Path) -> contextlib.AbstractContextManager[None]:
@@ -83,7 +69,7 @@ def is_held(directory: Path, shared: bool = False) -> bool:
     """
     access, kind = (os.O_RDWR, LockFlags.EXCLUSIVE) if shared else (os.O_RDONLY, LockFlags.SHARED)
     try:
-        with hold(directory, "", kind | LockFlags.NON_BLOCKING, access, patience=0):
+        with hold(directory, "", kind | LockFlags.NON_BLOCKING, access):
             return False
     except WorkError as error:
         return isinstance(error, HeldError)

@@ -97,7 +97,8 @@ def describe_changes(changed: Mapping[str, Sequence[object]]) -> str:
 def shell_command(recorded: Mapping[str, Any]) -> str:
     """Returns the recorded command as it is typed in a shell."""
     program, *arguments = map(str, recorded.get("command") or ["jbench"])
-    return shlex.join(["jbench" if program == "__main__.py" else program, *arguments])
+    program = "jbench" if program == "__main__.py" else program
+    return shlex.join([*["python"] * program.endswith(".py"), program, *arguments])
 
 
 @cache

@@ -14,13 +14,7 @@ from jbench.agents.algorithms import algorithm_fields
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
 from jbench.devices import find_device
-from jbench.encoders.registry import (
-    EncoderSettings,
-    encoder_settings,
-    kind_names,
-    make_kind,
-    named_encoder,
-)
+from jbench.encoders.registry import EncoderSettings, kind_names, make_kind, named_encoder
 from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
@@ -37,6 +31,7 @@ from jbench.store.manifest import Kind
 from jbench.sweeps.matrix import Matrix, named
 from jbench.training.events import Event, Report
 from jbench.training.request import make_runs, read_representation, requested_ofe
+from jbench.training.status import with_kept_interval
 
 
 class Cell(NamedTuple):
@@ -113,6 +108,8 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
         fields["encoder_draws"] = encoder.draws if drawn else None
     ids = {seed: encoder.id for seed, encoder in encoders.items()} if drawn else None
     runs = make_runs(matrix.seeds, ids, **fields)
+    if not matrix.model_dump()["evaluation"]["every"]:
+        runs = with_kept_interval(runs, results)
     base = default_base(task, matrix.settings)
     return Cell(task, algo, name, runs, base, tuple(encoders.values()), dataset)
 
@@ -123,8 +120,8 @@ def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> 
     assert wanted is not None
     options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
     seed = 0 if matrix.encoder.seed == "each" else matrix.encoder.seed
-    about = {"task": task, "latents": wanted.latents, "dataset": dataset.id, "seed": seed}
-    return encoder_settings(wanted.kind, options, **about)
+    full = make_kind(wanted.kind, options).model_dump(mode="json")
+    return wanted.model_copy(update={"options": full, "dataset": dataset.id, "seed": seed})
 
 
 def missing_encoders(

@@ -55,10 +55,10 @@ def cell_statuses(
     """
     estimates, all_statuses = _measured(results, device), []
     for cell in cells:
-        processes = min(jobs, len(cell.runs))  # that share the seeds
         statuses = [run_status(run, results) for run in cell.runs]
         states = [status.state for status in statuses]
         left = sum(status.steps_left for status in statuses)
+        processes = min(jobs, max(1, len(cell.runs) - states.count("finished")))
         exactly, about = (alike(cell.runs[0], free) for free in (SEED, COST))
         if left and quick and not {exactly, about} & estimates.keys():
             estimates[about] = _quick_measurement(cell.runs, device)
@@ -77,10 +77,13 @@ def cell_statuses(
 
 
 def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
-    """Returns the seconds left if no process is ever idle; None if unknown."""
+    """Returns the seconds left if no process is idle before the last cell; None if unknown."""
     if any(status.seconds_left is None for status in statuses):
         return None
-    return sum((s.seconds_left or 0.0) * min(jobs, len(s.cell.runs)) for s in statuses) / jobs
+    times = [status.seconds_left or 0.0 for status in statuses]
+    left = (len(status.cell.runs) - status.finished for status in statuses)
+    total = sum(time * min(jobs, runs) for time, runs in zip(times, left, strict=True))
+    return max(total / jobs, *times, 0.0)
 
 
 def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:

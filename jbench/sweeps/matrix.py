@@ -53,10 +53,17 @@ _Evaluation = _keys(RunSettings, *(name for name in TYPED if name.startswith(_EV
 _Dataset = _keys(DatasetSettings, "steps", "seed")
 
 
+def _seed(value: Any) -> Any:
+    if value != "each" and (not isinstance(value, int) or value < 0):
+        raise ValueError('it should be a whole number, 0 or more, or "each"')
+    return value
+
+
 class EncoderPart(Settings):
     """The table [encoder]: how missing encoders are trained."""
 
-    seed: Seed | Literal["each"] = 0  # of all encoders, or each: the seed of the agent
+    # Of all encoders, or each: the seed of the agent.
+    seed: Annotated[Seed | Literal["each"], BeforeValidator(_seed)] = 0
     options: dict[str, dict[str, Any]] = Field(default_factory=dict)  # by kind
 
 

@@ -114,10 +114,7 @@ def evaluate_policies(
         augment = settings.robot_seed(settings.robot_at(control_steps))
     if settings.engine == "sb3":
         block, generators = 1, [np.random.default_rng(*seeds)]
-        act_on_rows, act = (
-            act,
-            lambda rows: act_on_rows(rows[0])[None],
-        )  # it may round by their shape
+        act_alone, act = act, lambda rows: act_alone(rows[0])[None]  # it may round by shape
         with task.worlds(1) as worlds:
             for _ in range(1 + number * settings.evaluate_episodes):
                 worlds.reset(generators)

@@ -18,7 +18,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
-from jbench.wording import are, counted
+from jbench.wording import are, counted, repair_hint
 
 State = Literal["finished", "unfinished", "failed", "missing"]
 
@@ -36,7 +36,7 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
     try:
         record = results.find("run", run.id)
     except WorkError as error:
-        return RunStatus("failed", run.steps, str(error))
+        return RunStatus("failed", run.steps, f"{error} {repair_hint(results.name)}")
     if record is None:
         kept = kept_runs(run, results)
         return RunStatus("missing", run.steps - (kept[0].settings["steps"] if kept else 0))
@@ -106,6 +106,17 @@ def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]
         and other.model_copy(update=same) == run
     ]
     return sorted(shorter, key=lambda record: -record.settings["steps"])
+
+
+def with_kept_interval(runs: list[RunSettings], results: Results) -> list[RunSettings]:
+    """Returns new runs with the evaluation interval of the finished run that they can continue."""
+    if any(run_status(run, results).state != "missing" for run in runs):
+        return runs
+    kept = (r for run in runs for r in shorter_runs(run, results, "evaluate_every") if r.roles())
+    if (continued := next(kept, None)) is None:
+        return runs
+    every = continued.settings["evaluate_every"]
+    return [run.model_copy(update={"evaluate_every": every}) for run in runs]
 
 
 def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[str]:

@@ -80,7 +80,7 @@ def test_unreadable_dataset_is_reported_and_others_listed(results, run_command):
     code, out, err = run_command("datasets", results=results)
     assert (code, "2 datasets in" in out) == (1, True)
     assert re.search("Warning: .*can't be 'many'", err)
-    assert "Error: 1 record is damaged and left out; see above." in err
+    assert "Error: 1 record is left out; see above." in err
 
 
 def test_export_defaults_to_newest_plain_dataset(results, tmp_path, document):

@@ -82,8 +82,8 @@ def test_unreadable_run_is_reported_and_others_listed(results, run_command):
     assert code == 1
     assert "2 runs" in out
     assert err.startswith(f"Warning: {run.path}/manifest.json is not a manifest")
-    assert "Error: 1 record is damaged and left out; see above. `jbench verify" in err
-    assert err.endswith(f"`jbench repair --results {results.path}` sets it aside.\n")
+    assert "Error: 1 record is left out; see above. `jbench verify" in err
+    assert err.endswith(f"`jbench repair --results {results.path}` sets aside what is damaged.\n")
 
 
 def test_damage_is_reported_by_run_and_repaired(results, run_command, document):

@@ -81,6 +81,13 @@ class TestCompare:
         (one,) = Frames(both, Request(compare=(typed, other))).comparisons.to_dict("records")
         assert (one["a"], one["b"], one["difference"]) == (typed, other, -1)
 
+    def test_list_is_a_setting_although_it_has_commas(self, fabric):
+        for layers in ([8, 8], []):
+            fabric.run(FLAT + len(layers), hyperparameters={"hidden_layers": layers})
+        compare = ("hidden_layers=[8,8], algo=td3", "algo=td3,hidden_layers=[]")
+        (one,) = Frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
+        assert (one["a"], one["difference"]) == (compare[0], 2)
+
     @pytest.mark.parametrize(
         ("recorded", "shown"),
         [("dae12", "dae12"), ("planar12", "planar"), ("planar12", "planar12")],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.statistics.sequential import deciding_analysis, first_above, interval
+from jbench.statistics.sequential import decided_at, first_above, interval
 from jbench.statistics.step_down import decide
 
 ANALYSES = 6  # at 5, 10 ... 30 seeds
@@ -123,11 +123,9 @@ def test_cells_that_differ_by_margin_are_rarely_equal(difference):
     random, repetitions = np.random.default_rng(3), 500
     # The spread is small enough compared with the margin that equality can be found.
     ours, theirs = (random.normal(500, 25, (repetitions, 30)) for _ in range(2))
-    analyses = deciding_analysis(
-        "equal", ours + difference, theirs, 50, 0.05, ANALYSES, relabelings=1000
-    )
+    analyses = decided_at("equal", ours + difference, theirs, 50, 0.05, ANALYSES, relabelings=1000)
     assert np.mean(analyses > 0) < 0.025 + 3 * np.sqrt(0.025 / repetitions)
-    same = deciding_analysis("equal", ours, theirs, 50, 0.05, ANALYSES, relabelings=1000)
+    same = decided_at("equal", ours, theirs, 50, 0.05, ANALYSES, relabelings=1000)
     assert np.mean(same > 0) > 0.9
 
 

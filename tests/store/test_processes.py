@@ -1,19 +1,16 @@
 """Tests of killed and concurrent writers: exactly the committed rows are read."""
 
-import os
 import random
 import signal
 import subprocess
 import sys
-import threading
 import time
 
-import portalocker
 import pyarrow as pa
 import pytest
 
 from jbench.errors import WorkError
-from jbench.store import Results, locks
+from jbench.store import Results
 from tests.store.store_faults import Script
 from tests.store.store_rows import listed, names, read
 
@@ -101,17 +98,6 @@ def test_lock_is_exclusive_and_released_when_its_holder_is_killed(results):
         process.kill()
     with record.lock(), pytest.raises(WorkError, match="Another process"):
         record.lock().__enter__()
-
-
-def test_writer_waits_while_another_process_looks_whether_it_writes(results):
-    record = results.record("run", "a/b")
-    with record.lock():
-        pass
-    handle = os.open(record.path / locks.LOCK, os.O_RDONLY)
-    portalocker.lock(handle, portalocker.LockFlags.SHARED)
-    threading.Timer(0.01, os.close, [handle]).start()
-    with record.lock():
-        assert locks.is_held(record.path)
 
 
 def test_process_that_exits_after_reading_exits_with_zero(tmp_path):

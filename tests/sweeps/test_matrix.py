@@ -233,6 +233,7 @@ DIGITS = "9" * 5000  # more than Python reads as a number
         ("[hyperparameters.td3]\ntau = 2", "tau of td3 can't be 2"),
         ("[hyperparameters.ddpg]\ntau = 0.1", "is for ddpg, which is not among the algos"),
         ("[encoder.options.dae]\nepoch = 2", "dae has no option epoch; did you mean epochs?"),
+        ("[encoder]\nseed = 'all'", 'it should be a whole number, 0 or more, or "each"'),
         ("[dataset]\nsteps = 1500", "must be a multiple, such as 2000"),
         (f"tasks = {'[' * 10_000}", "is not TOML"),
     ],

@@ -71,10 +71,10 @@ def test_time_left_is_estimated_from_finished_runs(results, cell):
     # 20,000 steps remain: 40 s of a core, on two cores.
     assert (line.seconds_left, line.estimate) == (pytest.approx(20.0), "measured runs")
     assert seconds_left([line], 2) == pytest.approx(20.0)
-    # Four seeds occupy at most four processes.
+    # Two seeds are left, which occupy at most two processes.
     (line,) = cell_statuses([cell], results, jobs=8, quick=False)
-    assert line.seconds_left == pytest.approx(10.0)
-    assert seconds_left([line], 8) == pytest.approx(5.0)
+    assert line.seconds_left == pytest.approx(20.0)
+    assert seconds_left([line], 8) == pytest.approx(20.0)
 
 
 def test_runs_of_other_robots_and_machines_give_no_estimate(results, cell):

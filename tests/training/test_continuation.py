@@ -11,7 +11,12 @@ from jbench.policies.saved import WEIGHTS
 from jbench.store import Results, merge
 from jbench.store.verify import verify
 from jbench.training.batched_run import run_batch
-from jbench.training.status import check_state_can_be_kept, new_beginnings, run_status
+from jbench.training.status import (
+    check_state_can_be_kept,
+    new_beginnings,
+    run_status,
+    with_kept_interval,
+)
 from tests.training.small_runs import paths, rows, train_batch
 from tests.training.test_checkpoints import find_file
 from tests.training.test_resume import settings
@@ -179,6 +184,16 @@ def test_kept_state_with_other_evaluations_is_named_with_the_option_to_type(tmp_
         "1 run trains from the beginning, not from the end of a finished run of 100 control steps: "
         f"evaluations have another distance; type --evaluate-every {run.evaluate_every}."
     ]
+
+
+def test_longer_run_takes_the_distance_of_evaluations_that_its_user_did_not_type(tmp_path):
+    (short,) = lengths("td3", SHORT, evaluate_every=100)
+    longer = lengths("td3", LONG, evaluate_every=200)
+    train(tmp_path, [short])
+    (run,) = with_kept_interval(longer, Results(tmp_path))
+    assert (run.evaluate_every, run.id) == (100, lengths("td3", LONG, evaluate_every=100)[0].id)
+    train(tmp_path, longer)  # it exists now, so that the same command means it
+    assert with_kept_interval(longer, Results(tmp_path)) == longer
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,7 @@ import pandas as pd
 from jbench.names import EPISODE_STEPS, FULL, TASKS, Order, ReturnsName, kind_in
 from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.points import FIELDS, Points
-from jbench.report.data.returns import (
-    FILE,
-    TRAINING,
-    display_name,
-    has_solved_return,
-    shown_representation,
-)
+from jbench.report.data.returns import FILE, TRAINING, display_name, shown_representation
 from jbench.report.request import WINDOW
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.recorded import comparable
@@ -82,7 +76,7 @@ class Configuration:
         self.diverged = runs["diverged"].notna().to_numpy()
         self.finished = (runs["status"] == "finished").to_numpy()
         self.draws, self.settings = runs["encoder"].nunique(), first["typed"]
-        self.has_solved_return = has_solved_return([self.task], [source])
+        self.has_solved_return = self.task in TASKS and source != FILE
         self.lengths = self.lengths_up_to(np.inf)
         planned = runs["steps"].fillna(0).to_numpy(np.int64)
         ends = self.control_steps[np.arange(len(runs)), self.lengths - 1]

@@ -57,11 +57,9 @@ def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
     else:
         rows[POINT] = rows[POINT].astype(float).where(np.isfinite(rows[POINT].astype(float)))
         grouped = rows.groupby(["run", number], observed=True)
-        returns = grouped["episode_return"]  # ignores NaN
+        group = grouped["episode_return"]  # ignores NaN
         points = grouped[["control_steps", "processor_time"]].max()
-        points = points.assign(
-            returns=returns.mean(), deviations=returns.std(), counts=returns.count()
-        )
+        points = points.assign(returns=group.mean(), deviations=group.std(), counts=group.count())
         points = points.reset_index()
     order, numbers = points[number].to_numpy(), points[FIELDS].to_numpy(float)
     numbers[~np.isfinite(numbers)] = np.nan

@@ -15,7 +15,7 @@ from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
 from jbench.report.data.returns import FILE, shown_representation
-from jbench.report.request import Request, setting
+from jbench.report.request import Request, setting, settings_typed
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
@@ -155,7 +155,7 @@ def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
         values = {path: value_text(value) for path, value in flatten(run).items()}
         flat.append({(n, v) for path, v in values.items() for n in (path[-1], ".".join(path))})
     have = np.ones(len(flat), bool)
-    for part in map(str.strip, text.split(",")):
+    for part in settings_typed(text):
         name, value = setting(part)
         if not name or "=" not in part:
             raise RequestError(

@@ -94,8 +94,7 @@ class EncoderSettings(Settings):
         problem = _wrong_size(self.kind, self.task, self.latents)
         if problem is not None:
             possible = latent_sizes(self.kind, self.task)
-            hint = f", not {self.latents}" if possible else "; choose dae, pca or forward"
-            raise ValueError(problem + hint)
+            raise ValueError(f"{problem}, not {self.latents}" if possible else problem)
         return self
 
     @property
@@ -176,7 +175,7 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
     if problem is None:
         return EncoderSettings(kind=kind, task=task, dataset="any", latents=latents, options=scales)
     if not sizes:
-        raise RequestError(f"{problem}; choose dae, pca or forward.")
+        raise RequestError(f"{problem}.")
     size, more = ("", "") if len(sizes) == 1 else (str(min(12, sizes[-1])), ", for example")
     raise RequestError(f"{problem}; choose {'-'.join([kind + size, *scales.values()])}{more}.")
 
@@ -198,7 +197,7 @@ def _wrong_size(kind: str, task: str, latents: int) -> str | None:
     if latents in sizes:
         return None
     if not sizes:
-        return f"There is no {kind} encoder of {task}"
+        return f"There is no {kind} encoder of {task}; choose dae, pca or forward"
     if len(sizes) == 1:
         return f"{kind} of {task} has {sizes[0]} latents"
     return f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents"

@@ -17,9 +17,9 @@ import pytest
 import yaml
 from typer.main import get_command
 
+from jbench import paper
 from jbench.cli import app
 from jbench.datasets import Dataset
-from jbench.paper import citation
 from jbench.report import page
 from jbench.report.frames import Frames
 from jbench.store import Results
@@ -178,18 +178,18 @@ def test_query_of_encoders_page_prints_errors(output):
 
 def test_readme_and_report_cite_paper(demo_results):
     readme = " ".join((ROOT / "README.md").read_text().split())
-    authors = (name.rpartition(" ") for name in citation.AUTHORS)
+    authors = (name.rpartition(" ") for name in paper.AUTHORS)
     assert f"{{{' and '.join(f'{family}, {given}' for given, _, family in authors)}}}" in readme
-    for text in (citation.TITLE, citation.VENUE, citation.YEAR):
+    for text in (paper.TITLE, paper.VENUE, paper.YEAR):
         assert f"= {{{text}}}," in readme
     found = Frames(demo_results)
-    assert citation.CITATION in html.unescape(page.render(found, []))
+    assert paper.CITATION in html.unescape(page.render(found, []))
 
 
 def test_citation_file_cites_paper():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     for work in cited["references"]:
         names = [f"{author['given-names']} {author['family-names']}" for author in work["authors"]]
-        assert tuple(names) == citation.AUTHORS
-        assert (work["title"], work["year"]) == (citation.TITLE, citation.YEAR)
-        assert work["collection-title"] == citation.VENUE
+        assert tuple(names) == paper.AUTHORS
+        assert (work["title"], work["year"]) == (paper.TITLE, paper.YEAR)
+        assert work["collection-title"] == paper.VENUE

@@ -109,13 +109,13 @@ def test_curves_by_representation_are_the_medians_of_evaluations(fabric):
     assert words == {"random", "hand-written", "solved"}
 
 
-def test_long_curves_are_drawn_with_120_points_of_each():
+def test_long_curves_are_drawn_with_100_points_of_each():
     names = pd.DataFrame({"configuration": ["b", "a"], "returns": "training"})
     rows = drawn_points(names.merge(pd.DataFrame({"steps": range(5000)}), how="cross"))
     assert rows["configuration"].unique().tolist() == ["b", "a"]
     for _, curve in rows.groupby("configuration"):
         assert curve["steps"].is_monotonic_increasing
-        assert 90 < len(curve) <= 120
+        assert 75 < len(curve) <= 100
         assert (curve["steps"].min(), curve["steps"].max()) == (0, 4999)
 
 
@@ -146,9 +146,9 @@ def test_the_forest_has_each_seed_and_the_policies(fabric):
     assert sorted(dots[0].get_offsets()[:, 0]) == [500, 510, 520]
 
 
-def test_three_configurations_have_a_panel_of_variability_and_such_tasks_come_first(fabric):
-    add_runs(fabric, "full", "dae12", task="move_from_origin")
-    add_runs(fabric, "full", "dae12", "pca12")
+def test_three_configurations_of_six_seeds_have_a_panel_of_variability_and_come_first(fabric):
+    add_runs(fabric, "full", "dae12", "pca12", task="move_from_origin")
+    add_runs(fabric, "full", "dae12", "pca12", seeds=6)
     titles = [panel.title for panel in chart_of(fabric, "returns").panels]
     assert titles == [
         "face_direction: final return",

@@ -196,9 +196,7 @@ def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.Da
     matches = (runs[[*wanted]] == pd.Series(wanted, dtype=object)).all(axis=1)
     if strict and len(runs) and not matches.any():
         algos = runs.groupby("task")["algo"].unique()
-        existing = "; ".join(
-            f"{task} with {', '.join(sorted(names))}" for task, names in algos.items()
-        )
+        existing = "; ".join(f"{task} with {', '.join(sorted(a))}" for task, a in algos.items())
         asked = " and ".join(f"{name} {value!r}" for name, value in wanted.items())
         raise NothingYetError(f"There are no runs of {asked}; there are runs of {existing}.")
     return runs[matches], notes

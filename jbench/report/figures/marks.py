@@ -14,7 +14,7 @@ from jbench.report import style
 from jbench.report.data.returns import FILE, SOLVED, has_solved_return, whole
 from jbench.report.style import Look, Looks
 
-MOST_POINTS = 120  # of a curve that are drawn; a panel of a page is about 300 pixels wide
+MOST_POINTS = 100  # of a curve that are drawn; a panel of a page is about 300 pixels wide
 ROW = 0.25  # height of a row in inches
 _ROOM = 0.09  # of the height of a panel, between words beside it
 _TIPS = 16  # points of a curve that have a tip, if it has too many for markers

@@ -13,11 +13,12 @@ from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
 from jbench.report.style import Look, Looks
+from jbench.statistics.bootstrap import DECIDING_SEEDS
 
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
 _MOST = 21  # comparisons of methods in a figure: of seven on a task
-_ENOUGH = 3  # rows of R² or s that have a panel; fewer are only in the tables
+_ENOUGH = 3  # rows of R², or of s from enough seeds, that have a panel; fewer are in tables
 
 
 def forest(frames: Frames) -> Chart | None:
@@ -31,8 +32,9 @@ def forest(frames: Frames) -> Chart | None:
     seeds = frames.lead(frames.seeds)
     by = "kind" if rows["kind"].nunique() > 1 else "algo"
     looks = style.looks(rows, by)
-    count = rows.groupby("task")["s"].transform("count")
-    rows = rows.assign(look=rows[by], beside=count >= _ENOUGH)
+    known = rows["s"].notna() & (rows["seeds"] >= DECIDING_SEEDS)
+    enough = known.groupby(rows["task"]).transform("sum") >= _ENOUGH
+    rows = rows.assign(look=rows[by], beside=enough)
     rows = rows.sort_values("beside", ascending=False, kind="stable")  # so that panels are pairs
     panels = []
     for task, group in rows.groupby("task", sort=False):

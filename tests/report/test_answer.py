@@ -376,6 +376,16 @@ def test_published_figure_9():
     assert reached in text_of("answer")
 
 
+def test_what_ddpg_learns_on_the_three_other_tasks():
+    runs = jbench.open("reference").runs(algo="ddpg")
+    assert {*runs.loc[~runs["task"].isin(TASKS), "representation"]} == {"full"}
+    for task, returns in runs[~runs["task"].isin(TASKS)].groupby("task")["evaluation_return"]:
+        assert len(returns) == 3
+        assert f"{returns.min():.0f} to {returns.max():.0f} on `{task}`" in text_of("answer")
+    random = dict(shipped().baselines.query("policy == 'random'")[["task", "median"]].to_numpy())
+    assert f"(random actions: {random['move_from_origin']:.0f})" in text_of("answer")
+
+
 def test_what_ppo_learns():
     results = jbench.open("reference")
     cells = results.runs(algo="ppo").sort_values("seed").groupby(["task", "n_steps"])

@@ -32,8 +32,8 @@ def forest(frames: Frames) -> Chart | None:
     seeds = frames.lead(frames.seeds)
     by = "kind" if rows["kind"].nunique() > 1 else "algo"
     looks = style.looks(rows, by)
-    known = rows["s"].notna() & (rows["seeds"] >= DECIDING_SEEDS)
-    enough = known.groupby(rows["task"]).transform("sum") >= _ENOUGH
+    decides = rows["s"].notna() & (rows["seeds"] >= DECIDING_SEEDS)
+    enough = decides.groupby(rows["task"]).transform("sum") >= _ENOUGH
     rows = rows.assign(look=rows[by], beside=enough)
     rows = rows.sort_values("beside", ascending=False, kind="stable")  # so that panels are pairs
     panels = []

@@ -140,8 +140,7 @@ def kind_in(representation: str) -> str:
 MAX_SEED = 2**63 - 1  # the database stores seeds as signed 64-bit integers
 MAX_COUNT = 10**15  # the largest number of control steps that users may type
 
-MAX_SEEDS = 30
-"""Seeds of a configuration after which `--until-decided` stops, unless another limit is typed."""
+MAX_SEEDS = 30  # of a configuration with --until-decided, unless another number is typed
 
 CHECKPOINT_EVERY = 60.0
 """Minimum seconds between two checkpoints of a run; a kill loses at most this and one episode."""

@@ -205,9 +205,9 @@ def _draw_published(axes: Axes, published: pd.DataFrame, looks: Looks) -> None:
     for (name, source), curve in published.groupby(["series", "source"], sort=False):
         look = looks.get(str(name), entry)._replace(number=entry.number)
         called = " ".join(curve[["algo", "representation"]].iloc[0])
-        curve = curve.iloc[marks.thinned(len(curve), 60)]
+        curve = curve.iloc[marks.thinned(len(curve), 40)]
         at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
         axes.plot(at, median, linestyle=(0, style.PUBLISHED_DASH), **look.ink)
-        shown = marks.thinned(len(at), 8)
+        shown = marks.thinned(len(at), 6)
         tips = [f"{called}, {source}, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]
         marks.add_points(axes, at[shown], median[shown], tips, look, **marks.UNSEEN)

@@ -15,9 +15,9 @@ from jbench.report.data.returns import FILE, SOLVED, has_solved_return, whole
 from jbench.report.style import Look, Looks
 
 MOST_POINTS = 100  # of a curve that are drawn; a panel of a page is about 300 pixels wide
-ROW = 0.25  # height of a row in inches
+ROW = 0.24  # height of a row in inches
 _ROOM = 0.09  # of the height of a panel, between words beside it
-_TIPS = 16  # points of a curve that have a tip, if it has too many for markers
+_TIPS = 15  # points of a curve that have a tip, if it has too many for markers
 # A mark that only has a tip: its corners, since a circle would take 200 bytes.
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
 _LONGEST = 34  # characters of a name beside a panel

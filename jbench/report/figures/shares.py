@@ -65,7 +65,9 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
 
 def profiles(frames: Frames) -> Chart:
     """Returns the share of runs above each return, for few configurations of enough seeds."""
-    rows = frames.profiles[frames.profiles["seeds"] >= DECIDING_SEEDS]
+    tasks = frames.profiles.groupby("label")["task"].transform("nunique") - 1
+    enough = DECIDING_SEEDS * tasks.where(frames.profiles["task"] == ALL_TASKS, 1)
+    rows = frames.profiles[frames.profiles["seeds"] >= enough]
     lines = rows.groupby("task")["label"].transform("nunique")
     rows = rows[(lines > 1) & (lines <= _PROFILES)]
     looks = style.looks(rows, "label")

@@ -1,6 +1,5 @@
 """Commands that check results: verify, reproduce."""
 
-import contextlib
 import os
 from functools import partial
 from itertools import groupby
@@ -69,19 +68,19 @@ def verify(
 def _reevaluate_all(database: "Results") -> list["Repeated"]:
     """Repeats the last evaluation of every finished, intact run; prints those that aren't equal."""
     from jbench.store.provenance import describe_changes
-    from jbench.training.repeat import changes_since, reevaluate
+    from jbench.training.repeat import Repeated, changes_since, reevaluate
 
     records = [record for record in database.scan("run")[0] if record.status == "finished"]
     outcomes = []
     with output.progress("reevaluate", len(records), "runs") as progress:
         for done, record in enumerate(records, 1):
-            with contextlib.suppress(
-                WorkError
-            ):  # its files or its encoder's are reported as damaged
+            try:
                 outcomes.append(reevaluate(database, record))
-                if outcomes[-1].verdict == "different" and (changed := changes_since(record)):
-                    reason = f"{outcomes[-1].reason} Since then, {describe_changes(changed)}."
-                    outcomes[-1] = outcomes[-1]._replace(reason=reason)
+            except WorkError as error:
+                outcomes.append(Repeated(record.id, "not comparable", str(error)))
+            if outcomes[-1].verdict == "different" and (changed := changes_since(record)):
+                reason = f"{outcomes[-1].reason} Since then, {describe_changes(changed)}."
+                outcomes[-1] = outcomes[-1]._replace(reason=reason)
             progress(done)
     for outcome in outcomes:
         if outcome.verdict in ("different", "not comparable"):

@@ -189,8 +189,6 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
         kind = make_kind(description["kind"], description.get("options", {}))
         weights = {name: np.asarray(value, np.float32) for name, value in arrays}
         encoder = SavedEncoder(kind, weights, Scaling(*extremes), description["latents"])
-    except RequestError:
-        raise  # its package is missing here: the files may be intact
     except (SafetensorError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
     return encoder, description

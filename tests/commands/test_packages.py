@@ -219,11 +219,11 @@ def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
 def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, tmp_path):
     run = agent_run(NAME, package=None)
     request = {"path": str(tmp_path), "runs": [run.model_dump(mode="json")]}
-    request |= {"at": "random", "kills": 2}
+    request |= {"at": "random", "kills": 4}
     done = Process("tests.training.kills:main", request, short=True).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
-    assert (answer["kills"], answer["problems"]) == (2, [])
+    assert (answer["kills"], answer["problems"]) == (4, [])
     # Some kills were in the middle of the run.
     assert {steps for folder in answer["steps"] for (steps,) in folder} & set(range(50, 400, 50))
     whole = Results(tmp_path / "whole").find("run", run.id)

@@ -86,7 +86,7 @@ def test_damaged_run_is_reported_and_others_are_printed(results, tail):
     path.write_bytes(path.read_bytes()[:-1])
     code, out, err = tail()
     assert (code, "sac" in out, damaged.id in out, damaged.id in err) == (1, True, False, True)
-    assert "1 run is damaged" in err
+    assert "1 run is left out" in err
 
 
 def test_missing_library_is_reported_before_training(tmp_path, refused, monkeypatch):

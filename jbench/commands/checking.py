@@ -66,7 +66,7 @@ def verify(
 
 
 def _reevaluate_all(database: "Results") -> list["Repeated"]:
-    """Repeats the last evaluation of every finished, intact run; prints those that aren't equal."""
+    """Repeats the last evaluation of every finished run; prints those that aren't equal."""
     from jbench.store.provenance import describe_changes
     from jbench.training.repeat import Repeated, changes_since, reevaluate
 

@@ -156,8 +156,8 @@ def show_status(
         header += ["time left", "estimated from"]
         for line, row in zip(texts, rows, strict=True):
             line += [time(row["seconds_left"]) if row["steps_left"] else "", row["estimate"]]
-        runs = (run for cell in cells for run in cell.runs)
-        missing = [run for run in runs if run_status(run, results).state == "missing"]
+        every = all_runs(cells)
+        missing = [run for run in every if run_status(run, results).state == "missing"]
         for sentence in new_beginnings(missing, results):
             output.say(sentence)
     output.table(title, header, texts)

@@ -27,7 +27,7 @@ from jbench.store.shipped import shipped_results
 from jbench.wording import repair_hint, with_results
 
 Pairs = list[list[scores.Pair]]
-_DEFAULT = Request()
+DEFAULT = Request()  # a report of all runs
 
 
 class Frames:
@@ -37,7 +37,7 @@ class Frames:
     Notes are sentences for the reader; problems are those on unreadable records.
     """
 
-    def __init__(self, results: Results | None, request: Request = _DEFAULT) -> None:
+    def __init__(self, results: Results | None, request: Request = DEFAULT) -> None:
         """Reads the results; a NothingYetError without runs, a WorkError if none can be read."""
         source, compared = _read(results, request)
         every = source.configurations

@@ -15,7 +15,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbench.report.frames import Frames
+from jbench.report.frames import DEFAULT, Frames
 from jbench.report.request import Request
 from jbench.report.table import to_csv, to_latex, to_markdown
 from jbench.report.tables import tables
@@ -23,13 +23,12 @@ from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
 
 LISTING = "report.json"
-_DEFAULT = Request()
 _NAME = re.compile(r"((figures|tables)/)?[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _MAX_LISTING = 1 << 22  # bytes
 
 
 def write_report(
-    results: Results | None, out: Path, request: Request = _DEFAULT
+    results: Results | None, out: Path, request: Request = DEFAULT
 ) -> tuple[Frames, list[Path]]:
     """Aggregates all runs over their seeds and writes a page, figures and tables to a directory.
 

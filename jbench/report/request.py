@@ -41,8 +41,6 @@ class Request(Settings):
         watched: whether the report is rewritten regularly: its page reloads itself, and figures
             have no files of their own.
         command: the command line, which is written into the page.
-
-    `validated` raises a RequestError if a field is invalid.
     """
 
     task: str | None = None

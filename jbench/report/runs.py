@@ -62,9 +62,8 @@ def run_details(
     paths: pd.DataFrame,
     leading: ReturnsName,
 ) -> dict[str, Any]:
-    """Returns what the script shows of runs beside their rows: curves, paths and settings.
+    """Returns what the script shows of runs beside their rows: settings and steps by number.
 
-    Settings and the control steps of curves are numbers of those that the runs share.
     Curves of the leading kind of return come first, unless they have less than five points.
     """
     sizes = run_curves.groupby(["source", "run", "returns"])["steps"].transform("size")

@@ -119,8 +119,8 @@ def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> 
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
     assert wanted is not None
     options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
-    seed = 0 if matrix.encoder.seed == "each" else matrix.encoder.seed
     full = make_kind(wanted.kind, options).model_dump(mode="json")
+    seed = 0 if matrix.encoder.seed == "each" else matrix.encoder.seed
     return wanted.model_copy(update={"options": full, "dataset": dataset.id, "seed": seed})
 
 

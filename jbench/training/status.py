@@ -86,11 +86,11 @@ def failures_among(statuses: Mapping[str, RunStatus]) -> dict[str, str]:
     return {id: status.error for id, status in statuses.items() if status.state == "failed"}
 
 
-def kept_runs(run: RunSettings, results: Results) -> list[Record]:
-    """Returns the finished runs that a run can continue, the longest first."""
+def kept_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
+    """Returns the finished runs that a run can continue, as `shorter_runs` does."""
     if run.robots > 1:
         return []
-    return [record for record in shorter_runs(run, results) if record.roles()]
+    return [record for record in shorter_runs(run, results, *free) if record.roles()]
 
 
 def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
@@ -112,7 +112,7 @@ def with_kept_interval(runs: list[RunSettings], results: Results) -> list[RunSet
     """Returns new runs with the evaluation interval of the finished run that they can continue."""
     if any(run_status(run, results).state != "missing" for run in runs):
         return runs
-    kept = (r for run in runs for r in shorter_runs(run, results, "evaluate_every") if r.roles())
+    kept = (record for run in runs for record in kept_runs(run, results, "evaluate_every"))
     if (continued := next(kept, None)) is None:
         return runs
     every = continued.settings["evaluate_every"]

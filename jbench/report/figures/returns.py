@@ -32,9 +32,8 @@ def forest(frames: Frames) -> Chart | None:
     seeds = frames.lead(frames.seeds)
     by = "kind" if rows["kind"].nunique() > 1 else "algo"
     looks = style.looks(rows, by)
-    decides = rows["s"].notna() & (rows["seeds"] >= DECIDING_SEEDS)
-    enough = decides.groupby(rows["task"]).transform("sum") >= _ENOUGH
-    rows = rows.assign(look=rows[by], beside=enough)
+    many = rows["s"].notna() & (rows["seeds"] >= DECIDING_SEEDS)
+    rows = rows.assign(look=rows[by], beside=many.groupby(rows["task"]).transform("sum") >= _ENOUGH)
     rows = rows.sort_values("beside", ascending=False, kind="stable")  # so that panels are pairs
     panels = []
     for task, group in rows.groupby("task", sort=False):

@@ -24,13 +24,9 @@ _TARGET = "#d00000"
 
 def pairs(frames: Frames) -> Chart:
     """Returns the probability that a run of a configuration has a higher final return."""
-    # Those that are compared with one other only, such as of another length, say little.
-    others = frames.pairs.groupby(["task", "a"])["b"].transform("nunique")
-    rows = frames.pairs[others > 1]
-    rows = rows[rows["b"].isin(rows["a"])]
-    lengths = zip(rows["task"], rows["steps"], strict=True)
-    rows = rows.assign(title=[f"{task}: {steps:,} control steps" for task, steps in lengths])
-    rows = rows[rows.groupby("title")["a"].transform("nunique") > 2]
+    lengths = zip(frames.pairs["task"], frames.pairs["steps"], strict=True)
+    rows = frames.pairs.assign(title=[f"{task}: {n:,} control steps" for task, n in lengths])
+    rows = rows[rows.groupby("title")["a"].transform("nunique") > 2]  # two alone say little
     note = (
         "percentage of pairs of runs in which the row's reaches the higher final return than the "
         "column's; bold: decided, as in the verdicts or corrected for the number of pairs"
@@ -45,9 +41,7 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
     names = list(dict.fromkeys(rows["a_label"]))
     share = rows.pivot_table(index="a_label", columns="b_label", values="p")
     share = share.reindex(index=names, columns=names)
-    axes.pcolormesh(
-        share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, edgecolors="none", clip_on=False
-    )
+    axes.pcolormesh(share.to_numpy(), cmap=_SHARES, vmin=0, vmax=1, clip_on=False)
     size = mpl.rcParams["font.size"] * min(0.9, 10.5 / len(names))  # "100" fits into a cell
     for row in rows.to_dict("records"):
         at = names.index(row["b_label"]) + 0.5, names.index(row["a_label"]) + 0.5

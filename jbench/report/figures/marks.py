@@ -99,7 +99,8 @@ def set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
     axes.set_xscale(scale)
     if scale == "log":
         axes.set_xlim(left=float(positive.min()) * 0.95)
-        subs = (1, 2, 5) if not narrow(axes) or rows["steps"].max() < 10 * positive.min() else (1,)
+        widest = 10 if narrow(axes) else 200  # ratio of the ends that leaves room for 1, 2 and 5
+        subs = (1, 2, 5) if rows["steps"].max() < widest * positive.min() else (1,)
         axes.xaxis.set_major_locator(ticker.LogLocator(subs=subs, numticks=8))
         axes.xaxis.set_minor_locator(ticker.NullLocator())
     else:

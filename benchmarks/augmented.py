@@ -14,7 +14,7 @@ import numpy as np
 
 from jbench.errors import WorkError
 from jbench.names import PHYSICS_STEPS
-from jbench.tasks import model, robots
+from jbench.tasks.jitterbug import model, robots
 
 CONTROL_STEPS = 100  # of random torque: 1 s
 THREADS = 2

@@ -3,8 +3,8 @@
 The baseline is a bare loop of `mujoco.mj_step(model, data, nstep=50)` with random controls, on the
 same number of threads and the model of the XML. Each round measures, one after the other: the same
 loop with jbench's model, which states the pairs of parts that can touch; `jbench.datasets.collect`
-with all its work (features, targets, compression, writing to disk); `jbench.simulation.Robots` in a
-closed loop of observation, policy, step and reward; and a plain single-threaded dm_control loop.
+with all its work (features, targets, compression, writing to disk); `Robots` of jbench in a closed
+loop of observation, policy, step and reward; and a plain single-threaded dm_control loop.
 Each is compared with the baselines before and after it. A ratio is the median over the rounds
 [lowest, highest], so that other work on the machine affects single rounds only. The processor time
 per step shows the overhead on a busy machine.
@@ -33,10 +33,10 @@ from jbench.commands import output
 from jbench.datasets import collect
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.settings.records import DatasetSettings
-from jbench.simulation import Robots
 from jbench.store import Results
-from jbench.tasks import features, geometry, model, resets, rewards
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import features, geometry, model, resets, rewards
+from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.jitterbug.worlds import Robots
 
 TASK = "move_from_origin"
 BARE_EPISODES = 8  # on each thread, in one measurement

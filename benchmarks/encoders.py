@@ -36,7 +36,7 @@ from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.registry import make_kind
 from jbench.encoders.states import Shard
 from jbench.store import Results, schema
-from jbench.tasks.geometry import State
+from jbench.tasks.jitterbug.geometry import State
 
 SIZE, LATENTS, BATCH, NOISE = 16, 12, 8192, 0.1
 STATES = 1001

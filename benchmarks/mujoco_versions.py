@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import PHYSICS_STEPS
-from jbench.tasks import model
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import model
+from jbench.tasks.jitterbug.robots import load_model
 
 EPISODES = 6
 SHOWN = (1, 10, 40, 100)  # control steps

@@ -5,7 +5,7 @@
 Every generation draws its candidates around the best constants so far, lets all of them live the
 same fresh episodes, and moves to its better half. Prints the constants it ends with, and what they
 earn on the tuning's episodes and on held-out ones (seeds 0 to 99) as median [10th, 90th].
-`--candidates 0` only evaluates the constants as they are in `jbench.tasks.heuristics`.
+`--candidates 0` only evaluates the constants as they are in `jbench.tasks.jitterbug.heuristics`.
 
 The constants of three tasks came, rounded, from these searches. Their starting points:
 
@@ -37,9 +37,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS, TASKS
-from jbench.tasks import features, geometry, heuristics, model, resets, rewards
-from jbench.tasks.control_laws import Law
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import features, geometry, heuristics, model, resets, rewards
+from jbench.tasks.jitterbug.control_laws import Law
+from jbench.tasks.jitterbug.robots import load_model
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ def environment_id(task: str, augmented: bool = False) -> str:
     """
     if task not in TASKS:
         id = f"jbench/{task.replace(':', '-')}-v0"
-        _register(id, "jbench.simulation.suite_env:SuiteEnv", {"task": task})
+        _register(id, "jbench.tasks.dm_gym:SuiteEnv", {"task": task})
         return id
     domain = "AugmentedJitterbug" if augmented else "Jitterbug"
     return f"{domain}/{task.title().replace('_', '')}-v0"
@@ -31,7 +31,7 @@ def register_environments() -> None:
     for task in SUITE_TASKS:
         environment_id(task)
     # The return of a solved task is that of the paper's Figure 9.
-    more = {"vector_entry_point": "jbench.simulation.vector_env:JitterbugVectorEnv"}
+    more = {"vector_entry_point": "jbench.tasks.vector:JitterbugVectorEnv"}
     for task in TASKS:
         for augmented, robot in ((False, {}), (True, {"augment": 0})):
             id, kwargs = environment_id(task, augmented), {"task": task, **robot}

@@ -24,7 +24,7 @@ from jbench.report import page
 from jbench.report.frames import Frames
 from jbench.store import Results
 from jbench.sweeps.matrix import read_matrix
-from jbench.tasks import features
+from jbench.tasks.jitterbug import features
 from tests.documentation import PAGES, ROOT, Session, blocks_of
 
 BLOCKS = {page.name: blocks_of(page.name, page.read_text()) for page in PAGES}

@@ -113,12 +113,12 @@ import sys
 import gymnasium, jbench
 env = gymnasium.make("Jitterbug/FaceDirection-v0")
 print(env.reset(seed=0)[0].shape)
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug.robots import load_model
 print(load_model(3).nv)
 from jbench.store.provenance import provenance
 print("dm-control" in provenance()["packages"], "mujoco" in provenance()["packages"])
 try:
-    import jbench.tasks.jitterbug
+    import jbench.tasks.jitterbug.domain
 except ImportError as error:
     print(error)
 from jbench.cli import main

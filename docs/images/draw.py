@@ -15,8 +15,8 @@ def portrait() -> None:
     import mujoco
     from PIL import Image
 
-    from jbench.tasks import model
-    from jbench.tasks.robots import load_model
+    from jbench.tasks.jitterbug import model
+    from jbench.tasks.jitterbug.robots import load_model
 
     robot = load_model()
     robot.vis.global_.offwidth, robot.vis.global_.offheight = FINER * WIDTH, FINER * HEIGHT

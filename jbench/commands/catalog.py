@@ -57,7 +57,7 @@ def tasks(
     json: bool = options.JSON,
 ) -> None:
     """List the installed tasks with the sizes of observation and action."""
-    from jbench.simulation.find import checked_task, find_task, installed_tasks
+    from jbench.tasks.find import checked_task, find_task, installed_tasks
 
     columns = {"--task": "name", "observation": "observation_size", "actions": "action_size"}
     columns["control timestep (s)"] = "control_timestep"
@@ -95,7 +95,7 @@ def collect(
     """Collect a dataset of random actions, of the Jitterbug or another robot."""
     from jbench.datasets import collect as collect_dataset
     from jbench.settings.base import validated
-    from jbench.simulation.find import checked_task, dataset_robot, find_task
+    from jbench.tasks.find import checked_task, dataset_robot, find_task
 
     database = parsing.results_to_write(results)
     robot = {} if task is None else dataset_robot(find_task(task))

@@ -34,8 +34,8 @@ def evaluate(
     from jbench.policies.find import policy_code
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
-    from jbench.simulation import find_task
     from jbench.task_specs import TASK_SPECS
+    from jbench.tasks.find import find_task
 
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
@@ -139,7 +139,7 @@ def _find(
     Prints a note if the robot is not one that the agent was trained on.
     """
     from jbench.policies.find import full_name
-    from jbench.simulation.find import checked_task
+    from jbench.tasks.find import checked_task
 
     typed = [name for name in (policy, option) if name is not None]
     if len(typed) == 2:

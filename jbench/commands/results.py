@@ -123,7 +123,7 @@ def import_(
     The report compares them with runs.
     """
     from jbench.importing.importer import import_curves
-    from jbench.simulation import find_task
+    from jbench.tasks.find import find_task
 
     database = parsing.results_to_write(results)
     request = validated(ImportRequest, "the import", task=find_task(task).name, **chosen)

@@ -15,13 +15,14 @@ import pyarrow as pa
 from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.records import JITTERBUG, DatasetSettings
-from jbench.simulation import Robots, find_task
-from jbench.simulation.find import check_specs
 from jbench.store import Record, Results
 from jbench.store.schema import DATASET_EPISODES
-from jbench.tasks import resets
-from jbench.tasks.geometry import State
-from jbench.tasks.robots import load_model
+from jbench.tasks.find import check_specs, find_task
+from jbench.tasks.jitterbug import resets
+from jbench.tasks.jitterbug.geometry import State
+from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.jitterbug.worlds import Robots
+from jbench.tasks.task import episode_generator
 
 _PART_EPISODES = 25  # per file and commit
 
@@ -77,7 +78,7 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
     def simulate_part(episodes: range) -> dict[str, pa.Table]:
         quaternions, rows, actions = [], list[dict[str, Any]](), []
         for episode in episodes:
-            random = resets.episode_generator(settings.seed, episode)
+            random = episode_generator(settings.seed, episode)
             quaternions.append(resets.draw_quaternion(random))
             rows.append({"episode": episode})
             for task in TASKS:
@@ -115,7 +116,7 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
         made = np.empty((count, EPISODE_STEPS, task.action_size + 1), np.float32)
         actions, rewards, seeds = made[..., :-1], made[..., -1], np.empty(count, np.int64)
         for i, episode in enumerate(episodes):
-            random = resets.episode_generator(settings.seed, episode)
+            random = episode_generator(settings.seed, episode)
             (observations[i, 0],) = worlds.reset([random])
             (seeds[i],) = worlds.state(slice(0, 1))["seeds"]
             actions[i] = random.uniform(-1, 1, actions[i].shape)

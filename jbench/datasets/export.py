@@ -17,9 +17,9 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.registration import environment_id
 from jbench.settings.records import JITTERBUG
-from jbench.simulation import find_task
 from jbench.store import locks
 from jbench.store.files import make_directory
+from jbench.tasks.find import find_task
 
 _OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured
 

@@ -9,9 +9,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.settings.records import JITTERBUG
-from jbench.simulation import Task
 from jbench.store.schema import STATE_COLUMNS, STEPS
-from jbench.tasks.geometry import TARGET_HEIGHT, State, Target
+from jbench.tasks.jitterbug.geometry import TARGET_HEIGHT, State, Target
+from jbench.tasks.task import Task
 
 Float = NDArray[np.float32]
 

@@ -13,12 +13,11 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.base import validated
 from jbench.settings.records import JITTERBUG, DatasetSettings
-from jbench.simulation import find_task
-from jbench.simulation.find import check_specs, dataset_robot
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
 from jbench.store.shipped import results_to_read
-from jbench.tasks import features, rewards
+from jbench.tasks.find import check_specs, dataset_robot, find_task
+from jbench.tasks.jitterbug import features, rewards
 from jbench.wording import with_results
 
 

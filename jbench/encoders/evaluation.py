@@ -24,9 +24,9 @@ from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
 from jbench.encoders.scaling import FloatArray, Moments, physical_scaling
 from jbench.encoders.states import Shard, States, state_pairs
 from jbench.names import TASKS
-from jbench.simulation import find_task, rollout
-from jbench.tasks import resets
-from jbench.tasks.heuristics import heuristic
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug.heuristics import heuristic
+from jbench.tasks.task import episode_generator, rollout
 
 _EPISODES = 10  # of the heuristic
 _SEED = 20200419  # not used by `jbench evaluate` or for tuning the heuristics
@@ -105,7 +105,7 @@ def reconstruction_errors(
 @cache
 def heuristic_episodes(task: str, augment: int | None) -> NDArray[np.float32]:
     """Returns (10, 1001, size) observations of the heuristic."""
-    generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
+    generators = [episode_generator(_SEED, episode) for episode in range(_EPISODES)]
     policy = heuristic(task)
     policy.reset(_EPISODES)
     with find_task(task).worlds(_EPISODES, threads=2, augment=augment) as worlds:

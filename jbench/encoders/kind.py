@@ -16,8 +16,8 @@ from torch import Tensor
 
 from jbench.encoders.states import Scale, StatePairs, States
 from jbench.settings.base import Settings, omissible
-from jbench.simulation import find_task
-from jbench.tasks.geometry import Array
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug.geometry import Array
 
 Weights = Mapping[str, Any]  # named float32 arrays, either all numpy or all torch
 

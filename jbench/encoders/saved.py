@@ -17,11 +17,11 @@ from jbench.encoders.registry import EncoderSettings, make_kind, named_encoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose
-from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
-from jbench.tasks.geometry import Array
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug.geometry import Array
 from jbench.wording import with_results
 
 DESCRIPTION = "encoder.json"

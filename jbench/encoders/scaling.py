@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.tasks.features import denormalize
+from jbench.tasks.jitterbug.features import denormalize
 
 FloatArray = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from jbench.datasets.reader import Block
 from jbench.encoders.scaling import Moments, Scaling
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
-from jbench.simulation import find_task
+from jbench.tasks.find import find_task
 
 _SAMPLED = 128  # held-out episodes at most whose error is measured after each epoch
 _STATES = EPISODE_STEPS + 1  # of an episode: one before each action, and the last

@@ -19,9 +19,9 @@ from jbench.encoders.scaling import rescaling
 from jbench.encoders.states import States, state_pairs
 from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS
-from jbench.simulation import find_task
 from jbench.store import Record, Results
 from jbench.store.provenance import device_provenance
+from jbench.tasks.find import find_task
 
 
 def train_encoder(

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from jbench.encoders.saved import Encoder
 from jbench.errors import RequestError
-from jbench.tasks.features import by_dimension, mirrored, observation_size
-from jbench.tasks.geometry import Array
+from jbench.tasks.jitterbug.features import by_dimension, mirrored, observation_size
+from jbench.tasks.jitterbug.geometry import Array
 
 _MIRRORED = 64  # random observations from which the mirror of latents is found
 _TOLERANCE = 1e-4  # relative to the range of an input; encoders are stored in float32

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from jbench.errors import RequestError
 from jbench.policies.saved import Float, SavedLayer, SavedNetwork
-from jbench.simulation import Act
+from jbench.tasks.task import Act
 from jbench.wording import counted
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.find import find_policy
 from jbench.settings.records import EvaluationSettings
-from jbench.simulation import Act, Worlds, find_task, rollout
-from jbench.simulation.jitterbug import JitterbugWorlds
 from jbench.store import Record, Results, schema
-from jbench.tasks import resets
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug.worlds import JitterbugWorlds
+from jbench.tasks.task import Act, Worlds, episode_generator, rollout
 
 # Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50
@@ -59,7 +59,7 @@ def evaluate(
 def _episodes(
     settings: EvaluationSettings, episodes: range, worlds: Worlds, act: Act, progress: _Progress
 ) -> dict[str, pa.Table]:
-    generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
+    generators = [episode_generator(settings.seed, episode) for episode in episodes]
     if isinstance(worlds, JitterbugWorlds):
         observations = worlds.reset(generators, settings.target_yaw)
         position, yaw = worlds.target

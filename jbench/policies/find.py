@@ -23,11 +23,12 @@ from jbench.policies.actors import acting
 from jbench.policies.saved import has_policy, load_agent
 from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, zip_content
 from jbench.settings.recorded import Run, read_run
-from jbench.simulation import Act, find_task
 from jbench.store import Results
 from jbench.store.files import sha256
 from jbench.store.shipped import shipped_results
-from jbench.tasks.heuristics import heuristic
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug.heuristics import heuristic
+from jbench.tasks.task import Act
 
 SHIPPED = f"{REFERENCE}/"
 """Prefix of the names of shipped policies; the id of the run follows."""

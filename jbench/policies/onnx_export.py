@@ -18,9 +18,9 @@ from torch import Tensor, nn
 
 from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
-from jbench.simulation import find_task
 from jbench.store.files import make_directory, write_atomic
-from jbench.tasks.features import by_dimension, denormalize, normalize
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug.features import by_dimension, denormalize, normalize
 
 _OPSET, _IR_VERSION = 18, 8  # of 2022, which ONNX Runtime reads from 1.14 on
 _TOLERANCE = 1e-4  # of an action; float32 rounding in another order is a hundredth of that

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.settings.records import EXTERNAL, Specs
-from jbench.simulation.find import check_specs, find_task
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
-from jbench.tasks.geometry import Array
+from jbench.tasks.find import check_specs, find_task
+from jbench.tasks.jitterbug.geometry import Array
 from jbench.wording import with_results
 
 Float = NDArray[np.float32]

@@ -17,7 +17,7 @@ from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.policies.actors import UnsupportedPolicyError, float32_array, module_layers
 from jbench.policies.saved import Float, SavedLayer, SavedNetwork
-from jbench.simulation import find_task
+from jbench.tasks.find import find_task
 from jbench.wording import counted
 
 _ACTORS = {

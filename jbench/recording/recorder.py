@@ -18,8 +18,8 @@ from jbench.loggers.logger import Logger, copying_rows
 from jbench.policies.actors import Actor, UnsupportedPolicyError, acting, copy_module
 from jbench.recording.writer import RecordedEnvironment, RunWriter, as_numbers
 from jbench.settings.records import ExternalSettings
-from jbench.simulation import find_task
 from jbench.store import Results, schema
+from jbench.tasks.find import find_task
 from jbench.training.evaluation import load_run_encoder, make_env
 
 if TYPE_CHECKING:

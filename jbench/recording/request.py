@@ -18,9 +18,9 @@ from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, LoggerName, TimeLimit, 
 from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
 from jbench.settings.records import ExternalSettings
-from jbench.simulation.find import checked_task, code_provenance
 from jbench.store import files
 from jbench.store.shipped import results_to_write
+from jbench.tasks.find import checked_task, code_provenance
 from jbench.training.request import read_representation
 
 _STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
@@ -45,7 +45,7 @@ def record(
     """Records a training loop as a run of a results directory.
 
     Args:
-        task: see `jbench.simulation.find_task`.
+        task: see `jbench.tasks.find_task`.
         algo: label of the algorithm, such as cleanrl-td3.
         seed: of the run; its environments and evaluations are seeded by it.
         steps: control steps over all environments that the loop will make.

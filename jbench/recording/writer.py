@@ -15,8 +15,8 @@ from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.policies.actors import UnsupportedPolicyError
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.records import ExternalSettings
-from jbench.simulation import Act
 from jbench.store import Record
+from jbench.tasks.task import Act
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import Clock, RunLog
 

@@ -14,10 +14,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from jbench.names import CONTROL_TIMESTEP, TASKS
 from jbench.policies.find import ActingPolicy
-from jbench.simulation import find_task
-from jbench.simulation.suite_env import SuiteEnv
-from jbench.tasks.features import goal, padded
+from jbench.tasks.dm_gym import SuiteEnv
+from jbench.tasks.find import find_task
 from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.jitterbug.features import goal, padded
 
 Picture = NDArray[np.uint8]  # (height, width, 3), red, green and blue in [0, 255]
 

@@ -11,9 +11,9 @@ from jbench.names import EPISODE_STEPS
 from jbench.opengl import open_display
 from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Scene
-from jbench.simulation import find_task
-from jbench.simulation.suite import DmTask
-from jbench.simulation.suite_env import SuiteEnv
+from jbench.tasks.dm import DmTask
+from jbench.tasks.dm_gym import SuiteEnv
+from jbench.tasks.find import find_task
 from jbench.tasks.gym import JitterbugEnv
 
 # Initial camera position relative to the robot.

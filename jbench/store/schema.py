@@ -121,7 +121,7 @@ STATE_COLUMNS = {
     "motor_velocity": ("motor_velocity",),
     "torso_velocity": ("torso_velocity_x", "torso_velocity_y", "torso_velocity_z"),
 }
-"""Columns of the fields of `jbench.tasks.geometry.State`, in SI units."""
+"""Columns of the fields of `jbench.tasks.jitterbug.geometry.State`, in SI units."""
 
 STEPS = columns(f"""
     episode: int32 | step: int16

@@ -23,12 +23,12 @@ from jbench.settings.algorithms import default_base
 from jbench.settings.base import in_id, validated
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
 from jbench.store.follow import POLL_SECONDS
 from jbench.store.locks import HeldError
 from jbench.store.manifest import Kind
 from jbench.sweeps.matrix import Matrix, named
+from jbench.tasks.find import dataset_robot, find_task
 from jbench.training.events import Event, Report
 from jbench.training.request import make_runs, read_representation, requested_ofe
 from jbench.training.status import with_kept_interval

@@ -13,10 +13,10 @@ from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.settings.recorded import COST, SEED, alike, read_run
 from jbench.settings.run import RunSettings
-from jbench.simulation.find import checked_task, find_task
 from jbench.store import Results
 from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell
+from jbench.tasks.find import checked_task, find_task
 from jbench.training import engines
 from jbench.training.status import State, run_status
 from jbench.wording import counted, duration

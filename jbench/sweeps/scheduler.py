@@ -19,13 +19,13 @@ import numpy as np
 
 from jbench.settings.recorded import SEED, alike
 from jbench.settings.run import RunSettings
-from jbench.simulation.find import checked_task
 from jbench.store import Results, locks
 from jbench.store.files import make_directory
 from jbench.store.follow import POLL_SECONDS
 from jbench.sweeps.cell import Cell, all_runs, prepare, with_runs
 from jbench.sweeps.cell_status import cell_statuses, forecast, memory_sentence
 from jbench.sweeps.executors import Local, Ray
+from jbench.tasks.find import checked_task
 from jbench.training.events import Event, Report, ignore
 from jbench.training.status import (
     failures_among,

@@ -17,9 +17,9 @@ from jbench import opengl
 from jbench.errors import RequestError
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks import features, model, resets, rewards
-from jbench.tasks.geometry import Array, State, Target, distance_to_target
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import features, model, resets, rewards
+from jbench.tasks.jitterbug.geometry import Array, State, Target, distance_to_target
+from jbench.tasks.jitterbug.robots import load_model
 
 
 class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):

@@ -11,10 +11,10 @@ from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
-from jbench.simulation import find
 from jbench.store import Record, Results
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, device_provenance, provenance
+from jbench.tasks import find
 from jbench.training.checkpoints import copied, load
 from jbench.training.evaluation import load_run_encoder
 from jbench.training.events import Event, Report, ignore

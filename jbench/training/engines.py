@@ -18,8 +18,7 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation import find_task
-from jbench.simulation.find import check_specs
+from jbench.tasks.find import check_specs, find_task
 from jbench.training.evaluation import derive_seeds, final_evaluation_episodes
 
 if TYPE_CHECKING:

@@ -13,10 +13,9 @@ from jbench.names import EPISODE_STEPS
 from jbench.registration import environment_id
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation import Act, Worlds, find_task, rollout
-from jbench.simulation.task import PATH_EVERY, Path
 from jbench.store import Results
-from jbench.tasks import resets
+from jbench.tasks.find import find_task
+from jbench.tasks.task import PATH_EVERY, Act, Path, Worlds, episode_generator, rollout
 
 FINAL_EPISODES = 100
 """Episodes of the last evaluation, with which runs are compared. Ten are enough for a curve, but
@@ -108,7 +107,7 @@ def evaluate_policies(
     if not block:
         return [Evaluation(np.zeros(0), None) for _ in seeds]
     episodes = block if episodes is None else episodes
-    generators = [resets.episode_generator(seed, number) for seed in seeds]
+    generators = [episode_generator(seed, number) for seed in seeds]
     task, augment = find_task(settings.task), settings.augment
     if isinstance(settings, RunSettings):
         augment = settings.robot_seed(settings.robot_at(control_steps))

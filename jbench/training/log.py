@@ -10,8 +10,8 @@ from pydantic import Field
 
 from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
 from jbench.settings.base import Settings
-from jbench.simulation.task import PATH_EVERY, Path
 from jbench.store import Record, schema
+from jbench.tasks.task import PATH_EVERY, Path
 
 POLICY_EVALUATION = "policy_evaluation"
 """Key of a finished run's summary: the number of the evaluation that ran the kept policy."""

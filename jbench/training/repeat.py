@@ -18,10 +18,10 @@ from jbench.policies.saved import has_policy, load_agent
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
-from jbench.simulation import Act
 from jbench.store import Record, Results, schema
 from jbench.store.merge import TIMES
 from jbench.store.provenance import device_provenance, differences, provenance
+from jbench.tasks.task import Act
 from jbench.training.batched_run import run_batch
 from jbench.training.engines import make_trainer
 from jbench.training.evaluation import derive_seeds, evaluate_policies

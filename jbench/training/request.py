@@ -15,8 +15,8 @@ from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.base import settings_with, validated
 from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
-from jbench.simulation import find_task
 from jbench.store import Results
+from jbench.tasks.find import find_task
 
 _PREFIX = f"{OFE}."
 

@@ -12,7 +12,7 @@ from jbench.encoders.kinds.planar import PlanarMirror, PlanarReduction
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError
-from jbench.tasks.features import mirrored
+from jbench.tasks.jitterbug.features import mirrored
 from tests.agents.test_batched_engine import STEPS, build_engine, slow
 from tests.agents.test_plain_updates import (
     PLAIN,

@@ -12,9 +12,9 @@ from jbench.datasets import Dataset, collect, layout
 from jbench.names import TASKS
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
-from jbench.tasks import geometry, model, resets
-from jbench.tasks.rewards import reward
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import geometry, model, resets
+from jbench.tasks.jitterbug.rewards import reward
+from jbench.tasks.jitterbug.robots import load_model
 
 SEED, AUGMENT = 3, 11
 EPISODE = 100

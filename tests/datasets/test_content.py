@@ -8,10 +8,10 @@ import pytest
 from scipy import stats
 
 from jbench.names import TASKS
-from jbench.tasks import model as robot
 from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.resets import draw_quaternion, draw_target
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import model as robot
+from jbench.tasks.jitterbug.resets import draw_quaternion, draw_target
+from jbench.tasks.jitterbug.robots import load_model
 
 SIZES = dict(zip(TASKS, (15, 16, 19, 18, 19), strict=True))
 COLUMNS = (

@@ -16,8 +16,8 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
 from jbench.registration import environment_id
 from jbench.settings.records import DatasetSettings
-from jbench.simulation.find import dataset_robot, find_task
 from jbench.store import Results
+from jbench.tasks.find import dataset_robot, find_task
 from tests.command_line import Process
 
 

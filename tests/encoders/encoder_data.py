@@ -14,8 +14,8 @@ from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.names import TASKS
 from jbench.store import schema
-from jbench.tasks.features import observation_size
-from jbench.tasks.geometry import State
+from jbench.tasks.jitterbug.features import observation_size
+from jbench.tasks.jitterbug.geometry import State
 from tests.tasks import robot_states
 
 CHEAP = {"epochs": 5, "batch": 500}

@@ -19,11 +19,11 @@ from jbench.encoders.kinds.planar import (
     planar_weights,
 )
 from jbench.names import TASKS
-from jbench.simulation import find_task
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks import features, geometry, model
-from jbench.tasks.geometry import State, Target
-from jbench.tasks.robots import load_model
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug import features, geometry, model
+from jbench.tasks.jitterbug.geometry import State, Target
+from jbench.tasks.jitterbug.robots import load_model
 from tests.encoders.encoder_data import (
     PLANAR_SIZES,
     make_dataset,

@@ -13,7 +13,7 @@ from jbench.encoders.states import StatePairs, States, split_episodes
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.store import Results
-from jbench.tasks.features import denormalize
+from jbench.tasks.jitterbug.features import denormalize
 from tests.encoders.encoder_data import (
     PLANAR_SIZES,
     fitted_encoder,

@@ -14,8 +14,8 @@ from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.states import States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import WorkError
-from jbench.simulation import find_task
 from jbench.store import Results, schema
+from jbench.tasks.find import find_task
 from tests.encoders.encoder_data import (
     CHEAP,
     make_dataset,

@@ -13,7 +13,7 @@ from jbench.encoders.wrapper import EncodedObservation, input_mirror
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.tasks.features import mirrored, observation_size
+from jbench.tasks.jitterbug.features import mirrored, observation_size
 from tests.encoders.encoder_data import planar_encoder, range_without_symmetry
 
 

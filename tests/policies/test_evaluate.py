@@ -11,9 +11,9 @@ from jbench.policies.evaluate import evaluate
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.query import load, run_sql
-from jbench.tasks import resets
 from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.heuristics import heuristic
+from jbench.tasks.jitterbug import resets
+from jbench.tasks.jitterbug.heuristics import heuristic
 from tests.training.small_runs import shorten_episodes
 
 EPISODE = 100  # control steps

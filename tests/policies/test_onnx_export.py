@@ -24,9 +24,10 @@ from jbench.policies.saved import (
     relu_layers,
 )
 from jbench.settings.base import settings_hash
-from jbench.simulation import find_task, rollout
 from jbench.store import Results
-from jbench.tasks import features, resets
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug import features
+from jbench.tasks.task import episode_generator, rollout
 from tests.encoders.encoder_data import fitted_encoder, make_dataset, observations_of, read_states
 from tests.training.small_runs import EPISODE, shorten_episodes
 
@@ -82,7 +83,7 @@ def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
         return next(actions)
 
     with find_task(TASK).worlds(1) as worlds:
-        observations = worlds.reset([resets.episode_generator(5, 0)])
+        observations = worlds.reset([episode_generator(5, 0)])
         for transition in rollout(worlds, observations, replay):
             episode_return += transition.rewards[0]
     (evaluated,) = record.read("policy_episodes").to_pylist()

@@ -16,7 +16,7 @@ from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
-from jbench.tasks.features import observation_size
+from jbench.tasks.jitterbug.features import observation_size
 from tests.training.small_runs import shorten_episodes
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from jbench.names import CAMERAS
 from jbench.rendering.episode import Frame, Scene, render_episode, times, video_picture, write
-from jbench.simulation.suite_env import SuiteEnv
-from jbench.tasks import features, geometry, resets
-from jbench.tasks.features import goal
+from jbench.tasks.dm_gym import SuiteEnv
 from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.jitterbug import features, geometry, resets
+from jbench.tasks.jitterbug.features import goal
 from tests.rendering.render_policies import PAD, Constant
 
 SMALL = {"width": 96, "height": 64}

@@ -26,7 +26,7 @@ import numpy as np
 from PIL import ImageGrab
 from jbench.rendering import viewer
 from jbench.rendering.episode import Scene
-from jbench.simulation import find_task
+from jbench.tasks.find import find_task
 from tests.rendering.render_policies import Constant
 
 windows, launch = [], mujoco.viewer.launch_passive

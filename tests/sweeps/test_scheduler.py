@@ -10,12 +10,12 @@ import pytest
 from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.settings.records import OFESettings
-from jbench.simulation import find_task
 from jbench.store import Results
 from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.matrix import read_matrix
 from jbench.sweeps.scheduler import batches, sweep
+from jbench.tasks.find import find_task
 from jbench.training.events import Event
 from tests.command_line import SHORT, short_episodes
 from tests.sweep_matrices import runs_of_matrix, states, write_matrix

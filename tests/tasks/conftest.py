@@ -3,8 +3,8 @@
 import mujoco
 import pytest
 
-from jbench.tasks import model
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import model
+from jbench.tasks.jitterbug.robots import load_model
 
 
 @pytest.fixture(scope="session")

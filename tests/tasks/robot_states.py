@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from hypothesis import strategies as st
 
-from jbench.tasks.geometry import State, Target
+from jbench.tasks.jitterbug.geometry import State, Target
 
 _COMMON = {"position": 7, "velocity": 6, "motor_position": 1, "motor_velocity": 1}
 FEATURES = {

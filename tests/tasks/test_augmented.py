@@ -9,8 +9,8 @@ import pytest
 
 from jbench.errors import WorkError
 from jbench.names import PHYSICS_STEPS
-from jbench.tasks import model, robots
-from jbench.tasks.robots import LEGS, Morphology, load_model
+from jbench.tasks.jitterbug import model, robots
+from jbench.tasks.jitterbug.robots import LEGS, Morphology, load_model
 
 NONE = (0.0, 0.0, 0.0)
 

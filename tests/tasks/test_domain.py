@@ -14,10 +14,10 @@ from dm_env import specs
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.tasks import features, rewards, robots
-from jbench.tasks.geometry import Target
 from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import features, rewards, robots
+from jbench.tasks.jitterbug.geometry import Target
+from jbench.tasks.jitterbug.robots import load_model
 from tests.tasks.robot_states import FEATURES
 
 # A random policy's median returns are 892 and 282; single episodes vary around them.

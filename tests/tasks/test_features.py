@@ -9,9 +9,9 @@ from hypothesis import assume, example, given
 from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
-from jbench.simulation import find_task
-from jbench.tasks import features, geometry, model, rewards
-from jbench.tasks.geometry import State, Target
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug import features, geometry, model, rewards
+from jbench.tasks.jitterbug.geometry import State, Target
 from tests.tasks.robot_states import (
     FEATURES,
     SIZES,

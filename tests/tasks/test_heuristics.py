@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from jbench.names import TASKS
-from jbench.simulation import Robots
-from jbench.tasks import features, geometry, resets
-from jbench.tasks.heuristics import heuristic
-from jbench.tasks.rewards import reward
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import features, geometry, resets
+from jbench.tasks.jitterbug.heuristics import heuristic
+from jbench.tasks.jitterbug.rewards import reward
+from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.jitterbug.worlds import Robots
 
 
 def some_observations(task, random, count=50):

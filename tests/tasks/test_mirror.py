@@ -6,10 +6,11 @@ import pytest
 import torch
 
 from jbench.names import TASKS
-from jbench.tasks import features, model, resets, rewards
-from jbench.tasks.features import mirrored
-from jbench.tasks.geometry import Target
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import features, model, resets, rewards
+from jbench.tasks.jitterbug.features import mirrored
+from jbench.tasks.jitterbug.geometry import Target
+from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.task import episode_generator
 
 # In qpos, behind the torso's 7 numbers: shoulder and elbow of legs 2, 3, 1 and 4, then the motor.
 OTHER_LEG = [2, 3, 0, 1, 6, 7, 4, 5]
@@ -89,7 +90,7 @@ def test_observation_and_reward_of_mirror_image(task):
 def test_mirror_image_of_start_is_possible_start():
     for seed in range(20):
         state = np.zeros(16)
-        state[3:7] = resets.draw_quaternion(resets.episode_generator(seed, 0))
+        state[3:7] = resets.draw_quaternion(episode_generator(seed, 0))
         w, x, y, z = mirrored("face_direction", state)[3:7]
         # A rotation by 0 to 2 pi about an axis (u, v, 1) with |u|, |v| <= 0.025; see `resets`.
         assert z > 0

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from jbench.tasks import model
+from jbench.tasks.jitterbug import model
 
 MASSES = {
     **{"jitterbug": 0.00499303, "mass": 0.00804326},

@@ -9,7 +9,7 @@ from scipy.stats import kstest
 
 from jbench.errors import RequestError
 from jbench.names import TASKS
-from jbench.tasks import resets
+from jbench.tasks.jitterbug import resets
 
 PI = math.pi
 DRAWS = 2000

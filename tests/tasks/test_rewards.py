@@ -9,8 +9,8 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
-from jbench.tasks import rewards
 from jbench.tasks.gym import outcome
+from jbench.tasks.jitterbug import rewards
 from tests.tasks.robot_states import convert, rest, states, target, targets
 
 PI = math.pi

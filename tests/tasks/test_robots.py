@@ -6,7 +6,7 @@ import pytest
 from dm_control import suite
 
 from jbench.names import PHYSICS_STEPS
-from jbench.tasks import model
+from jbench.tasks.jitterbug import model
 
 EVERYTHING = mujoco.mjtState.mjSTATE_INTEGRATION  # with the solver's warm start
 HINGES = slice(7, 15)  # shoulders and elbows in qpos

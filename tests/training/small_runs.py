@@ -14,9 +14,9 @@ from jbench.registration import environment_id, register_environments
 from jbench.settings import run
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
-from jbench.simulation import task as worlds
 from jbench.store import Results
 from jbench.store.merge import TIMES
+from jbench.tasks import task as worlds
 from jbench.training import engines, log, repeat, status
 from jbench.training.batched_run import run_batch
 from jbench.training.request import request_runs

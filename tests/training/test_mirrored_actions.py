@@ -24,7 +24,7 @@ from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import TrainedAgent, load_agent
 from jbench.registration import environment_id
 from jbench.store import Results
-from jbench.tasks.features import mirrored, observation_size
+from jbench.tasks.jitterbug.features import mirrored, observation_size
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.repeat import reevaluate, retrain
 from tests.agents.test_batched_engine import build_engine

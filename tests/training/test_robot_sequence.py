@@ -7,7 +7,7 @@ from jbench.agents import sb3
 from jbench.report.frames import Frames
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug.robots import load_model
 from jbench.training import evaluation, group
 from jbench.training.evaluation import make_env
 from jbench.training.sb3_engine import RobotSequence

@@ -5,7 +5,7 @@ import pytest
 
 from jbench.policies.saved import load_agent
 from jbench.store import Results
-from jbench.tasks import geometry
+from jbench.tasks.jitterbug import geometry
 from jbench.training.evaluation import make_env
 from jbench.training.status import run_statuses
 from tests.training.small_runs import EPISODE, paths, small_run, train

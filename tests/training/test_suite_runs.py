@@ -9,8 +9,8 @@ from jbench.policies.saved import load_agent
 from jbench.registration import environment_id
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
-from jbench.simulation import find_task
 from jbench.store import Results
+from jbench.tasks.find import find_task
 from jbench.training.batched_run import run_batch
 from jbench.training.log import POLICY_EVALUATION
 from jbench.training.repeat import reevaluate, retrain

@@ -12,8 +12,8 @@ from jbench.encoders.kind import Learned, Weights, affine, layers, standard_norm
 from jbench.encoders.states import StatePairs
 from jbench.names import EPISODE_STEPS
 from jbench.settings.base import omissible
-from jbench.tasks.features import observation_size
-from jbench.tasks.geometry import Array
+from jbench.tasks.jitterbug.features import observation_size
+from jbench.tasks.jitterbug.geometry import Array
 
 # Where the yaw rate is in every task's observation, after x, y, z, a quaternion and 5 velocities.
 _YAW_RATE = slice(12, 13)

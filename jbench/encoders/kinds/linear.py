@@ -12,9 +12,9 @@ from jbench.encoders.kind import Fitted, Kind, Weights, tanh
 from jbench.encoders.scaling import FloatArray, Moments, inverse, physical_scaling
 from jbench.encoders.states import States, state_pairs
 from jbench.names import EPISODE_STEPS
-from jbench.simulation import find_task
-from jbench.tasks.features import observation_size
-from jbench.tasks.geometry import Array
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug.features import observation_size
+from jbench.tasks.jitterbug.geometry import Array
 
 _MIN_DYNAMIC_VARIANCE = 1e-9  # relative to the largest variance; smaller ones count as 0
 

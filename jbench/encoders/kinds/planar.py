@@ -27,10 +27,10 @@ from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.scaling import FloatArray, Scaling, physical_scaling
 from jbench.encoders.states import States
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks import geometry, model
-from jbench.tasks.features import features, observation_size, split
-from jbench.tasks.geometry import Array, State, Target
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import geometry, model
+from jbench.tasks.jitterbug.features import features, observation_size, split
+from jbench.tasks.jitterbug.geometry import Array, State, Target
+from jbench.tasks.jitterbug.robots import load_model
 
 SIGNS = {
     "height": 1,  # m
@@ -190,7 +190,7 @@ class HeadingFrame(PlanarReduction):
 
 
 class PlanarMirror(PlanarReduction):
-    """The planar reduction, folded by the robot's mirror symmetry (`jbench/tasks/features.py`).
+    """The planar reduction, folded by the robot's mirror symmetry (`features.mirrored`).
 
     Where the target is on the robot's right, the latents are those of the mirrored robot, whose
     target is on its left, and the robot gets the negated action of the policy. So the agent sees

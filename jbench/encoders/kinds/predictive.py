@@ -13,8 +13,8 @@ from jbench.encoders.scaling import Moments, inverse
 from jbench.encoders.states import StatePairs, States, state_pairs
 from jbench.names import EPISODE_STEPS
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks.features import by_dimension
-from jbench.tasks.geometry import Array
+from jbench.tasks.jitterbug.features import by_dimension
+from jbench.tasks.jitterbug.geometry import Array
 
 
 class Predictive(Learned):

@@ -8,8 +8,8 @@ from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh
 from jbench.encoders.states import StatePairs
-from jbench.simulation import find_task
-from jbench.tasks.geometry import Array
+from jbench.tasks.find import find_task
+from jbench.tasks.jitterbug.geometry import Array
 
 
 class VariationalAutoencoder(Learned):

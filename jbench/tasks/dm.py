@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS
 from jbench.settings.records import Specs
-from jbench.simulation.task import Task, Worlds, WorldsState
+from jbench.tasks.task import Task, Worlds, WorldsState
 
 Make = Callable[[int], Any]  # returns a new `dm_env.Environment` with this seed
 

@@ -9,10 +9,9 @@ from gymnasium.envs.registration import registry
 import jbench.tasks  # noqa: F401 - registers the environments
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
-from jbench.simulation import find_task
-from jbench.simulation.find import check_specs, checked_task
-from jbench.simulation.suite_env import SuiteEnv
 from jbench.task_specs import SUITE_TASKS
+from jbench.tasks.dm_gym import SuiteEnv
+from jbench.tasks.find import check_specs, checked_task, find_task
 from tests.third_party_task import own_tasks
 
 OWN = "tests.third_party_task.own_tasks"

@@ -18,7 +18,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.tasks import features, geometry
+from jbench.tasks.jitterbug import features, geometry
 
 Array = NDArray[np.float64]
 Plane = NDArray[np.complex128]

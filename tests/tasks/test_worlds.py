@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from jbench.simulation import Robots
-from jbench.tasks import model, resets
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import model, resets
+from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.jitterbug.worlds import Robots
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +116,8 @@ def test_forked_process_steps_and_ends():
     script = """
 import os, sys
 import numpy as np
-from jbench.simulation import Robots
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug.worlds import Robots
+from jbench.tasks.jitterbug.robots import load_model
 robots = Robots(load_model(), 4, 2)
 robots.step(np.ones(4))
 child = os.fork()

@@ -16,8 +16,8 @@ from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks import geometry
-from jbench.tasks.geometry import Array, State, Target
+from jbench.tasks.jitterbug import geometry
+from jbench.tasks.jitterbug.geometry import Array, State, Target
 
 
 class Feature(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError
-from jbench.tasks import model, rewards
+from jbench.tasks.jitterbug import model, rewards
 
 Vector = tuple[float, ...]
 """Components along x, y and z of the torso's frame at rest, or along an ellipsoid's axes."""

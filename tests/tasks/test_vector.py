@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
-from jbench.simulation.vector_env import JitterbugVectorEnv
+from jbench.tasks.vector import JitterbugVectorEnv
 
 COUNT, LENGTH = 3, 4
 

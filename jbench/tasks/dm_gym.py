@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from jbench import opengl
 from jbench.errors import RequestError
 from jbench.names import in_prose
-from jbench.simulation.find import find_task
-from jbench.simulation.suite import DmWorlds
+from jbench.tasks.dm import DmWorlds
+from jbench.tasks.find import find_task
 
 
 class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -38,7 +38,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Makes the environment.
 
         Args:
-            task: see `jbench.simulation.find_task`.
+            task: see `jbench.tasks.find_task`.
             render_mode: "rgb_array", or None for no pictures.
             camera: name of a camera of the model; None for its first, or a free one if it has none.
             width, height: of a picture, in pixels.

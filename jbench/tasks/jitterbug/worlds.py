@@ -14,14 +14,14 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.names import CONTROL_TIMESTEP, PHYSICS_STEPS
-from jbench.simulation.task import Task, Worlds, WorldsState
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks import model as robot
-from jbench.tasks import resets
-from jbench.tasks.features import FEATURES, observation
-from jbench.tasks.geometry import State, Target, heading
-from jbench.tasks.rewards import reward, upright_reward
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import model as robot
+from jbench.tasks.jitterbug import resets
+from jbench.tasks.jitterbug.features import FEATURES, observation
+from jbench.tasks.jitterbug.geometry import State, Target, heading
+from jbench.tasks.jitterbug.rewards import reward, upright_reward
+from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.task import Task, Worlds, WorldsState
 
 _robot_model = lru_cache(maxsize=2)(load_model)
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from jbench.cores import cores
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, in_prose
-from jbench.simulation.jitterbug import Robots
-from jbench.tasks import resets
-from jbench.tasks.geometry import State, Target
 from jbench.tasks.gym import JitterbugEnv, outcome
+from jbench.tasks.jitterbug import resets
+from jbench.tasks.jitterbug.geometry import State, Target
+from jbench.tasks.jitterbug.worlds import Robots
 
 Infos = dict[str, Any]
 

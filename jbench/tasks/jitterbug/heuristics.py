@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from jbench.tasks.control_laws import Array, Driver, Law, Motion, Turner
+from jbench.tasks.jitterbug.control_laws import Array, Driver, Law, Motion, Turner
 
 
 def heuristic(task: str) -> Law:

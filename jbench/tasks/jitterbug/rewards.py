@@ -10,8 +10,8 @@ from collections.abc import Callable
 from array_api_compat import array_namespace
 
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks import geometry
-from jbench.tasks.geometry import Array, State, Target
+from jbench.tasks.jitterbug import geometry
+from jbench.tasks.jitterbug.geometry import Array, State, Target
 
 # A Gaussian that decays to 0.1 at the margin: exp(-(_GAUSSIAN_SCALE * distance / margin)^2 / 2).
 _GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))

@@ -114,6 +114,11 @@ class Task(Protocol):
         """
 
 
+def episode_generator(seed: int, episode: int) -> Generator:
+    """Returns the generator of one episode, independent of the other episodes."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(episode,)))
+
+
 class ControlStep(NamedTuple):
     """A control step of all worlds."""
 

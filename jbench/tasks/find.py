@@ -12,10 +12,10 @@ from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import TASKS, closest, in_prose
 from jbench.settings.records import Specs
-from jbench.simulation.jitterbug import JitterbugTask
-from jbench.simulation.suite import DmTask
-from jbench.simulation.task import Task
 from jbench.task_specs import SUITE, SUITE_TASKS, TASK_GROUP
+from jbench.tasks.dm import DmTask
+from jbench.tasks.jitterbug.worlds import JitterbugTask
+from jbench.tasks.task import Task
 
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 
@@ -102,8 +102,6 @@ def _suite_task(name: str) -> DmTask:
             "has no wheel there); use Python 3.11 or 3.12, or a task of the Jitterbug."
         )
     from dm_control import suite
-
-    import jbench.tasks  # noqa: F401 - imports dm_control without its warnings
 
     logging.getLogger("absl").setLevel(logging.ERROR)  # of attributes that MuJoCo ignores
     domain, _, task = name.removeprefix(SUITE).partition("-")

@@ -10,17 +10,12 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError
 from jbench.names import in_prose
 from jbench.task_specs import TASK_SPECS
-from jbench.tasks.geometry import TARGET_HEIGHT, Array, Target
+from jbench.tasks.jitterbug.geometry import TARGET_HEIGHT, Array, Target
 
 Random = np.random.Generator | np.random.RandomState  # dm_control uses the latter
 
 _MAX_TILT = 0.025  # x and y components of the rotation axis, whose z component is 1
 _TARGET_RADIUS = (0.05, 0.2)  # m
-
-
-def episode_generator(seed: int, episode: int) -> np.random.Generator:
-    """Returns the generator of one episode, independent of the other episodes."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(episode,)))
 
 
 def draw_starts(task: str, generators: Iterable[Random]) -> tuple[NDArray[np.float64], Target]:

@@ -1,13 +1,15 @@
 """The Jitterbug domain of the dm_control suite."""
 
+import sys
 from collections import OrderedDict
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 try:
-    from dm_control import mujoco
+    from dm_control import mujoco, suite
     from dm_control.mujoco import wrapper
     from dm_control.rl import control
     from dm_control.suite import base
@@ -19,8 +21,8 @@ except ModuleNotFoundError as error:
     ) from error
 
 from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS, TASKS
-from jbench.tasks import features, geometry, model, resets, rewards
-from jbench.tasks.robots import load_model
+from jbench.tasks.jitterbug import features, geometry, model, resets, rewards
+from jbench.tasks.jitterbug.robots import load_model
 
 SUITE = containers.TaggedTasks()  # the domain `jitterbug`
 
@@ -66,6 +68,19 @@ for _task in TASKS:
     _plain.__name__ = _augmented.__name__ = _task  # type: ignore[attr-defined]
     SUITE.add("benchmarking", "hard" if _task.startswith("move_to") else "easy")(_plain)
     AUGMENTED_SUITE.add()(_augmented)
+
+
+def add_to_suite() -> None:
+    """Adds the domains `jitterbug` and `augmented_jitterbug` to dm_control's suite."""
+    suite._DOMAINS["jitterbug"] = sys.modules[__name__]
+    suite._DOMAINS["augmented_jitterbug"] = SimpleNamespace(SUITE=AUGMENTED_SUITE)
+    suite.ALL_TASKS = suite._get_tasks(tag=None)
+    suite.BENCHMARKING = suite._get_tasks("benchmarking")
+    suite.EASY = suite._get_tasks("easy")
+    suite.HARD = suite._get_tasks("hard")
+    suite.EXTRA = tuple(sorted(set(suite.ALL_TASKS) - set(suite.BENCHMARKING)))
+    suite.REWARD_VIZ = tuple(sorted(set(suite.ALL_TASKS) - set(suite.NO_REWARD_VIZ)))
+    suite.TASKS_BY_DOMAIN = suite._get_tasks_by_domain(suite.ALL_TASKS)
 
 
 class Physics(mujoco.Physics):

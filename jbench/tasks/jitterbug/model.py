@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.tasks.geometry import State, center_of_mass_velocity, motor_angle
+from jbench.tasks.jitterbug.geometry import State, center_of_mass_velocity, motor_angle
 
 REST_HEIGHT = 0.035  # height of the torso's frame at the start of an episode (m)
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])  # orientation (w, x, y, z) of the rest pose, facing -y
@@ -17,7 +17,11 @@ MOTOR = -1  # index of the motor joint in qpos and in qvel
 @cache
 def xml() -> str:
     """Returns the robot's MJCF."""
-    return resources.files("jbench.tasks").joinpath("jitterbug.xml").read_text(encoding="utf-8")
+    return (
+        resources.files("jbench.tasks.jitterbug")
+        .joinpath("jitterbug.xml")
+        .read_text(encoding="utf-8")
+    )
 
 
 def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:

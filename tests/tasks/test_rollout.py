@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from jbench.simulation import find_task, rollout
-from jbench.tasks import resets
+from jbench.tasks.find import find_task
 from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.jitterbug import resets
+from jbench.tasks.task import rollout
 
 TASK = "move_to_pose"
 

@@ -1,0 +1,1 @@
+"""The Jitterbug: its model, observations, rewards, hand-written policies and five tasks."""

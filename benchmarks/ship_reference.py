@@ -2,8 +2,9 @@
 
 Copies the rows and policies of the finished runs of a results directory into `jbench/reference/`,
 with all finished encoders and the evaluations of shipped policies (`jbench evaluate RUN`); with
-`--policies 0-3` the policies of these seeds only, so that the package stays small.
-`jbench report --results reference` shows them, and `jbench render reference/ID` a policy.
+`--policies 0-3` the policies of these seeds only. `jbench report --results reference` shows them,
+and `jbench render reference/ID` a policy. The wheel has every row, and the policies that
+`jbench/store/kept_policies.txt` names, at most ten; all others are in the repository alone.
 Checkpoints are left out, and so is the command of a run, which names directories. A run whose
 manifest still names one is refused.
 
@@ -23,11 +24,11 @@ from jbench.names import parse_numbers
 from jbench.policies.saved import DESCRIPTION, WEIGHTS, has_policy
 from jbench.store import Record, Results, files
 from jbench.store.manifest import FileEntry, Manifest
-from jbench.store.shipped import shipped
+from jbench.store.shipped import may_lack, shipped
 from jbench.store.verify import examine
 
 POLICY = {DESCRIPTION, WEIGHTS}
-LARGEST_PACKAGE = 40_000_000  # bytes of its wheel
+LARGEST_PACKAGE = 12_000_000  # bytes of its wheel
 _LOCAL_PATH = re.compile(r"""(?:^|[\s"'=:(])(?:~?/\w|[A-Za-z]:\\)""")
 
 
@@ -147,11 +148,19 @@ def check(run: Record, source: Results) -> None:
 
 
 def size(directory: Path) -> int:
-    """Returns how many bytes the files of a directory have in a wheel, compiled Python aside."""
+    """Returns how many bytes the files of a directory have in a wheel.
+
+    Compiled Python and the policies that the wheel leaves out do not count.
+    """
+    runs = shipped() / "runs"
     with zipfile.ZipFile(io.BytesIO(), "w", zipfile.ZIP_DEFLATED) as wheel:
         for path in directory.rglob("*"):
-            if path.is_file() and "__pycache__" not in path.parts:
-                wheel.write(path)
+            if not path.is_file() or "__pycache__" in path.parts:
+                continue
+            is_shipped = path.is_relative_to(runs)
+            if is_shipped and path.name in may_lack(path.parent.relative_to(runs).as_posix()):
+                continue
+            wheel.write(path)
         return sum(entry.compress_size for entry in wheel.infolist())
 
 

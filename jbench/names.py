@@ -106,6 +106,11 @@ POLICIES = (HEURISTIC, "random", "constant")
 
 RESULTS = "results"
 REFERENCE = "reference"  # value of `--results` for the results shipped with jbench
+SHIPPED_RESULTS = Path(__file__).with_name(REFERENCE)
+"""The results directory in the package; in a checkout, results/reference is a link to it."""
+
+POLICY_FILES = ("policy.safetensors", "policy.json")
+"""Files of a run's kept policy: its weights and its layers."""
 
 POLICY_NAMES = (
     f"{HEURISTIC}, random, constant:U with U in [-1, 1], the id of a run, {REFERENCE}/ID of a run "
@@ -115,8 +120,10 @@ POLICY_NAMES = (
 
 
 def is_reference(path: Path) -> bool:
-    """Returns whether `--results` means the shipped results; a directory of that name wins."""
-    return path == Path(REFERENCE) and not path.exists()
+    """Returns whether `--results` means the shipped results; your own `reference` wins."""
+    if path.exists():
+        return path.resolve() == SHIPPED_RESULTS.resolve()
+    return path == Path(REFERENCE)
 
 
 FULL = "full"  # representation of an agent without an encoder

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,9 @@ from pathlib import Path
 import pytest
 
 from jbench import __version__
+from jbench.names import POLICY_FILES
+from jbench.policies.saved import has_policy
+from jbench.store.shipped import kept_policies, shipped_results
 from tests import every_verb
 from tests.command_line import SHORT
 
@@ -29,6 +33,18 @@ def checkout():
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     return {name for name in listed.splitlines() if (ROOT / name).is_file()}
+
+
+def packaged():
+    """Returns the files of this checkout without the policies that only the repository has."""
+    shipped, kept = "jbench/reference/runs/", kept_policies()
+    assert 0 < len(kept) <= 10
+
+    def is_left_out(name):
+        run, _, file = name.removeprefix(shipped).rpartition("/")
+        return name.startswith(shipped) and file in POLICY_FILES and run not in kept
+
+    return {name for name in checkout() if not is_left_out(name)}
 
 
 def files(place):
@@ -74,13 +90,13 @@ def installed(wheel, tmp_path_factory):
 
 def test_sdist_contains_every_file_of_checkout(sdist):
     generated = {"PKG-INFO", "setup.cfg", *(name for name in files(sdist) if ".egg-info/" in name)}
-    assert files(sdist) - generated == checkout() - generated - {".gitignore"}
+    assert files(sdist) - generated == packaged() - generated - {".gitignore"}
 
 
 def test_wheel_contains_only_package(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
-    assert names == {name for name in checkout() if name.startswith("jbench/")}
+    assert names == {name for name in packaged() if name.startswith("jbench/")}
     for suffix in (".xml", ".csv", ".toml", ".css", ".js", "py.typed", "manifest.json", ".parquet"):
         assert any(name.endswith(suffix) for name in names)
 
@@ -94,8 +110,8 @@ def test_description_has_no_relative_links_or_images(wheel):
     assert "![" not in description
 
 
-def run(installed, *arguments):
-    """Runs Python with the installed package and short episodes; returns its output."""
+def run(installed, *arguments, code=0):
+    """Runs Python with the installed package and short episodes; returns its output, or errors."""
     (installed / "sitecustomize.py").write_text(
         f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"
     )
@@ -108,8 +124,8 @@ def run(installed, *arguments):
         text=True,
         timeout=900,
     )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    assert done.returncode == code, done.stderr
+    return done.stderr if code else done.stdout
 
 
 def test_installed_command_prints_version_and_shipped_runs(installed):
@@ -117,6 +133,64 @@ def test_installed_command_prints_version_and_shipped_runs(installed):
     assert run(installed, "-m", "jbench", "--version") == f"jbench {__version__}\n"
     printed = run(installed, "-m", "jbench", "runs", "--results", "reference")
     assert "face_direction/td3/full/s00-" in printed
+
+
+def test_wheel_is_small_and_has_the_kept_policies(wheel):
+    assert wheel.stat().st_size < 12_000_000
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    with_policy = {
+        name.removeprefix("jbench/reference/runs/").rpartition("/")[0]
+        for name in names
+        if name.endswith("/policy.safetensors")
+    }
+    assert with_policy == kept_policies()
+
+
+def test_kept_policies_are_those_that_documents_show():
+    """A policy that a document names is in the wheel, so its command runs there, too."""
+    documents = [ROOT / "README.md", *ROOT.glob("docs/*.md"), ROOT / "docs/images/gallery.py"]
+    text = "".join(document.read_text() for document in documents)
+    named = set(
+        re.findall(r"reference/([a-z_]+/[a-z0-9]+/[a-z0-9-]+(?:/s[0-9]+(?:-[0-9a-f]+)?)?)", text)
+    )
+    assert len(named) > 3
+    for beginning in named:
+        assert any(policy.startswith(beginning) for policy in kept_policies()), beginning
+
+
+TABLES = ("runs", "episodes", "evaluations", "encoders", "encoder_epochs", "policy_episodes")
+EVERY_ROW = " UNION ALL ".join(
+    f"SELECT count(*) AS rows, bit_xor(hash(one))::VARCHAR AS values FROM {table} AS one"
+    for table in TABLES
+)
+"""A query whose result does not depend on the order of rows."""
+
+
+def test_installed_results_are_those_of_the_checkout(installed):
+    asked = ("-m", "jbench", "query", EVERY_ROW, "--results", "reference", "--json")
+    assert json.loads(run(installed, *asked)) == json.loads(
+        subprocess.run(
+            [sys.executable, *asked], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout
+    )
+    printed = run(installed, "-m", "jbench", "verify", "--results", "reference")
+    policies = [run for run in shipped_results().scan("run")[0] if has_policy(run)]
+    left_out = len(policies) - len(kept_policies())
+    assert f"Not checked: the policy of {left_out} runs, which is left out of" in printed
+    assert "all of them intact" in printed
+    chosen = ("--task", "face_direction", "--algo", "sac", "--format", "svg")
+    run(installed, "-m", "jbench", "report", "--results", "reference", *chosen)
+    assert (installed / "reference-report" / "index.html").exists()
+
+
+def test_left_out_policy_is_refused_in_a_sentence(installed):
+    """The run is there, with all of its rows; a checkout has the policy."""
+    name = "reference/face_direction/ppo/full/s00"
+    arguments = ("-m", "jbench", "evaluate", name, "--episodes", "1")
+    error = run(installed, *arguments, code=2)
+    assert f"Error: The policy of {name} is left out of the installed package" in error
+    assert "results/reference" in error
 
 
 @pytest.mark.slow

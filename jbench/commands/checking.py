@@ -32,6 +32,7 @@ def verify(
     """
     if reevaluate:
         os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
+    from jbench.store.shipped import LEFT_OUT
     from jbench.store.verify import verify as check
 
     database = parsing.results_to_read(results)
@@ -45,6 +46,9 @@ def verify(
         f"{checked.bytes / 1e6:,.1f} MB: "
         f"{output.tally(flaw.sort for flaw in checked.findings) or 'all of them intact'}."
     )
+    if checked.left_out:
+        count = counted(checked.left_out, "run")
+        output.say(f"Not checked: the policy of {count}, which {LEFT_OUT}.")
     repeated = _reevaluate_all(database) if reevaluate else []
     document = checked._asdict() | {"findings": [flaw._asdict() for flaw in checked.findings]}
     if reevaluate:

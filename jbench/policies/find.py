@@ -25,7 +25,7 @@ from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, zip_content
 from jbench.settings.recorded import Run, read_run
 from jbench.store import Results
 from jbench.store.files import sha256
-from jbench.store.shipped import shipped_results
+from jbench.store.shipped import LEFT_OUT, shipped_results
 from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.heuristics import heuristic
 from jbench.tasks.task import Act
@@ -195,6 +195,9 @@ def locate_run(results: Results, name: str) -> tuple[Results, str]:
             f"{name} is not unique; type one of {', '.join(matches)} "
             "(jbench runs --results reference shows how they differ)."
         )
+    runs = shipped_results().scan("run", name.removeprefix(SHIPPED))[0]
+    if any(run.left_out for run in runs):
+        raise RequestError(f"The policy of {name} {LEFT_OUT}.")
     same = [shipped for shipped in names if shipped.startswith(f"{name.rpartition('/')[0]}/")]
     choices = same or sorted(get_close_matches(name, names, 3)) or names
     instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"

@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 
 from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
+from jbench.names import POLICY_FILES
 from jbench.settings.records import EXTERNAL, Specs
 from jbench.store import Record, Results
-from jbench.store.shipped import results_to_read
+from jbench.store.shipped import LEFT_OUT, results_to_read
 from jbench.tasks.find import check_specs, find_task
 from jbench.tasks.jitterbug.geometry import Array
 from jbench.wording import with_results
 
 Float = NDArray[np.float32]
 
-WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
+WEIGHTS, DESCRIPTION = POLICY_FILES
 
 MAX_INPUT = 10.0
 """Bound of the absolute value of an observation that learned features standardize."""
@@ -236,6 +237,8 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
     if not has_policy(record):
         recorded = record.settings.get("engine") == EXTERNAL
         keep = " Its loop must call recording.keep_policy(actor)." if recorded else ""
+        if record.left_out:
+            raise RequestError(f"The policy of {run} {LEFT_OUT}.")
         raise RequestError(f"The run {run} in {results.name} was saved without its policy.{keep}")
     try:
         policy = SavedNetwork.from_files(*map(record.read_file, (WEIGHTS, DESCRIPTION)))

@@ -1,7 +1,7 @@
 """A results directory and its records; `docs/database.md` describes the layout."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from jbench.errors import RequestError, WorkError
@@ -15,8 +15,20 @@ _MAX_SHOWN = 5  # ids in a message
 class Results:
     """A results directory; messages call it by its name: the path, or `reference` if shipped."""
 
-    def __init__(self, path: Path | str, name: Path | None = None) -> None:
-        """Opens a directory, which need not exist; raises a RequestError if it is a file."""
+    def __init__(
+        self,
+        path: Path | str,
+        name: Path | None = None,
+        may_lack: Callable[[str], Collection[str]] = lambda id: (),
+    ) -> None:
+        """Opens a directory, which need not exist; raises a RequestError if it is a file.
+
+        Args:
+            path: the directory.
+            name: what messages call it, by default the path.
+            may_lack: takes the id of a record; returns the names of files that it may lack although
+                its manifest lists them.
+        """
         path = Path(path)
         try:
             is_file = path.exists() and not path.is_dir()
@@ -24,7 +36,9 @@ class Results:
             raise WorkError(f"{path} can't be read ({error.strerror}).") from None
         if is_file:
             raise RequestError(f"{path} is a file; name a directory with --results.")
-        self.path, self.name = path, name or path
+        self.path = path
+        self.name = name or path
+        self.may_lack = may_lack
 
     def record(self, kind: Kind, id: str) -> Record:
         """Returns a record, which need not exist yet; raises a RequestError for an invalid id."""
@@ -32,7 +46,7 @@ class Results:
             raise RequestError(
                 f"{id!r} is not an id; an id looks like face_direction/dae12/s00-1f9a2c4e."
             )
-        return Record(self.inside(f"{kind}s/{id}"), kind, id)
+        return Record(self.inside(f"{kind}s/{id}"), kind, id, may_lack=self.may_lack(id))
 
     def create(self, kind: Kind, id: str, settings: Json, made_on: Json | None = None) -> Record:
         """Creates a record, with more provenance, or restarts an unfinished one; see `begin`."""
@@ -118,7 +132,8 @@ class Results:
                 continue
             below = {e.name for e in entries if e.is_dir(follow_symlinks=False)} - {MANIFEST}
             stack.extend(path / name for name in sorted(below, reverse=True))
-            yield Record(path, kind, id, [e.name for e in entries if e.name not in below])
+            names = [entry.name for entry in entries if entry.name not in below]
+            yield Record(path, kind, id, names, may_lack=self.may_lack(id))
 
     def folder(self, kind: Kind, id: str) -> Record:
         """Returns one folder as `walk` does; an empty one if it does not exist."""

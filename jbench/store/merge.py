@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import in_prose
+from jbench.names import POLICY_FILES, in_prose
 from jbench.store import listed, schema
 from jbench.store.database import Results
 from jbench.store.manifest import KINDS, MANIFEST
@@ -101,7 +101,7 @@ def _choose(mine: Record, other: Record) -> Outcome:
         difference = _other_files(mine, other) or ("another number of rows" if any(more) else None)
     if difference is None:
         if not any(more):
-            return "same"
+            return _with_policy(mine, other) if all(finished) else "same"
         # Two states of the same work: the one with more rows is newer.
         if min(more) >= 0:
             return "replaced"
@@ -119,12 +119,26 @@ def _other_files(mine: Record, other: Record) -> str | None:
         {(e.name, e.sha256) for e in record.manifest.files if e.table is None and e.role is None}
         for record in (mine, other)
     ]
-    names = sorted({name for name, _ in contents[0] ^ contents[1]})
-    if names == ["policy.json", "policy.safetensors"]:
+    names = {name for name, _ in contents[0] ^ contents[1]}
+    if names == {*POLICY_FILES}:
+        if not (_has_policy(mine) and _has_policy(other)):
+            return None
         # Older versions wrote the same policy in another format.
-        formats = {b'"network"' in record.read_file("policy.json") for record in (mine, other)}
-        names = names if len(formats) == 1 else []
-    return f"in {', '.join(names)}" if names else None
+        formats = {b'"network"' in record.read_file(POLICY_FILES[1]) for record in (mine, other)}
+        if len(formats) > 1:
+            return None
+    return f"in {', '.join(sorted(names))}" if names else None
+
+
+def _with_policy(mine: Record, other: Record) -> Outcome:
+    """Returns the outcome for equal rows, of which one copy may lack the policy."""
+    if _has_policy(mine) == _has_policy(other):
+        return "same"
+    return "kept" if _has_policy(mine) else "replaced"
+
+
+def _has_policy(record: Record) -> bool:
+    return {*POLICY_FILES} <= {entry.name for entry in record.manifest.files}
 
 
 def _difference(mine: Record, other: Record, table: str) -> str | None:

@@ -1,6 +1,7 @@
 """A record: its manifest, which is the commit, and its files; see `docs/durability.md`."""
 
 import contextlib
+import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +25,9 @@ class Record:
 
     In `Results.walk` it may be any folder: `names` are of its files and symlinks, and the
     manifest's even if that is a folder; `problem` is a clause on why it can't be read.
+
+    Files that it `may_lack`, and lacks, are taken from the list of the loaded manifest: they are
+    `left_out`, as most policies are of the wheel's results.
     """
 
     path: Path
@@ -31,6 +35,8 @@ class Record:
     id: str
     names: Collection[str] = (MANIFEST,)
     problem: str | None = None
+    may_lack: Collection[str] = ()
+    left_out: tuple[FileEntry, ...] = field(init=False, default=())
     manifest: Manifest = field(init=False)
 
     def check(self) -> None:
@@ -50,8 +56,13 @@ class Record:
         named = f"{manifest.kind} {manifest.id}"
         if named != f"{self.kind} {self.id}":
             raise files.DamagedError(path, f"calls itself {named}; it is not read")
-        self.manifest = manifest
+        self.left_out = tuple(filter(self._is_left_out, manifest.files))
+        there = tuple(entry for entry in manifest.files if entry not in self.left_out)
+        self.manifest = manifest.model_copy(update={"files": there}) if self.left_out else manifest
         return True
+
+    def _is_left_out(self, entry: FileEntry) -> bool:
+        return entry.name in self.may_lack and not os.path.lexists(self.path / entry.name)
 
     def reading(self, read: Callable[[], _Read]) -> _Read:
         """Returns what a function reads; it reads again if a writer has joined the files."""

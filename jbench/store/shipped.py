@@ -1,21 +1,40 @@
 """The shipped results database: reference runs and some trained policies."""
 
-from importlib import resources
+from collections.abc import Collection
+from functools import cache
 from pathlib import Path
 
 from jbench.errors import RequestError
-from jbench.names import REFERENCE, is_reference
+from jbench.names import POLICY_FILES, REFERENCE, SHIPPED_RESULTS, is_reference
 from jbench.store.database import Results
+
+LEFT_OUT = (
+    "is left out of the installed package; a checkout of jbench's repository has it: type "
+    "--results CHECKOUT/results/reference"
+)
+"""Follows the name of a policy, or of several, in a sentence."""
 
 
 def shipped() -> Path:
     """Returns the results directory in the package; it may not exist."""
-    return Path(str(resources.files("jbench").joinpath(REFERENCE)))
+    return SHIPPED_RESULTS
+
+
+@cache
+def kept_policies() -> frozenset[str]:
+    """Returns the ids of the runs whose policies are in the wheel."""
+    lines = Path(__file__).with_name("kept_policies.txt").read_text("utf-8").splitlines()
+    return frozenset(line for line in lines if not line.startswith("#"))
+
+
+def may_lack(id: str) -> Collection[str]:
+    """Returns the files that a shipped record lacks in a wheel, and has in a checkout."""
+    return () if id in kept_policies() else POLICY_FILES
 
 
 def shipped_results() -> Results:
     """Returns the results in the package, which messages call `reference`."""
-    return Results(shipped(), Path(REFERENCE))
+    return Results(shipped(), Path(REFERENCE), may_lack)
 
 
 def results_to_read(place: Results | Path | str) -> Results:

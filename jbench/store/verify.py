@@ -46,12 +46,16 @@ class Flaw(NamedTuple):
 
 
 class Verified(NamedTuple):
-    """Numbers of readable manifests, of the files that they list and of their bytes; and flaws."""
+    """Numbers of readable manifests, of the files that they list and of their bytes; and flaws.
+
+    `left_out` counts the records some of whose files are left out of an installed package.
+    """
 
     records: int
     files: int
     bytes: int
     findings: list[Flaw]
+    left_out: int = 0
 
     @property
     def faults(self) -> list[Flaw]:
@@ -81,7 +85,8 @@ def verify(results: Results, threads: int, progress: Progress = no_progress) -> 
         findings += flaws
         findings += () if record is None else _warnings(record, intact)
     sizes = [entry.bytes for record in records for entry in record.manifest.files]
-    return Verified(len(records), len(sizes), sum(sizes), findings)
+    left_out = sum(bool(record.left_out) for record in records)
+    return Verified(len(records), len(sizes), sum(sizes), findings, left_out)
 
 
 def examine(results: Results, kind: Kind, id: str) -> tuple[Record | None, list[Flaw]]:

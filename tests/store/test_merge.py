@@ -9,6 +9,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.errors import RequestError
+from jbench.names import POLICY_FILES
 from jbench.store import Results, schema
 from jbench.store import merge as merging
 from jbench.store.merge import TIMES, merge
@@ -136,6 +137,19 @@ def test_policy_in_the_format_of_an_older_version_is_no_conflict(results, other)
     run.append({"episodes": mine.read("episodes")})
     run.finish({}, {"policy.json": b'{"layers": 1}', "policy.safetensors": b"weights"})
     assert outcomes(older, other) == {mine.id: "same"}
+
+
+@pytest.mark.parametrize(("with_policy", "outcome"), [("mine", "kept"), ("theirs", "replaced")])
+def test_copy_with_the_policy_wins_over_one_without(results, other, with_policy, outcome):
+    """A wheel leaves out most policies of the shipped runs, and a checkout has them."""
+    policy = dict.fromkeys(POLICY_FILES, b"same")
+    mine = add_timed(results, [1.0, 2.0], 3.0, finish=False)
+    theirs = add_timed(other, [1.0, 2.0], 3.0, finish=False)
+    mine.finish({}, policy if with_policy == "mine" else {})
+    theirs.finish({}, policy if with_policy == "theirs" else {})
+    assert outcomes(results, other) == {mine.id: outcome}
+    kept = {entry.name for entry in results.find("run", mine.id).manifest.files}
+    assert kept >= {*POLICY_FILES}
 
 
 def test_finished_run_replaces_unfinished_run_which_is_set_aside(results, other):

@@ -5,6 +5,7 @@ with seed 0, its 95% interval, and the 10th and 90th percentile of the episodes.
 of the report show them beside the agents. It takes minutes.
 """
 
+import argparse
 import tempfile
 from pathlib import Path
 
@@ -22,21 +23,29 @@ EPISODES = 100
 POLICIES = {"random": "random", HEURISTIC: "hand-written"}
 
 
+OUT = Path(jbench.report.__file__).with_name("baselines.csv")
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--episodes", type=int, default=EPISODES, help="of each policy")
+    parser.add_argument("--out", type=Path, default=OUT, help="CSV file to write")
+    arguments = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as directory:
         for task in TASKS:
             for policy, name in POLICIES.items():
-                settings = EvaluationSettings(task=task, policy=policy, episodes=EPISODES, seed=0)
+                settings = EvaluationSettings(
+                    task=task, policy=policy, episodes=arguments.episodes, seed=0
+                )
                 record = evaluate(settings, Results(Path(directory)), threads=2)
                 returns = record.read("policy_episodes")["episode_return"].to_numpy().round(2)
                 median, low, high, _ = bootstrap.estimate(bootstrap.median, [returns])
                 row = {"task": task, "policy": name, "median": median, "low": low, "high": high}
                 row |= zip(("q10", "q90"), np.percentile(returns, (10, 90)), strict=True)
-                rows.append(row | {"episodes": EPISODES})
+                rows.append(row | {"episodes": arguments.episodes})
                 print(task, name, f"{median:.0f}", flush=True)
-    out = Path(jbench.report.__file__).parent / "baselines.csv"
-    pd.DataFrame(rows).to_csv(out, index=False)
+    pd.DataFrame(rows).to_csv(arguments.out, index=False)
 
 
 if __name__ == "__main__":

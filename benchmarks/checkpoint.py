@@ -10,6 +10,7 @@ training and prints the bytes written and how often each row of the replay buffe
 
 import argparse
 import os
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -31,7 +32,6 @@ from jbench.training.log import RunLog
 
 SEEDS = 5
 TRAINED = 100  # control steps between DDPG's updates
-FULL = 1_001_000  # rows of a million transitions: an episode of 1000 has 1001
 MILLION = 1_000_000
 
 
@@ -71,8 +71,9 @@ def begin(path: Path, run: RunSettings) -> tuple[Record, RunLog]:
     return record, RunLog(record)
 
 
-def cost(algo: str, rounds: int) -> None:
-    """Prints the time of checkpoints relative to that of training."""
+def cost(algo: str, rounds: int, control_steps: int) -> None:
+    """Prints the time of checkpoints relative to that of training, with a full replay buffer."""
+    full = control_steps // EPISODE_STEPS * (EPISODE_STEPS + 1)  # rows
     runs = [settings_of(algo, seed) for seed in range(SEEDS)]
     shares, times = [], []
     with (
@@ -82,10 +83,10 @@ def cost(algo: str, rounds: int) -> None:
         begun = [begin(Path(folder), run) for run in runs]
         if isinstance(engine, OffPolicyEngine):
             for seed in range(SEEDS):
-                engine.replay.restore(seed, torch.randn(1, FULL, 18), FULL)
+                engine.replay.restore(seed, torch.randn(1, full, 18), full)
             engine.replay.begin(engine.environments.observations)
             # TD3 makes a thousand updates after every thousand steps.
-            engine.control_steps = MILLION
+            engine.control_steps = control_steps
         steps = engine.learn(10**12)
         measured = EPISODE_STEPS if algo in ("td3", "ppo") else TRAINED
         for number in range(rounds + 1):
@@ -108,14 +109,14 @@ def cost(algo: str, rounds: int) -> None:
     )
 
 
-def volume(algo: str) -> None:
-    """Prints what the checkpoints of a million control steps write, with one per episode."""
+def volume(algo: str, control_steps: int) -> None:
+    """Prints what the checkpoints of training write, with one per episode."""
     run = settings_of(algo, 0)
     written = Written()
     with tempfile.TemporaryDirectory() as folder, make_trainer([run], [None], "cpu") as engine:
         record, log = begin(Path(folder), run)
         most, random = 0, np.random.default_rng(0)
-        for number in range(1, MILLION // EPISODE_STEPS + 1):
+        for number in range(1, control_steps // EPISODE_STEPS + 1):
             engine.control_steps = number * EPISODE_STEPS
             if isinstance(engine, OffPolicyEngine):
                 for step in range(EPISODE_STEPS):
@@ -128,7 +129,10 @@ def volume(algo: str) -> None:
             save(record, log, engine, 0)
             most = max(most, len(record.manifest.files))
     sizes = ", ".join(f"{kind} {size / 1e6:.0f} MB" for kind, size in written.bytes.items())
-    print(f"{algo:5} a million control steps, {number} checkpoints: {sizes}; at most {most} files")
+    print(
+        f"{algo:5} {control_steps:,} control steps, {number} checkpoints: {sizes}; at most "
+        f"{most} files"
+    )
     if "replay" in written.bytes:
         times = written.bytes["replay"] / (4 * 18 * engine.replay.row)
         print(f"{algo:5} each row of the replay buffer is written {times:.2f} times")
@@ -138,12 +142,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--algos", default=",".join(ALGORITHMS))
     parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--steps", type=int, default=MILLION, help="in a full replay buffer")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    for algo in arguments.algos.split(","):
-        cost(algo, arguments.rounds)
+    algos = arguments.algos.split(",")
+    for algo in algos:
+        print(f"{algo}: training and checkpoints in turn", file=sys.stderr, flush=True)
+        cost(algo, arguments.rounds, arguments.steps)
     for algo in ("ddpg", "ppo"):
-        volume(algo)
+        if algo in algos:
+            print(f"{algo}: checkpoints of {arguments.steps:,} steps", file=sys.stderr, flush=True)
+            volume(algo, arguments.steps)
 
 
 if __name__ == "__main__":

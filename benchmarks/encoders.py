@@ -107,7 +107,8 @@ def ours(name: str, shard: Shard) -> Callable[[], None]:
 def best_rates(loops: dict[str, Callable[[], None]], rows: int, rounds: int) -> dict[str, float]:
     """Returns the best rows/s of each loop; each round runs every loop once."""
     best = dict.fromkeys(loops, 0.0)
-    for _ in range(rounds):
+    for number in range(1, rounds + 1):
+        print(f"round {number} of {rounds}", file=sys.stderr, flush=True)
         for name, epoch in loops.items():
             began = time.perf_counter()
             epoch()
@@ -150,16 +151,18 @@ def compare(rows: int, rounds: int, device: torch.device) -> None:
         print(f"dae against the better {other}: {rates['ours: dae'] / usual:.1f} times")
 
 
-def whole(epochs: int, device: str) -> None:
-    """Trains on 5,000,000 random control steps from the command line."""
+def whole(epochs: int, episodes: int, device: str) -> None:
+    """Trains on random states of episodes from the command line."""
     with tempfile.TemporaryDirectory() as path:
-        make_dataset(Path(path), 5000)
+        print(f"writing {episodes:,} episodes of random states", file=sys.stderr, flush=True)
+        make_dataset(Path(path), episodes)
         command = ("train-dae", "--epochs", str(epochs), "--results", path, "--device", device)
         began = time.perf_counter()
         subprocess.run([sys.executable, "-m", "jbench", *command], check=True)
         wall = time.perf_counter() - began
         memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
-        print(f"{epochs} epochs of 4,004,000 rows: {wall:.1f} s, at most {memory:.2f} GB")
+        rows = 4 * episodes // 5 * STATES  # one episode of five is held out
+        print(f"{epochs} epochs of {rows:,} rows: {wall:.1f} s, at most {memory:.2f} GB")
 
 
 def make_dataset(path: Path, episodes: int) -> None:
@@ -202,9 +205,10 @@ def main() -> None:
         metavar="EPOCHS",
         help="train on 5M control steps from the command line",
     )
+    parser.add_argument("--episodes", type=int, default=5000, help="of --whole")
     arguments = parser.parse_args()
     if arguments.whole:
-        whole(arguments.whole, arguments.device)
+        whole(arguments.whole, arguments.episodes, arguments.device)
     else:
         compare(arguments.rows, arguments.rounds, find_device(arguments.device))
 

@@ -6,6 +6,7 @@ Published settings on face_direction; representations alternate after 10 updates
 processor time, which depends less on other work on the machine.
 """
 
+import argparse
 import statistics
 import time
 
@@ -21,11 +22,14 @@ from jbench.settings.records import OFESettings
 
 _SIZE = 16  # numbers in an observation
 _UNITS = (12, 240)
-_ROUNDS, _UPDATES = 7, 10
+_UPDATES = 10
 
 
 def main() -> None:
     """Prints a line for each representation."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=7, help="of 10 updates of each")
+    rounds = parser.parse_args().rounds
     torch.set_num_threads(1)
     settings = TD3Settings()
     learners: dict[str, OffPolicyLearner] = {"full": TD3(settings, _SIZE, 1, Tensors(1).select(0))}
@@ -46,7 +50,7 @@ def main() -> None:
     for name, learner in learners.items():
         learner.initialize(torch.Generator().manual_seed(0))
         _seconds(learner, batches[name])
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         for name, learner in learners.items():
             times[name].append(_seconds(learner, batches[name]))
     for name, seconds in times.items():

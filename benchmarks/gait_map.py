@@ -6,6 +6,7 @@ the last 2.5 of 3 s. Writes docs/images/gait_map.png.
 """
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 SPRING = 0.5  # share of the full torque that pulls the mass to the center of its swing
 STEPS = 300  # control steps of a robot
 SETTLING = 50  # first control steps, which are not counted
-EPISODES = 6  # robots for each point of the map
 AMPLITUDES = (0.4, 0.6, 0.8, 1.0)  # share of the full torque
 PERIODS = np.arange(0.06, 0.221, 0.02)  # s
 CENTERS = np.radians(np.arange(0, 181, 15))  # 0 forward, 90 degrees to the left
@@ -33,20 +33,23 @@ MARKERS = "os^D"
 BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15), "frameon": False}
 
 
-def simulate(amplitude: Array, period: Array, center: Array) -> tuple[NDArray[Any], Array]:
-    """Returns drift (m/s; forward + 1j left) and yaw rate (rad/s), each (points, EPISODES).
+def simulate(
+    amplitude: Array, period: Array, center: Array, episodes: int
+) -> tuple[NDArray[Any], Array]:
+    """Returns drift (m/s; forward + 1j left) and yaw rate (rad/s), each (points, episodes).
 
     Args:
         amplitude: (points,) of the swings, or the whirls' torque where the period is infinite.
         period: (points,) s.
         center: (points,) rad.
+        episodes: robots for each point.
     """
     swings, period, center = (
-        np.repeat(values, EPISODES)
+        np.repeat(values, episodes)
         for values in (np.isfinite(period), np.where(np.isfinite(period), period, 1.0), center)
     )
-    torque = np.repeat(amplitude, EPISODES)
-    seeds = np.tile(np.arange(EPISODES), len(amplitude))
+    torque = np.repeat(amplitude, episodes)
+    seeds = np.tile(np.arange(episodes), len(amplitude))
     robots = Robots("move_from_origin", seeds.tolist(), COARSE)
     drift, yaw = np.zeros(len(seeds), dtype=complex), np.zeros(len(seeds))
     for step in range(STEPS):
@@ -58,13 +61,13 @@ def simulate(amplitude: Array, period: Array, center: Array) -> tuple[NDArray[An
             velocity = state.torso_velocity[:, 0] + 1j * state.torso_velocity[:, 1]
             drift += velocity * np.exp(-1j * geometry.heading(state)) / (STEPS - SETTLING)
             yaw += state.velocity[:, 5] / (STEPS - SETTLING)
-    return drift.reshape(-1, EPISODES), yaw.reshape(-1, EPISODES)
+    return drift.reshape(-1, episodes), yaw.reshape(-1, episodes)
 
 
-def draw_periods(axes: Any) -> None:
+def draw_periods(axes: Any, episodes: int) -> None:
     """Draws drift against the period of swings forwards, for each amplitude."""
     grid = np.array([(a, p) for a in AMPLITUDES for p in PERIODS])
-    drift, _ = simulate(grid[:, 0], grid[:, 1], np.zeros(len(grid)))
+    drift, _ = simulate(grid[:, 0], grid[:, 1], np.zeros(len(grid)), episodes)
     rows = np.median(drift.real, 1).reshape(len(AMPLITUDES), -1)
     for amplitude, row, color, marker in zip(AMPLITUDES, rows, COLORS, MARKERS, strict=True):
         axes.plot(PERIODS * 1000, 100 * row, color=color, marker=marker, label=f"{amplitude:.1f}")
@@ -72,10 +75,10 @@ def draw_periods(axes: Any) -> None:
     axes.legend(title="amplitude (of full torque)", ncols=4, **BELOW)
 
 
-def draw_centers(axes: Any) -> None:
+def draw_centers(axes: Any, episodes: int) -> None:
     """Draws drift and yaw rate against the center of the best swings."""
     points = np.ones(len(CENTERS))
-    drift, yaw = simulate(BEST[0] * points, BEST[1] * points, CENTERS)
+    drift, yaw = simulate(BEST[0] * points, BEST[1] * points, CENTERS, episodes)
     drift *= np.exp(-1j * CENTERS)[:, None]
     curves = (
         (100 * drift.real, "towards the center (cm/s)"),
@@ -96,10 +99,10 @@ def draw_centers(axes: Any) -> None:
     axes.legend(ncols=2, **BELOW)
 
 
-def draw_whirls(axes: Any) -> None:
+def draw_whirls(axes: Any, episodes: int) -> None:
     """Draws yaw rate and drift against a constant torque."""
     points = np.ones(len(WHIRLS))
-    drift, yaw = simulate(WHIRLS, np.inf * points, 0 * points)
+    drift, yaw = simulate(WHIRLS, np.inf * points, 0 * points, episodes)
     curves = ((yaw, "yaw rate (rad/s)"), (10 * np.abs(drift), "drift (0.1 m/s)"))
     for (values, label), color, marker in zip(curves, COLORS, MARKERS, strict=False):
         low, median, high = np.percentile(values, [10, 50, 90], axis=1)
@@ -119,16 +122,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     image = Path(__file__).parents[1] / "docs" / "images" / "gait_map.png"
     parser.add_argument("--output", type=Path, default=image)
+    parser.add_argument("--episodes", type=int, default=6, help="robots for each point of the map")
     args = parser.parse_args()
     figure = Figure(figsize=(13, 4.6), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
-    draw_periods(left)
-    draw_centers(middle)
-    draw_whirls(right)
+    panels = {"periods": draw_periods, "centers": draw_centers, "whirls": draw_whirls}
+    for axes, (name, draw) in zip((left, middle, right), panels.items(), strict=True):
+        print(f"simulating {name}", file=sys.stderr, flush=True)
+        draw(axes, args.episodes)
     for axes in (left, middle, right):
         axes.spines[["top", "right"]].set_visible(False)
     args.output.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(args.output, dpi=150)
+    print(f"wrote {args.output}")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import torch
-from clock import Clock
 from stacked_updates import Updates, peak
 
 from jbench.agents.batched.make import make_engine
@@ -35,6 +34,7 @@ from jbench.devices import find_device
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.store.provenance import device_provenance, processor
+from jbench.timing import measured
 
 ROOT = Path(__file__).parents[1]
 TESTS = ("tests/agents/test_gpu.py", "tests/agents/test_captured_regions.py")
@@ -175,9 +175,9 @@ def report_updates(size: Size, device: torch.device, report: Report) -> None:
 def _rates(updates: Updates, size: Size, seeds: int, most: float) -> list[str]:
     for _ in range(3):  # calls, records and replays
         updates.make(size.updates)
-    measured = [updates.make(size.updates) for _ in range(size.rounds)]
-    rate = median(count / seconds for count, seconds, _ in measured)
-    with_drawing = median(count / seconds for count, _, seconds in measured)
+    rounds = [updates.make(size.updates) for _ in range(size.rounds)]
+    rate = median(count / seconds for count, seconds, _ in rounds)
+    with_drawing = median(count / seconds for count, _, seconds in rounds)
     count, kernels = updates.kernels(min(size.updates, 50))
     in_kernels = sum(seconds for _, seconds in kernels.values()) / count
     flops = updates.flops() * rate
@@ -197,16 +197,16 @@ def report_training(size: Size, device: torch.device, report: Report) -> None:
     report.table("algorithm", "seeds", "environments", "control steps/s of all seeds", "time in")
     for algo, seeds, environments in product(ALGORITHMS, size.trained, size.environments):
         with engine_of(algo, size, seeds, device, environments=environments) as engine:
-            clock, steps = Clock(), engine.learn(10**12)
-            clock.watch_loop(engine)
+            steps = engine.learn(10**12)
             while engine.control_steps < size.warm_up:
                 next(steps)
-            clock.reset()
-            first, began = engine.control_steps, time.perf_counter()
-            while (took := time.perf_counter() - began) < size.seconds:
-                next(steps)
+            first = engine.control_steps
+            with measured() as seconds:
+                began = time.perf_counter()
+                while (took := time.perf_counter() - began) < size.seconds:
+                    next(steps)
             rate = seeds * (engine.control_steps - first) / took
-        parts = ", ".join(f"{name} {spent / took:.0%}" for name, spent in clock.spent.items())
+        parts = ", ".join(f"{name} {spent / took:.0%}" for name, spent in seconds.items())
         report.row(algo, seeds, environments, f"{rate:,.0f}", parts)
 
 

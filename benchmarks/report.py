@@ -131,6 +131,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir=arguments.directory) as directory:
         paths = {runs: Path(directory) / str(runs) for runs in sizes}
         for runs, path in paths.items():
+            print(f"making {runs:,} runs", file=sys.stderr, flush=True)
             generate(path, runs, arguments.episodes, arguments.variants)
         for options in ((), ("--claims",)):
             rounds = [

@@ -79,7 +79,7 @@ def updates_of(algo: str | type[Rule]) -> Updates:
     engine = make_engine(algo, settings, Environments("face_direction", [0]))
     assert isinstance(engine, OffPolicyEngine)
     engine.replay.restore(0, torch.randn(1, TRANSITIONS, engine.environments.size + 2), TRANSITIONS)
-    (updates,) = engine._group_updates
+    (updates,) = engine.group_updates
     return updates
 
 

@@ -37,13 +37,13 @@ class Updates:
         engine = self._engine
         began = drawn = self._now()
         if isinstance(engine, OffPolicyEngine):
-            (updates,) = engine._group_updates
+            (updates,) = engine.group_updates
             updates.prepare(self._done + 1, count)
             drawn = self._now()
             updates.run()
         else:
             assert isinstance(engine, OnPolicyEngine)
-            (epochs,), settings = engine._group_updates, engine._settings
+            (epochs,), settings = engine.group_updates, engine._settings
             count = settings.n_epochs * -(-epochs._transitions // settings.batch_size)
             epochs.run()
         ended = self._now()
@@ -54,14 +54,14 @@ class Updates:
         """Returns floating point operations of the products of matrices of one update."""
         engine = self._engine
         if isinstance(engine, OffPolicyEngine):
-            (updates,) = engine._group_updates
+            (updates,) = engine.group_updates
             # TD3 updates its actor every other time.
             arguments: list[Any] = [updates._learner.is_delayed_update(i, 0) for i in (1, 2)]
             function = updates._update_once
         else:
             assert isinstance(engine, OnPolicyEngine)
             arguments = [engine._settings.batch_size]
-            function = engine._group_updates[0]._update_once
+            function = engine.group_updates[0]._update_once
         with FlopCounterMode(display=False) as counter:
             for argument in arguments:
                 function(argument)

@@ -7,7 +7,10 @@ with one seed each. All processes stay in memory and run alternately for a few s
 other work on the machine affects them equally; a ratio is the median over the rounds. Rates are per
 second of wall time and per second of processor time, which other processes do not take. Then it
 measures DDPG's update relative to its own matrix products, and what takes the time of whole
-training with the published settings.
+training with the published settings (`benchmarks/shares.py`).
+
+`--cores 1,2` measures ten seeds on 1 and on 2 cores with the settings as published instead, and
+predicts the hours of Figure 8 (`benchmarks/cost.py`).
 
 `--steps 50000` compares returns instead: five seeds of stable-baselines3 and five of jbench train
 alternately for 50,000 control steps each. After each fifth it prints the rates and the mean return
@@ -130,10 +133,10 @@ def compare(algo: str, arguments: argparse.Namespace) -> None:
         wanted.append(("SBX", arguments.sbx_python, requests("sbx", *about, len(CORES))))
     with ExitStack() as stack:
         contenders = [stack.enter_context(contender(*each)) for each in wanted]
-        rounds = [
-            {each.name: each.run(arguments.seconds) for each in contenders}
-            for _ in range(arguments.rounds)
-        ]
+        rounds = []
+        for number in range(1, arguments.rounds + 1):
+            print(f"{algo}: round {number} of {arguments.rounds}", file=sys.stderr, flush=True)
+            rounds.append({each.name: each.run(arguments.seconds) for each in contenders})
     for name in rounds[0]:
         line = f"{algo:5} {name:18}"
         for clock in CLOCKS:
@@ -204,20 +207,36 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7, help="rounds of all contenders")
     parser.add_argument("--steps", type=int, help="control steps of each seed, to compare returns")
     parser.add_argument("--seconds", type=float, default=3.0, help="per contender and round")
+    parser.add_argument(
+        "--cores", type=parse_cores, metavar="N,…", help="numbers of cores, to compare with a model"
+    )
+    parser.add_argument("--bursts", type=int, default=30, help="of 50 updates of DDPG alone")
+    parser.add_argument("--share-steps", type=int, help="control steps of the shares of training")
     arguments = parser.parse_args()
+    import cost
     import shares
     from update_rates import cpu_rows
+
+    algos = arguments.algos.split(",")
+    if arguments.cores is not None:
+        cost.rows(arguments.cores, [agent for agent in cost.AGENTS if agent.algo in algos])
+        return
 
     if arguments.make_sbx is not None:
         arguments.sbx_python = make_sbx(arguments.make_sbx)
     if arguments.steps is not None:
-        for algo in arguments.algos.split(","):
+        for algo in algos:
             compare_returns(algo, arguments)
         return
-    for algo in arguments.algos.split(","):
+    for algo in algos:
         compare(algo, arguments)
-    cpu_rows()
-    shares.rows()
+    cpu_rows(arguments.bursts)
+    shares.rows({algo: arguments.share_steps or shares.STEPS[algo] for algo in algos})
+
+
+def parse_cores(text: str) -> list[int]:
+    """Returns numbers of cores such as 1,2."""
+    return [int(part) for part in text.split(",")]
 
 
 if __name__ == "__main__":

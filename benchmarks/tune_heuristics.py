@@ -44,7 +44,7 @@ from jbench.tasks.jitterbug.robots import load_model
 Array = NDArray[np.float64]
 
 FIRST_TUNING_SEED = 10_000
-HELD_OUT_SEEDS = range(100)
+HELD_OUT = 100  # episodes, of the seeds from 0
 POPULATION = 16  # candidates in a generation
 SPREAD = 0.12  # standard deviation of the first draws, as a share of each constant
 THREADS = 2
@@ -220,15 +220,16 @@ def main() -> None:
     parser.add_argument("--coarse", type=int, default=COARSE, help="physics steps made into one")
     parser.add_argument("--constants", nargs="*", default=[], help="to tune; else all of them")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--held-out", type=int, default=HELD_OUT, help="episodes of the result")
     args = parser.parse_args()
     best = tune(args)
     for name, value in best.items():
         print(f"    {name} = {value:.4g}")
     policy = with_constants(args.task, best)
-    tuning = range(FIRST_TUNING_SEED, FIRST_TUNING_SEED + len(HELD_OUT_SEEDS))
+    tuning = range(FIRST_TUNING_SEED, FIRST_TUNING_SEED + args.held_out)
     if args.candidates:
         print(f"{args.task}: tuning {summary(returns(policy, tuning))}", flush=True)
-    print(f"{args.task}: held out {summary(returns(policy, HELD_OUT_SEEDS))}")
+    print(f"{args.task}: held out {summary(returns(policy, range(args.held_out)))}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,9 @@
-"""Measures updates without the robots, for `benchmarks/train.py`."""
+"""Measures updates without the robots: `python benchmarks/update_rates.py`.
 
+`--busy` makes such updates until it is killed, to keep a core busy.
+"""
+
+import argparse
 import subprocess
 import sys
 import time
@@ -77,15 +81,17 @@ def products() -> Callable[[], None]:
     return run
 
 
-def fraction_of_products(seeds: int, precision: str = "float32") -> tuple[float, float, float]:
+def fraction_of_products(
+    seeds: int, precision: str = "float32", bursts: int = BURSTS
+) -> tuple[float, float, float]:
     """Returns the seconds of an update, those of its products alone, and their ratio.
 
     Both alternate, in processor time of this thread, which depends little on other processes.
     """
     engine, alone = engine_with_transitions(seeds, precision), products()
     times: list[tuple[float, float]] = []
-    for burst in range(BURSTS // seeds + 2):
-        for group in engine._group_updates:
+    for burst in range(bursts // seeds + 2):
+        for group in engine.group_updates:
             group.prepare(1 + burst * BURST, BURST)
             began = time.thread_time()
             group.run()
@@ -102,12 +108,12 @@ def fraction_of_products(seeds: int, precision: str = "float32") -> tuple[float,
     )
 
 
-def cpu_rows() -> None:
+def cpu_rows(bursts: int = BURSTS) -> None:
     """Prints the rows of one core while a second process keeps the other core busy."""
     torch.set_num_threads(1)
-    with subprocess.Popen([sys.executable, __file__], stdout=subprocess.DEVNULL) as other:
+    with subprocess.Popen([sys.executable, __file__, "--busy"]) as other:
         for precision in ("float32", "bfloat16"):
-            update, alone, part = fraction_of_products(5, precision)
+            update, alone, part = fraction_of_products(5, precision, bursts)
             print(
                 f"DDPG's update in {precision}: {update * 1e3:.2f} ms per core, its products alone "
                 f"in float32 {alone * 1e3:.2f} ms: {part:.2f} of the rate of products",
@@ -116,7 +122,18 @@ def cpu_rows() -> None:
         other.kill()
 
 
-if __name__ == "__main__":
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--bursts", type=int, default=BURSTS, help="of 50 updates")
+    parser.add_argument("--busy", action="store_true", help="go on until killed; print nothing")
+    arguments = parser.parse_args()
+    if not arguments.busy:
+        cpu_rows(arguments.bursts)
+        return
     torch.set_num_threads(1)
     while True:
         fraction_of_products(5)
+
+
+if __name__ == "__main__":
+    main()

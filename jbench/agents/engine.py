@@ -14,6 +14,7 @@ from torch import Tensor
 from jbench.agents.environments import Environments, SeedState, StepResult
 from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
+from jbench.timing import part
 
 AfterStep = Callable[[NDArray[np.float64] | None], bool]
 """Called after a control step with what `Engine.learn` yields; returns whether to go on."""
@@ -92,16 +93,20 @@ class Engine(AbstractContextManager["Engine"]):
         """
         while True:
             if self._collected == self._rollout_steps:
-                self._after_rollout()
+                with part("updates"):
+                    self._after_rollout()
                 self._collected = 0
             if self._collected == 0 and self.control_steps >= steps:
                 break
             observations = self.environments.observations
-            actions = self._checked_actions(self._explore_actions(observations))
-            step = self.environments.step(actions)
+            with part("acting"):
+                actions = self._checked_actions(self._explore_actions(observations))
+            with part("robots"):
+                step = self.environments.step(actions)
             self.control_steps += actions.shape[1]
             self._collected += 1
-            self._store(observations, actions, step)
+            with part("transitions"):
+                self._store(observations, actions, step)
             yield step.episode_returns
 
     def train(self, steps: int, after_step: AfterStep) -> None:

@@ -1,7 +1,7 @@
 """What trains the agents of a batch of runs, jbench's engine or another loop, and its speed."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -64,16 +64,21 @@ def make_trainer(
     return make_engine(algorithm, values, environments, **options)
 
 
-def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
+def seconds_per_step(
+    runs: Sequence[RunSettings],
+    device: str = "cpu",
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
     """Returns the seconds per control step of each run of a process, evaluations included.
 
     The measurement takes seconds, with temporary agents. Encoders are left out: their cost is
-    negligible. Raises a WorkError if neither the algorithm nor the engine is jbench's own.
+    negligible. The clock is `time.process_time` if other work on the machine is not to count.
+    Raises a WorkError if neither the algorithm nor the engine is jbench's own.
     """
     settings, changes = runs[0], {}
     if not settings.is_ours and settings.engine != "batched":
         raise WorkError(f"The speed of {settings.algo} is not measured.")
-    idle, algorithm = len(runs) * stepping(settings, device), hyperparameters(settings)
+    idle, algorithm = len(runs) * stepping(settings, device, clock), hyperparameters(settings)
     evaluating, count = evaluation_steps(settings) * idle, settings.environments
     if isinstance(algorithm, PPOSettings):
         rollout = algorithm.n_steps * algorithm.n_envs
@@ -93,17 +98,17 @@ def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     changed = {**settings.hyperparameters, **changes}
     measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
     with make_trainer(measured, [None] * len(runs), device) as engine:
-        before, began = 0, time.perf_counter()
+        before, began = 0, clock()
 
         def after_step(_: object) -> bool:
             nonlocal before, began
             if before < first < engine.control_steps:  # the first updates have been made
-                before, began = engine.control_steps, time.perf_counter()
+                before, began = engine.control_steps, clock()
             return True
 
         unmeasured = count if first else 0  # the step after the first updates
         engine.train(first + unmeasured + rollout, after_step)
-        return evaluating + (time.perf_counter() - began) / (engine.control_steps - before)
+        return evaluating + (clock() - began) / (engine.control_steps - before)
 
 
 def evaluation_steps(settings: RunSettings) -> float:
@@ -113,7 +118,11 @@ def evaluation_steps(settings: RunSettings) -> float:
     return episodes * EPISODE_STEPS / settings.steps
 
 
-def stepping(settings: RunSettings, device: str = "cpu") -> float:
+def stepping(
+    settings: RunSettings,
+    device: str = "cpu",
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
     """Returns the seconds per control step without training, with a robot on each thread."""
     task, threads = find_task(settings.task), 1
     if device != "cpu" and settings.engine != "sb3":
@@ -121,7 +130,7 @@ def stepping(settings: RunSettings, device: str = "cpu") -> float:
     actions = np.zeros((threads, task.action_size), np.float32)
     with task.worlds(threads, threads, settings.augment) as worlds:
         worlds.reset([np.random.default_rng(0)] * threads)
-        began = time.perf_counter()
+        began = clock()
         for _ in range(_STEPS // threads):
             worlds.step(actions)
-        return (time.perf_counter() - began) / (_STEPS // threads * threads)
+        return (clock() - began) / (_STEPS // threads * threads)

@@ -13,6 +13,7 @@ from jbench.encoders import Encoder
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.store import Record
+from jbench.timing import part
 from jbench.training import evaluation
 from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
 from jbench.training.engines import make_trainer
@@ -83,7 +84,8 @@ class TrainingGroup:
         self._fail_diverged()
         steps = self._engine.control_steps
         if returns is not None and self._active():
-            self._note_episodes(returns)
+            with part("rows"):
+                self._note_episodes(returns)
         if not (active := self._active()):
             return False
         if active[0][1].log.is_evaluation_due(self._settings.evaluate_every, steps):
@@ -125,6 +127,10 @@ class TrainingGroup:
                 self._report(Event("episode", run, steps=steps, episode_return=episode_return))
 
     def _evaluate(self) -> None:
+        with part("evaluation"):
+            self._evaluate_active()
+
+    def _evaluate_active(self) -> None:
         self._fail_diverged(weights=True)
         if not (active := self._active()):
             return
@@ -152,9 +158,10 @@ class TrainingGroup:
     def _save(self) -> None:
         self._fail_diverged(weights=True)
         began = time.perf_counter()
-        self._share_processor_time()
-        for index, _ in self._active():
-            self._save_one(index)
+        with part("checkpoints"):
+            self._share_processor_time()
+            for index, _ in self._active():
+                self._save_one(index)
         self._clock.committed(time.perf_counter() - began)
 
     def _save_one(self, index: int, *, only: bool = False) -> None:

@@ -173,7 +173,7 @@ def test_replayed_recording_has_same_results(algo, options):
         expected = trajectory(plain, 1)
     before = Replayed.repeats
     with build_engine(algo, [0, 1], **options) as engine:
-        for updates in engine._group_updates:
+        for updates in engine.group_updates:
             updates._update = Replayed()
         engine._captured = Replayed()
         assert_same(trajectory(engine, 1), expected)

@@ -67,11 +67,11 @@ def filled_engine(algo, seeds, **options):
 def update(engine, first, count):
     """Makes some updates of all agents."""
     if isinstance(engine, OffPolicyEngine):
-        for updates in engine._group_updates:
+        for updates in engine.group_updates:
             updates.prepare(first, count)
             updates.run()
     else:
-        for epochs in engine._group_updates * count:
+        for epochs in engine.group_updates * count:
             epochs.run()
 
 

@@ -59,7 +59,7 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
     changes = {"mirror": True, "tau": 0.1, "batch_size": 15}
     with build_engine(algo, [3], encoder=encoder, changes=changes, dtype=torch.float64) as engine:
         engine.replay.restore(0, rows[None], ROWS)
-        settings, (learner,), (updates,) = engine._settings, engine.learners, engine._group_updates
+        settings, (learner,), (updates,) = engine._settings, engine.learners, engine.group_updates
         plain = PLAIN[algo][0](settings, engine.environments.size)
         copy_parameters(paired_layers(algo, learner, plain))
         random = copy.deepcopy(engine.environments.generators[0].updates)

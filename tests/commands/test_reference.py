@@ -66,6 +66,13 @@ def test_writing_command_refuses_shipped_results(typed, refused):
     assert "reference names the results shipped with jbench, which are read-only" in error
 
 
+def test_path_of_the_shipped_results_is_their_name(refused, document):
+    """As results/reference of a checkout, which is a link to them."""
+    assert document("runs", results=str(shipped())) == document("runs", results="reference")
+    error = refused("collect", results=str(shipped()))
+    assert "reference names the results shipped with jbench, which are read-only" in error
+
+
 def test_existing_directory_named_reference_takes_precedence(tmp_path, document):
     (tmp_path / "reference").mkdir()
     assert document("runs", results="reference")["runs"] == []

@@ -17,6 +17,7 @@ from jbench.agents.environments import Environments, Generators, SeedState, unde
 from jbench.names import TimeLimit
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
+from jbench.timing import part
 
 _AGENT, _LOOP = "agent/", "loop/"
 
@@ -160,7 +161,9 @@ class BatchedEngine(Engine):
 
     def _after_rollout(self) -> None:
         self._update()
-        for seed in self._not_finite(LOSS_SUMS):
+        with part("waiting for updates"):
+            divergent = self._not_finite(LOSS_SUMS)
+        for seed in divergent:
             self._record_divergence(seed, divergent_loss(self.losses(seed)) or "losses")
 
     def _not_finite(self, name: str) -> list[int]:

@@ -37,7 +37,7 @@ class OffPolicyEngine(BatchedEngine):
         mirror = None
         if settings.mirror:
             mirror = _row_mirror(environments).to(tensors.device, tensors.dtype)
-        self._group_updates = [
+        self.group_updates = [
             Updates(settings, group, self.replay, self._time_limit, mirror=mirror)
             for group in self.groups
         ]
@@ -67,7 +67,7 @@ class OffPolicyEngine(BatchedEngine):
             return
         first = self.updates + 1
         self.updates += self._due
-        for updates in self._group_updates:
+        for updates in self.group_updates:
             if self._still_learning(updates.group):
                 if first == 1:
                     updates.pretrain(self.control_steps)

@@ -25,7 +25,7 @@ class OnPolicyEngine(BatchedEngine):
         width = environments.size + environments.action_size + COLUMNS
         self._rows = torch.zeros(seeds, count, steps, width, dtype=self.tensors.dtype)
         self._ends = np.zeros(steps, bool)
-        self._group_updates = [Epochs(settings, group, self._rows) for group in self.groups]
+        self.group_updates = [Epochs(settings, group, self._rows) for group in self.groups]
         self._explored: Tensor  # of the last call of `PPO.explore`
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
@@ -51,7 +51,7 @@ class OnPolicyEngine(BatchedEngine):
         settings = self._settings
         last_values = self._run("value", self.environments.observations)[..., 0]
         estimate(self._rows, self._ends, last_values, settings)
-        for epochs in self._group_updates:
+        for epochs in self.group_updates:
             if self._still_learning(epochs.group):
                 epochs.run()
         self.updates += settings.n_epochs

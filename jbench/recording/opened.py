@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from operator import attrgetter
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from jbench.names import Order, ReturnsName
@@ -138,19 +137,16 @@ class OpenedResults:
 
 
 def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[Part]:
-    """Returns the points of a curve; of each seed's, those of windows that it has completed."""
+    """Returns the points of a curve, or those of each seed's."""
     names = dict(zip(_CURVE, _key(configuration), strict=True)) | {"returns": configuration.kind}
-    arrays = {"window": curve.widths, "control_steps": curve.control_steps}
     if not per_seed:
         quantiles = dict(zip(_QUANTILES, curve.quantiles, strict=True))
-        return [(names | {"order": curve.order}, arrays | {"seeds": curve.seeds} | quantiles)]
+        arrays = {"window": curve.widths, "control_steps": curve.control_steps}
+        return [(names | {"order": curve.order, "seeds": curve.seeds}, arrays | quantiles)]
     parts: list[Part] = []
-    seeds = zip(configuration.runs, configuration.seeds, curve.by_seed, strict=True)
-    for run, seed, values in seeds:
-        present = np.isfinite(values)
-        points = {**arrays, "episode_return": values}
-        points = {name: array[present] for name, array in points.items()}
-        parts.append((names | {"run": run, "seed": seed}, points))
+    for run, seed, mine in zip(configuration.runs, configuration.seeds, curve.by_seed, strict=True):
+        points = {"window": mine.widths, "control_steps": mine.control_steps}
+        parts.append((names | {"run": run, "seed": seed}, points | {"episode_return": mine.values}))
     return parts
 
 

@@ -10,7 +10,7 @@ from jbench.names import kind_in
 from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, long_frame
-from jbench.report.data.curves import NAMES, Curve, best_median, centers, moving_average
+from jbench.report.data.curves import NAMES, Curve, SeedCurve, best_median, centers
 from jbench.report.data.returns import SOLVED, TRAINING, display_name, shown_representation
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -66,10 +66,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
             sizes = len(scores.final), row["s"], w, scores.episodes.mean()
             row["detectable"] = smallest_difference(*sizes)
         if config.robots <= 1 and config.has_solved_return:
-            known = np.isfinite(config.returns).any(axis=1)
-            at = moving_average(config.control_steps[known], curve.window)
-            smooth = curve.by_seed[known][:, curve.widths == curve.window]
-            steps = np.where(smooth >= SOLVED, at, np.inf).min(axis=1)
+            steps = _solved_steps(curve.by_seed)
             row |= _intervals({"solved_steps": st.median}, steps)
             row["reached"] = int(np.isfinite(steps).sum())
         if row["seeds"] and config.has_solved_return:
@@ -81,6 +78,16 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
                 row["published"], row["published_figure"] = best
         rows.append(row)
     return pd.DataFrame(rows, columns=CONFIGURATIONS).astype({"reached": "Int64"})
+
+
+def _solved_steps(curves: Sequence[SeedCurve]) -> FloatArray:
+    """Returns the first control step of each seed at which a whole window has reached `SOLVED`."""
+    first = []
+    for curve in curves:
+        solved = (curve.values >= SOLVED) & (curve.widths == curve.window)
+        if len(curve.values):
+            first.append(curve.control_steps[solved].min(initial=np.inf))
+    return np.array(first)
 
 
 def _intervals(statistics: Mapping[str, st.Statistic], scores: FloatArray) -> dict[str, float]:
@@ -110,7 +117,7 @@ def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
 
 
 def curve_frame(curves: Curves) -> pd.DataFrame:
-    """Returns the points of curves, but those without a seed.
+    """Returns the points of curves, each of all seeds that have returns.
 
     steps is the center of the window, and window the episodes or evaluations that are averaged:
     fewer at the ends of a run. Quantiles other than the median are NaN for fewer than `MIN_SEEDS`
@@ -118,14 +125,13 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
     """
     parts = []
     for config, curve in curves:
-        known = curve.seeds > 0
-        arrays = {"steps": curve.control_steps, "seeds": curve.seeds, "window": curve.widths}
+        arrays = {"steps": curve.control_steps, "window": curve.widths}
         banded = len(config.seeds) >= st.MIN_SEEDS
         for row, name in zip(curve.quantiles, NAMES.values(), strict=True):
             arrays[name] = row if banded or name == "median" else np.full(len(row), np.nan)
         robot_steps = config.robot_episodes * config.longest / config.returns.shape[1]
-        names = {**config.identity, "robots": config.robots, "robot_steps": robot_steps}
-        parts.append((names, {name: values[known] for name, values in arrays.items()}))
+        names = {**config.identity, "seeds": curve.seeds, "robots": config.robots}
+        parts.append(({**names, "robot_steps": robot_steps}, arrays))
     return long_frame(parts, CURVES)
 
 
@@ -133,11 +139,10 @@ def run_curve_frame(curves: Curves) -> pd.DataFrame:
     """Returns the learning curve of each run, at most 200 points."""
     parts = []
     for config, curve in curves:
-        for run, seed, values in zip(config.runs, config.seeds, curve.by_seed, strict=True):
-            shown = np.flatnonzero(np.isfinite(values))
-            at = np.linspace(0, len(shown) - 1, min(len(shown), 200)).round().astype(int)
-            shown = shown[at]
-            arrays = {"steps": curve.control_steps[shown], "value": values[shown]}
+        for run, seed, mine in zip(config.runs, config.seeds, curve.by_seed, strict=True):
+            count = len(mine.values)
+            shown = np.linspace(0, count - 1, min(count, 200)).round().astype(int)
+            arrays = {"steps": mine.control_steps[shown], "value": mine.values[shown]}
             parts.append(({**config.identity, "run": run, "seed": seed}, arrays))
     return long_frame(parts, RUN_CURVES)
 
@@ -151,13 +156,12 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
     """
     parts = []
     for config, curve in curves:
-        times = config.processor_time[~config.diverged]
-        if not len(times):
+        times = config.common.processor_time[~config.diverged[config.common.known]]
+        if not times.size:
             continue
         middle = np.median(times, axis=0)  # NaN where a seed has none
         # If some times of a window are missing, the mean of the others is not that at its center.
-        known = centers(np.isfinite(middle).astype(np.float64), curve.window) == 1
-        usable = known & np.isfinite(curve.quantile(50))
+        usable = centers(np.isfinite(middle).astype(np.float64), curve.window) == 1
         seconds = centers(middle, curve.window)[usable]
         parts.append((config.identity, {"median": curve.quantile(50)[usable], "seconds": seconds}))
     return long_frame(parts, [*ID, "seconds", "median"])

@@ -34,6 +34,7 @@ class Frames:
     """All that a report on some results shows, or on the file of a request.
 
     `returns` is the kind of return that is shown first, and that of pairs, profiles, predictions.
+    `interpolated` says whether seeds of a curve were logged at different control steps.
     Notes are sentences for the reader; problems are those on unreadable records.
     """
 
@@ -65,6 +66,7 @@ class Frames:
         self.published = configurations.published_frame(figures, known, request.algo, beside)
         self.seeds = configurations.seed_frame(every)
         self.run_curves = configurations.run_curve_frame(plain)
+        self.interpolated = any(config.common.interpolated for config, _ in plain)
         self.metrics, self.paths = source.tables["metrics"], source.paths
         self.baselines = policies.baseline_frame(known)
         self.pairs = compare.pair_frame(trained_lead, self.lead(self.verdicts))

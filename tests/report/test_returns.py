@@ -48,7 +48,8 @@ def test_seeds_are_aligned_by_control_steps(fabric):
     assert seed_scores(cell, 25_000).final.tolist() == [1, 20]
     assert cell.notes == (
         "1 of 3 seeds have no evaluation",
-        "seeds were evaluated after different numbers of control steps",
+        "its seeds were logged at different control steps: each is interpolated linearly between "
+        "its own points",
     )
 
 

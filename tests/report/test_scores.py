@@ -51,13 +51,14 @@ def test_seeds_that_never_reach_return_count_as_infinite(fabric):
     assert row["solved_steps_high"] == math.inf
 
 
-def test_nan_returns_are_ignored_in_means_and_counts(fabric):
+def test_nan_returns_are_left_out_of_means_and_counts(fabric):
     fabric.run([np.nan, 200.0, 400.0, 600.0, 200.0, 400.0, np.nan, 600.0], 0)
     fabric.run([100.0] * 6 + [np.nan] * 2, 1)
     (cell,) = fabric.configurations()[0]
-    # The last quarter of seed 1 is NaN; the area of seed 0 is the mean of six numbers.
+    # The last quarter of seed 1 is NaN. Both have returns from 2,000 to 6,000 control steps, where
+    # the lines between those of seed 0 have the means 300, 500, 400 and 300.
     found = seed_scores(cell, 8000)
-    assert (found.final.tolist(), found.area.tolist()) == ([600.0], [400.0])
+    assert (found.final.tolist(), found.area.tolist()) == ([600.0], [pytest.approx(375, abs=0.2)])
     assert found.known.tolist() == [True, False]
 
 

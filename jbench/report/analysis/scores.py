@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 
 from jbench.names import EPISODE_STEPS
+from jbench.report.data.common_steps import means_over_run
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, in_order, long_frame
-from jbench.report.data.curves import final_returns, moving_average
+from jbench.report.data.curves import final_returns
 from jbench.report.data.returns import EVALUATION, FILE
 from jbench.returns import AVERAGED_EPISODES
 from jbench.statistics import BoolArray, FloatArray
@@ -74,10 +75,17 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
         deviations, episodes = configuration.deviations[last], configuration.counts[last]
     elif configuration.source in (IMPORTED, FILE):  # whose points need not be episodes
         deviations = np.full(len(final), np.nan)
-    area = moving_average(returns, returns.shape[1])[:, 0]
+    area = _means_over_run(configuration, configuration.beside, end)
     usable = np.isfinite(final) & np.isfinite(area)
     numbers = final[usable], area[usable], deviations[usable], episodes[usable]
     return known.setdefault(control_steps, Scores(*numbers, usable, float(np.median(middles))))
+
+
+def _means_over_run(
+    configuration: Configuration, beside: Sequence[Configuration], control_steps: float
+) -> FloatArray:
+    others = [other.points_up_to(control_steps) for other in beside]
+    return means_over_run(configuration.points_up_to(control_steps), others)
 
 
 class Pair:
@@ -86,9 +94,15 @@ class Pair:
     def __init__(self, ours: Configuration, theirs: Configuration) -> None:
         self.sides = self.ours, self.theirs = ours, theirs
         self.control_steps = int(min(ours.last_step, theirs.last_step))
-        self.scores = [seed_scores(config, self.control_steps) for config in self.sides]
+        self.scores = [self._scores(ours, theirs), self._scores(theirs, ours)]
         self.seeds = min(len(side.final) for side in self.scores)
         self.decidable = self.seeds >= st.DECIDING_SEEDS  # enough for a verdict
+
+    def _scores(self, side: Configuration, other: Configuration) -> Scores:
+        """Returns the scores of a side, whose means over the run compare with the other's."""
+        scores = seed_scores(side, self.control_steps)
+        area = _means_over_run(side, [other], self.control_steps)
+        return scores._replace(area=area[scores.known])
 
     def sample(self, statistic: st.Statistic, scores: str = "final") -> st.Resampled:
         """Returns a statistic of the scores of both: `final`, or `area`."""

@@ -13,9 +13,9 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import ReturnsName
-from jbench.report.data.configuration import IMPORTED, KEY, OWN, Configuration, paper_order
+from jbench.report.data.configuration import KEY, OWN, Configuration, paper_order
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
-from jbench.report.data.returns import EVALUATION, FILE, TRAINING
+from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.settings.recorded import comparable, parse_run
 from jbench.settings.variants import variant_words
 from jbench.statistics import FloatArray, IntArray
@@ -158,13 +158,22 @@ def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
         for seed, count in zip(config.seeds, absent, strict=True)
         if count
     ]
-    steps = config.control_steps
-    if config.kind == EVALUATION and (np.isfinite(steps).sum(axis=1) < config.lengths).any():
-        notes.append("seeds were evaluated after different numbers of control steps")
-    imported = config.kind == TRAINING and config.source in (IMPORTED, FILE)
-    if imported and (apart := np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0))):
+    return notes + _notes_on_steps(config)
+
+
+def _notes_on_steps(config: Configuration) -> list[str]:
+    """Returns notes on seeds that were logged, or ended, at different control steps."""
+    common = config.common
+    if common.interpolated and not len(common.control_steps):
+        return ["its seeds have no control step in common, so it has no curve"]
+    notes = []
+    if common.interpolated:
         notes.append(
-            f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of "
-            "the first, second, … point of each seed"
+            "its seeds were logged at different control steps: each is interpolated linearly "
+            "between its own points"
+        )
+    if len(common.control_steps) and (end := common.control_steps[-1]) < config.longest:
+        notes.append(
+            f"its curve ends at {end:,.0f} control steps, the last that every seed has reached"
         )
     return notes

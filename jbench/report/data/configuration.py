@@ -1,15 +1,22 @@
 """Configurations: the runs that share all settings except seed and steps, one run per seed."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jbench.names import EPISODE_STEPS, FULL, TASKS, Order, ReturnsName, kind_in
-from jbench.report.data.curves import Curve, learning_curve
+from jbench.report.data.common_steps import (
+    CommonPoints,
+    SeedPoints,
+    at_common_steps,
+    distinct,
+)
+from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
 from jbench.report.data.points import FIELDS, Points
-from jbench.report.data.returns import FILE, TRAINING, display_name, shown_representation
+from jbench.report.data.returns import EVALUATION, FILE, display_name, shown_representation
 from jbench.report.request import WINDOW
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.recorded import comparable
@@ -55,6 +62,8 @@ class Configuration:
         label: name within a task: `TD3 dae12, bfloat16`.
         name: unique name in its source: `face_direction TD3 dae12`.
         configuration: unique name in a report: `reference: face_direction TD3 dae12`.
+        beside: other methods on the task that may have been logged at other control steps, with
+            whose means over the run those of this one are compared.
     """
 
     def __init__(
@@ -70,6 +79,7 @@ class Configuration:
         first, self.kind, self.source = runs.iloc[0], kind, source
         self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
         self.notes: tuple[str, ...] = ()
+        self.beside: Sequence[Configuration] = ()
         fields = [points[name] for name in FIELDS]
         self.returns, self.control_steps, self.processor_time, self.deviations, self.counts = fields
         self.seeds, self.runs = runs["seed"].to_numpy(np.int64), tuple(runs["run"])
@@ -109,22 +119,72 @@ class Configuration:
         within = self.control_steps <= control_steps
         return np.asarray(np.max(np.where(within, points, 0), axis=1), np.int64)
 
+    @cached_property
+    def _points(self) -> list[SeedPoints]:
+        """The finite returns of each seed, by control step."""
+        finite = np.isfinite(self.returns) & np.isfinite(self.control_steps)
+        return [
+            distinct(steps[row], values[row])
+            for steps, values, row in zip(self.control_steps, self.returns, finite, strict=True)
+        ]
+
+    def points_up_to(self, control_steps: float) -> list[SeedPoints]:
+        """Returns the finite returns of each seed up to a control step."""
+        ends = [np.searchsorted(steps, control_steps, "right") for steps, _ in self._points]
+        return [
+            (steps[:end], returns[:end])
+            for end, (steps, returns) in zip(ends, self._points, strict=True)
+        ]
+
+    @cached_property
+    def common(self) -> CommonPoints:
+        """The points of its seeds at control steps that all of them have reached."""
+        return at_common_steps(self.kind, self.returns, self.control_steps, self.processor_time)
+
     def curve(self, order: Order = "quantile-first", window: int = WINDOW) -> Curve:
         """Returns the curve: a moving average of episodes, or the single evaluations.
 
         On a sequence of robots, the episodes of each robot are averaged separately: an average
         across the switch from one robot to the next would hide it.
         """
-        width, window = self.returns.shape[1], window if self.kind == TRAINING else 1
-        if self.kind == TRAINING and self.robots > 1:
-            width, window = self.robot_episodes, SEQUENCE_WINDOW
-        parts = []
-        for first in range(0, self.returns.shape[1], width):
-            columns, lengths = slice(first, first + width), np.clip(self.lengths - first, 0, width)
-            returns, control_steps = self.returns[:, columns], self.control_steps[:, columns]
-            parts.append(learning_curve(returns, control_steps, lengths, order, window))
-        orders, windows, *arrays = zip(*parts, strict=True)
-        return Curve(orders[0], windows[0], *(np.concatenate(a, axis=-1) for a in arrays))
+        common = self.common
+        parts = [
+            learning_curve(common.returns[:, robot], common.control_steps[robot], order, most)
+            for robot, most in self._windows(len(common.control_steps), window)
+        ]
+        return Curve(
+            order,
+            parts[0].window,
+            np.concatenate([part.control_steps for part in parts]),
+            parts[0].seeds,
+            np.concatenate([part.quantiles for part in parts], axis=1),
+            np.concatenate([part.widths for part in parts]),
+            [self._seed_curve(row, window) for row in range(len(self.seeds))],
+        )
+
+    def _seed_curve(self, row: int, window: int) -> SeedCurve:
+        logged = np.isfinite(self.control_steps[row])
+        returns, control_steps = self.returns[row, logged], self.control_steps[row, logged]
+        parts = [
+            seed_curve(returns[robot], control_steps[robot], most)
+            for robot, most in self._windows(len(returns), window)
+        ]
+        return SeedCurve(
+            np.concatenate([part.control_steps for part in parts]),
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.widths for part in parts]),
+            parts[0].window,
+        )
+
+    def _windows(self, points: int, window: int) -> list[tuple[slice, int]]:
+        """Returns the points of each robot of a sequence, and how many are averaged at most."""
+        if self.kind == EVALUATION:
+            return [(slice(points), 1)]
+        if self.robots <= 1 or not points:
+            return [(slice(points), window)]
+        width = self.robot_episodes
+        starts = range(0, points, width)
+        return [(slice(start, start + width), SEQUENCE_WINDOW) for start in starts]
 
 
 Configurations = Sequence[Configuration]

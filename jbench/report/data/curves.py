@@ -24,17 +24,17 @@ CURVE = ["figure", "task", "algo", "representation"]
 class Curve(NamedTuple):
     """Quantiles of the return across seeds, one point per window.
 
-    Windows are centered on their points, from the first episode to the last one. At the two ends of
-    a run, windows are cut off, down to half of their width.
+    Each point is of every seed. Windows are centered on their points, from the first one to the
+    last one. At the two ends, windows are cut off, down to half of their width.
     """
 
     order: Order
     window: int
     control_steps: FloatArray  # (points,) center of each window, over all environments
-    seeds: IntArray  # (points,) number that completed the window and have a return in it
+    seeds: int  # number that every point is of
     quantiles: FloatArray  # (5, points) returns, a row for each of `QUANTILES`
-    by_seed: FloatArray  # (seeds, points) mean over the window; NaN if it is not completed
     widths: IntArray  # (points,) episodes averaged in each point: `window`, or fewer at the ends
+    by_seed: Sequence["SeedCurve"] = ()  # the curve of each seed, up to its own end
 
     def quantile(self, percent: int) -> FloatArray:
         """Returns one of the `QUANTILES`, (points,)."""
@@ -42,31 +42,58 @@ class Curve(NamedTuple):
         return row
 
 
+class SeedCurve(NamedTuple):
+    """The smoothed curve of one seed, at the control steps at which it was logged.
+
+    A seed that ends before or after the others keeps all of its points.
+    """
+
+    control_steps: FloatArray  # (points,) center of each window
+    values: FloatArray  # (points,) mean return over the window
+    widths: IntArray  # (points,) episodes averaged in each point
+    window: int
+
+
 def learning_curve(
-    returns: FloatArray, control_steps: FloatArray, lengths: IntArray, order: Order, window: int
+    returns: FloatArray, control_steps: FloatArray, order: Order, window: int
 ) -> Curve:
-    """Aggregates returns at control steps (seeds, episodes); NaN after a run's end, or if missing.
+    """Aggregates returns (seeds, points) at control steps (points,) that all seeds have in common.
 
     Args:
-        lengths: (seeds,) number of episodes of each run.
         order: of quantiles and smoothing; see `jbench.names.ORDERS`.
-        window: episodes to average, but at most a quarter of the longest run.
+        window: episodes to average, but at most a quarter of the points.
     """
-    # If the shortest counted, a seed that has just begun would make the curve of the others noisy.
-    window = min(window, max(1, int(lengths.max()) // 4))
-    episodes = returns.shape[1]
-    first = np.arange(episodes + 2 * (window // 2) - window + 1) - window // 2
-    last = np.minimum(first + window, episodes) - 1
-    # A run has no windows after its end, although some of them contain returns.
-    by_seed = np.where(last >= lengths[:, None], np.nan, sliding_average(returns, window))
+    points = len(control_steps)
+    if not points:
+        nothing = np.empty((len(QUANTILES), 0))
+        return Curve(order, 1, control_steps, len(returns), nothing, np.empty(0, np.int64))
+    window = _window(points, window)
     if order == "quantile-first":
         quantiles = sliding_average(quantiles_across_seeds(returns), window)
     else:
-        quantiles = quantiles_across_seeds(by_seed)
-    # The mean of fewer seeds may be smaller, if imported points are at different control steps.
-    mean_steps = np.maximum.accumulate(np.nanmean(control_steps, axis=0))
-    seeds, widths = np.sum(np.isfinite(by_seed), axis=0), last + 1 - np.maximum(first, 0)
-    return Curve(order, window, centers(mean_steps, window), seeds, quantiles, by_seed, widths)
+        quantiles = quantiles_across_seeds(sliding_average(returns, window))
+    middles = centers(control_steps, window)
+    return Curve(order, window, middles, len(returns), quantiles, _widths(points, window))
+
+
+def seed_curve(returns: FloatArray, control_steps: FloatArray, window: int) -> SeedCurve:
+    """Smooths the returns (points,) of one seed, which may be NaN; see `learning_curve`."""
+    window = _window(len(returns), window)
+    values = sliding_average(returns, window)
+    steps, widths = centers(control_steps, window), _widths(len(returns), window)
+    known = np.isfinite(values)
+    return SeedCurve(steps[known], values[known], widths[known], window)
+
+
+def _window(points: int, most: int) -> int:
+    return min(most, max(1, points // 4))
+
+
+def _widths(points: int, window: int) -> IntArray:
+    """Returns the number of points in each window of `sliding_average`."""
+    first = np.arange(points + 2 * (window // 2) - window + 1) - window // 2
+    last = np.minimum(first + window, points) - 1
+    return np.asarray(last + 1 - np.maximum(first, 0), np.int64)
 
 
 def moving_average(values: FloatArray, window: int) -> FloatArray:
@@ -109,18 +136,8 @@ def centers(values: FloatArray, window: int) -> FloatArray:
 
 
 def quantiles_across_seeds(values: FloatArray) -> FloatArray:
-    """Returns the `QUANTILES` (5, columns) of values (seeds, columns), ignoring NaN.
-
-    They are those of numpy's linear method; NaN if a column contains only NaN.
-    """
-    ordered = np.sort(values, axis=0)  # puts NaN last
-    counts = np.isfinite(values).sum(axis=0)
-    result = np.full((len(QUANTILES), values.shape[1]), np.nan)
-    # Columns with the same number of seeds are computed together; np.nanquantile is slower.
-    for count in np.unique(counts[counts > 0]):
-        columns = counts == count
-        result[:, columns] = np.percentile(ordered[:count, columns], QUANTILES, axis=0)
-    return result
+    """Returns the `QUANTILES` (5, columns) of values (seeds, columns), by numpy's linear method."""
+    return np.asarray(np.percentile(values, QUANTILES, axis=0), np.float64)
 
 
 def final_returns(
@@ -130,7 +147,12 @@ def final_returns(
 
     A final return is the mean over the last quarter of the points, but over at most `most`; NaN for
     a seed without a return there. Its deviation (of n - 1) and number are those of finite points.
-    Arguments are as for `learning_curve`.
+
+    Args:
+        returns: (seeds, points) returns; NaN after a run's end, or if not finite.
+        control_steps: (seeds, points) control steps at each point; NaN after the run's end.
+        lengths: (seeds,) number of points of each run.
+        most: points to average.
     """
     rows = []
     last = averaged_episodes(lengths, most)

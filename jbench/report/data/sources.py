@@ -72,6 +72,7 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
     runs, notes, unusable = as_runs(_filtered(imports, request, strict=False)[0], points)
     source = _source(query.Tables(runs, problems + unusable), request, name, strict=False)
     source.notes += notes if source.configurations else []
+    _compare_over_run(source.configurations)
     return source
 
 
@@ -85,7 +86,19 @@ def own_and_imported(results: Results, request: Request) -> Source:
 def from_file(request: Request, path: Path) -> Source:
     """Returns the curves of a file of the requested task and algorithm."""
     runs, _, problems = as_runs(*as_imports(read_curves(path), request.returns))
-    return _source(query.Tables(runs, problems), request, FILE)
+    source = _source(query.Tables(runs, problems), request, FILE)
+    _compare_over_run(source.configurations)
+    return source
+
+
+def _compare_over_run(configurations: Sequence[Configuration]) -> None:
+    """Makes the means over the run of methods on a task comparable, however each was logged."""
+    by_task: dict[tuple[str, str], list[Configuration]] = {}
+    for config in configurations:
+        by_task.setdefault((config.task, config.kind), []).append(config)
+    for methods in by_task.values():
+        for config in methods:
+            config.beside = [other for other in methods if other is not config]
 
 
 def reference(request: Request, results: Results) -> Source:

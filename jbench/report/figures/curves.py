@@ -20,6 +20,7 @@ _BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}  # dotted cur
 _ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
 _GROUP = ["task", "algo", "words", "source"]
+_LONGER = 1.02  # ratio of the ends of a seed and of a curve from which the seed is drawn on
 _UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
 
 
@@ -126,8 +127,22 @@ def _chart(
     dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
     legend = {**looks, **({beside: dotted} if beside else {})}
     band = "10 to 90% of seeds" if curves["q10"].notna().any() else "each seed"
+    note = f"median and {band}"
+    if frames.interpolated:
+        note += "; seeds logged at different steps are interpolated between their points"
+    if len(_beyond(frames.run_curves, curves)):
+        note += "; thin: single seeds after the last step that every seed has reached"
     switches = [pair for pair in (kinds, scales) if len(pair) > 1]
-    return Chart(name, title, f"median and {band}", panels, legend, switches, data="curves")
+    return Chart(name, title, note, panels, legend, switches, data="curves")
+
+
+def _beyond(seeds: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
+    """Returns the points of single seeds that are clearly after the ends of their curves."""
+    keys = ["configuration", "returns"]
+    ends = curves.groupby(keys)["steps"].max()
+    after = ends.reindex(pd.MultiIndex.from_frame(seeds[keys])).to_numpy(float)
+    last = seeds.groupby([*keys, "run"])["steps"].transform("max")
+    return seeds[(last > _LONGER * after) & (seeds["steps"] >= after)]
 
 
 def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
@@ -168,7 +183,8 @@ def draw_curves(
 ) -> None:
     """Draws the curves of a panel, of one kind of return; frames have a column `series`.
 
-    Those of runs, of the frames if given, are drawn where there are too few seeds for a band.
+    Those of runs, of the frames if given, are drawn where there are too few seeds for a band, and
+    after the end of the shortest seed, where the curve of all seeds ends.
     """
     if axes.has_data():  # of another kind of return
         axes.clear()
@@ -176,10 +192,11 @@ def draw_curves(
     for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
         look, line = looks[str(name)], curve[["steps", "median", "q10", "q90"]]
         marks.add_line(axes, line, _tips(str(name), curve), look, alpha)
-        each = line["q10"].isna().all() or (frames and frames.request.each_seed)
-        if frames and each and curve["seeds"].iloc[0] > 1:
+        if frames and curve["seeds"].iloc[0] > 1:
             seeds, keys = frames.run_curves, ["configuration", "returns"]
             mine = seeds[(seeds[keys] == curve[keys].iloc[0]).all(axis=1)]
+            if line["q10"].notna().any() and not frames.request.each_seed:
+                mine = _beyond(mine, curve)
             thin = {"alpha": 0.5, "linewidth": mpl.rcParams["lines.linewidth"] / 2} | look.ink
             for _, seed in mine.groupby("run", sort=False):
                 axes.plot(seed["steps"], seed["value"], **thin)

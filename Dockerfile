@@ -5,7 +5,9 @@ ENV MUJOCO_GL=osmesa
 RUN pip install --no-cache-dir torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu
 WORKDIR /src
 COPY . .
-RUN pip install --no-cache-dir --constraint constraints.txt '.[render]'
+# The tested versions, without the hashes of the lock, which a checkout has none of.
+RUN grep -o '^[A-Za-z0-9_.-]*==[^ ]*' requirements.lock > /tmp/constraints.txt && \
+    pip install --no-cache-dir --constraint /tmp/constraints.txt '.[render]'
 WORKDIR /work
 ENTRYPOINT ["jbench"]
 CMD ["demo"]

@@ -5,18 +5,28 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 DEMO := demo-results
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test test-slow lint docs smoke lowest install clean
+.PHONY: demo test test-slow lint docs smoke lowest install lock clean
 
 install: $(VENV)/.installed
 
 # torch first and by itself, so that a machine without a GPU gets its CPU build where the index
 # has one; TORCH="torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu" asks for it.
 TORCH ?= torch==2.13.0
-$(VENV)/.installed: pyproject.toml constraints.txt
+$(VENV)/.installed: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) install $(TORCH)
-	$(PIP) install --constraint constraints.txt --editable '.[dev,render]'
+	$(PIP) install --no-deps --require-hashes --requirement requirements.lock
+	$(PIP) install --no-deps --editable .
 	touch $@
+
+# The lock of what install installs, for all systems; versions stay where they still fit.
+# torch is left out: CPU or CUDA is the machine's choice.
+lock: install
+	$(PIP) install uv
+	echo "torch; sys_platform == 'none'" > $(VENV)/no-torch.txt
+	$(BIN)/uv pip compile pyproject.toml --extra dev --extra docs --extra render --universal \
+		--overrides $(VENV)/no-torch.txt --no-emit-package torch --generate-hashes \
+		--no-annotate --custom-compile-command "make lock" --output-file requirements.lock
 
 # The whole pipeline, small, with the commands that a user types.
 demo: install
@@ -39,7 +49,6 @@ lint: install
 
 # The site, in build/site; it opens without a server.
 docs: install
-	$(PIP) install --constraint constraints.txt --editable '.[docs]'
 	$(BIN)/python docs/build_site.py
 
 # For other systems and versions of Python: builds the wheel, and drives it by itself.

@@ -7,11 +7,14 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from email.parser import Parser
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from jbench import __version__
 from jbench.names import POLICY_FILES
@@ -104,7 +107,9 @@ def test_wheel_contains_only_package(wheel):
 def test_description_has_no_relative_links_or_images(wheel):
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/METADATA"))
-        description = Parser().parsestr(archive.read(name).decode()).get_payload()
+        metadata = Parser().parsestr(archive.read(name).decode())
+    description = metadata.get_payload()
+    assert metadata["Version"] == __version__
     assert description.startswith("# jbench")
     assert "](docs/" not in description
     assert "![" not in description
@@ -133,6 +138,22 @@ def test_installed_command_prints_version_and_shipped_runs(installed):
     assert run(installed, "-m", "jbench", "--version") == f"jbench {__version__}\n"
     printed = run(installed, "-m", "jbench", "runs", "--results", "reference")
     assert "face_direction/td3/full/s00-" in printed
+
+
+def test_lock_has_every_dependency_within_its_bounds():
+    """torch is left out: CPU or CUDA is the machine's choice."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    asked += project["optional-dependencies"]["docs"]
+    locked = (ROOT / "requirements.lock").read_text()
+    pinned = dict(re.findall(r"^(\S+)==(\S+)", locked, re.M))
+    for text in asked:
+        requirement = Requirement(text)
+        name = canonicalize_name(requirement.name)
+        if name not in ("jbench", "torch"):
+            assert requirement.specifier.contains(pinned[name]), text
+    assert "torch" not in pinned
+    assert locked.count("--hash=sha256:") > len(pinned)
 
 
 def test_wheel_is_small_and_has_the_kept_policies(wheel):

@@ -195,5 +195,3 @@ POLICY = Argument(
     help=f"Policy: {names.POLICY_NAMES} (default: {names.HEURISTIC}).",
     autocompletion=complete_policies,
 )
-OLD_POLICY = Option(None, "--policy", hidden=True)
-"""How POLICY was typed in older versions."""

@@ -21,7 +21,6 @@ _POSE_SEED = Option(0, min=0, help="Random seed of the pose and the target.")
 @options.with_settings(EvaluationSettings, "episodes", "seed", "states", "augment")
 def evaluate(
     policy: str | None = options.POLICY,
-    policy_option: str | None = options.OLD_POLICY,
     task: str | None = options.POLICY_TASK,
     target_yaw: float | None = Option(None, help="Target's yaw in degrees (default: random)."),
     threads: int = options.THREADS,
@@ -39,7 +38,7 @@ def evaluate(
 
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
-    database, policy, task = _find(results, policy, policy_option, task, chosen["augment"])
+    database, policy, task = _find(results, policy, task, chosen["augment"])
     task = task or "face_direction"
     if target_yaw is not None and task in TASK_SPECS and "yaw" not in TASK_SPECS[task].drawn:
         raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
@@ -71,7 +70,6 @@ def evaluate(
 
 def render(
     policy: str | None = options.POLICY,
-    policy_option: str | None = options.OLD_POLICY,
     out: Path = Option(
         Path("jitterbug.mp4"), help="File: FILE.mp4, FILE.gif, or FILE.png (a strip of frames)."
     ),
@@ -96,7 +94,7 @@ def render(
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import default_size, render_to_file
 
-    database, policy, task = _find(results, policy, policy_option, task, augment)
+    database, policy, task = _find(results, policy, task, augment)
     task = task or "move_to_pose"
     if camera is not None and task in names.TASKS:
         names.known("camera", camera, names.CAMERAS)
@@ -110,7 +108,6 @@ def render(
 
 def view(
     policy: str | None = options.POLICY,
-    policy_option: str | None = options.OLD_POLICY,
     task: str | None = options.POLICY_TASK,
     seed: int = _POSE_SEED,
     augment: int | None = options.AUGMENT,
@@ -124,7 +121,7 @@ def view(
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer
 
-    database, policy, task = _find(results, policy, policy_option, task, augment)
+    database, policy, task = _find(results, policy, task, augment)
     task = task or "move_to_pose"
     runner = find_policy(database, policy, task, seed)
     steps = open_viewer(runner, Scene(task, seed, augment=augment))
@@ -132,7 +129,7 @@ def view(
 
 
 def _find(
-    results: Path, policy: str | None, option: str | None, task: str | None, augment: int | None
+    results: Path, policy: str | None, task: str | None, augment: int | None
 ) -> tuple["Results", str, str | None]:
     """Returns the results, the policy's full name, and the task that was typed or trained on.
 
@@ -141,10 +138,7 @@ def _find(
     from jbench.policies.find import full_name
     from jbench.tasks.find import checked_task
 
-    typed = [name for name in (policy, option) if name is not None]
-    if len(typed) == 2:
-        raise RequestError(f"Two policies, {policy} and {option}: type one.")
-    database, name = database_and_policy(results, *(typed or [names.HEURISTIC]))
+    database, name = database_and_policy(results, names.HEURISTIC if policy is None else policy)
     name, run = full_name(database, name)
     if task is not None:
         task = checked_task(task).name

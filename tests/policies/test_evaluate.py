@@ -86,8 +86,7 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
     assert (row["policy"], row["episodes"]) == ("random", 2)
     assert row["median"] == pytest.approx(row["mean"])  # of two
     assert f"median return {row['median']:.0f}" in capsys.readouterr().out
-    # The option of older versions.
-    assert main(["evaluate", "--policy", "random", *more]) == 0
+    assert main(["evaluate", "random", *more]) == 0
     assert "already finished; nothing to do" in capsys.readouterr().out
 
 
@@ -103,7 +102,6 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
         (["constant:nan"], "lies in [-1, 1]"),
         (["face_direction/td3/full/s00-00000000"], "No run face_direction/td3"),
         (["../x"], "is not an id"),
-        (["random", "--policy", "heuristic"], "Two policies, random and heuristic: type one."),
         (["--task", "fly"], "Unknown task 'fly'"),
         (["--episodes", "0"], "episodes of the evaluation can't be 0"),
         (["--augment", "-1"], "augment of the evaluation can't be -1: it should be greater"),

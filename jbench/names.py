@@ -66,10 +66,10 @@ agent of another package (one seed at a time)."""
 Precision = Literal["float32", "tf32", "bfloat16"]
 """Precision of the batched engine's matrix products; parameters are float32 in any case."""
 
-Base = Literal["published", "script", "sb3", "suite"]
+Base = Literal["published", "script", "figure8", "sb3", "suite"]
 """Sources of hyperparameters: Table 1, completed by the paper's library (published) or by
-stable-baselines3 (sb3), the authors' script, which differs from Table 1, or jbench's settings for
-other robots (suite)."""
+stable-baselines3 (sb3), the authors' script, which differs from Table 1 (script), an earlier one,
+whose agents Figure 8 shows (figure8), or jbench's settings for other robots (suite)."""
 
 EncoderSeeds = Literal["newest", "each"]
 """Whether all seeds of an agent have the newest encoder, or each the encoder with its own seed."""

@@ -44,8 +44,9 @@ def train(
     settings: names.Base | None = Option(
         None,
         help="Hyperparameters: published (the paper's Table 1), script (the authors' script, which "
-        "differs), sb3 (stable-baselines3's defaults for settings missing in Table 1) or suite "
-        "(for other robots) (default: published, and suite for other robots).",
+        "differs), figure8 (their earlier script, whose DDPG standardizes its inputs), sb3 "
+        "(stable-baselines3's defaults for settings missing in Table 1) or suite (for other "
+        "robots) (default: published, and suite for other robots).",
     ),
     set_: list[str] = options.SET,
     final_episodes: int | None = options.FINAL_EPISODES,

@@ -11,14 +11,15 @@ from typing import Any, Literal, Self
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import TASKS, Base
-from jbench.settings.base import Count, Settings, omissible, settings_with
+from jbench.names import TASKS, Base, TimeLimit
+from jbench.settings.base import Count, omissible, settings_with
+from jbench.settings.inputs import InputSettings
 
 Initialization = Literal["fan-in", "glorot"]
 Noise = Literal["none", "normal", "ornstein-uhlenbeck"]
 
 
-class AlgorithmSettings(Settings):
+class AlgorithmSettings(InputSettings):
     """Settings of all four algorithms. Only the batched engine supports omissible settings."""
 
     learning_rate: float = Field(1e-4, gt=0, description="of Adam; Table 1")
@@ -150,6 +151,9 @@ class PPOSettings(AlgorithmSettings):
 
     n_envs: Count = Field(8, description="parallel environments; authors' script")
     n_steps: Count = Field(256, description="per environment and update; Table 1")
+    normalize_clip: float = omissible(
+        10.0, gt=0, description="bound of a standardized number; stable-baselines3"
+    )
     # stable-baselines 2 has no batch size for PPO but 4 minibatches: 8 * 256 / 4 transitions.
     batch_size: Count = Field(512, description="stable-baselines 2")
     n_epochs: Count = Field(4, description="stable-baselines 2")
@@ -199,6 +203,19 @@ SCRIPT: dict[str, dict[str, Any]] = {
     "td3": {"initialization": "glorot", "learning_starts": 9_999},
 }
 
+FIGURE8: dict[str, dict[str, Any]] = {
+    "ddpg": {
+        **SCRIPT["ddpg"],
+        "hidden_layers": [300, 300, 300],
+        "batch_size": 64,
+        "learning_starts": 64,  # a minibatch, so that the first update is at control step 100
+        "normalize": "running",
+        "normalize_min_sd": 0.1,
+        "normalize_epsilon": 0.0,
+        "normalize_start_count": 0.01,
+    },
+}
+
 _EVERY_STEP = {"uniform_warmup": True, "train_freq": 1, "gradient_steps": 1, "tau": 0.005}
 _PPO = {"n_epochs": 10, "clip_range_vf": None}
 _SAC = {"target_entropy": "auto"}  # minus the number of actions
@@ -207,6 +224,8 @@ _SUITE = {**_EVERY_STEP, "hidden_layers": [256, 256], "learning_starts": 1_000, 
 CHANGES: dict[Base, dict[str, dict[str, Any]]] = {
     "published": {},
     "script": SCRIPT,
+    # An earlier script of the authors, whose agents Figures 7 and 8 show.
+    "figure8": FIGURE8,
     # Defaults of stable-baselines3 2.9 that differ and are not in Table 1.
     "sb3": {
         "ddpg": {**_EVERY_STEP, "learning_starts": 100},
@@ -228,6 +247,15 @@ CHANGES: dict[Base, dict[str, dict[str, Any]]] = {
 """Sources of hyperparameters: in what each differs from the published ones, by algorithm."""
 
 
+TIME_LIMITS: dict[Base, TimeLimit] = {"figure8": "terminal"}
+"""Sources of hyperparameters that also say what the time limit is, unless it is typed."""
+
+
+def default_time_limit(base: Base | None) -> TimeLimit:
+    """Returns what the time limit of an episode is if no other one is typed."""
+    return "bootstrap" if base is None else TIME_LIMITS.get(base, "bootstrap")
+
+
 def default_base(task: str, base: Base | None = None) -> Base:
     """Returns the base as typed; of None, the task's: published for the Jitterbug, else suite."""
     return base or ("published" if task in TASKS else "suite")
@@ -238,13 +266,18 @@ def algorithm_settings(
 ) -> AlgorithmSettings:
     """Returns the settings of one of `ALGORITHMS`, with some values by name instead.
 
-    Raises a RequestError if a setting is unknown, its value is invalid, or the script's algorithm
-    is not implemented.
+    Raises a RequestError if a setting is unknown, its value is invalid, or the base has no such
+    algorithm.
     """
     kind = SETTINGS[algo]
     if base == "script" and algo not in SCRIPT:
         raise RequestError(
             f"The settings of the script are for {', '.join(SCRIPT)}: the script's {algo} is "
             "another algorithm, with a state-value network; choose published."
+        )
+    if base == "figure8" and algo not in FIGURE8:
+        raise RequestError(
+            f"The settings figure8 are for {', '.join(FIGURE8)}, whose agents Figure 8 shows, not "
+            f"for {algo}; choose published, and --set normalize=running for standardized inputs."
         )
     return settings_with(kind, algo, CHANGES[base].get(algo, {}) | (overrides or {}))

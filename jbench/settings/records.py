@@ -168,7 +168,9 @@ class TrainedSettings(LabeledSettings):
     )
     time_limit: TimeLimit = Field(
         "bootstrap",
-        description="treat the time limit as a truncation (bootstrap) or as terminal (terminal)",
+        json_schema_extra={"typed": None},
+        description="treat the time limit as a truncation (bootstrap) or as terminal (terminal) "
+        "(default: bootstrap, and terminal with --settings figure8)",
     )
     evaluate_every: Count = typed(
         None,

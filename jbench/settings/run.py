@@ -121,6 +121,11 @@ class RunSettings(TrainedSettings):
             )
         if self.encoder is not None:
             raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
+        if self.hyperparameters.get("normalize", "none") != "none":
+            raise ValueError(
+                f"{name} standardizes its inputs itself: normalize must be none, or choose another "
+                "representation"
+            )
         if self.hyperparameters.get("action_layer"):
             raise ValueError(
                 f"{name} gives the critic features of observation and action: action_layer must "

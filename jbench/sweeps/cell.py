@@ -19,7 +19,7 @@ from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import FULL, OFE, Base, known
-from jbench.settings.algorithms import default_base
+from jbench.settings.algorithms import default_base, default_time_limit
 from jbench.settings.base import in_id, validated
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
@@ -89,6 +89,7 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
         **algorithm_fields(algo, matrix.engine, matrix.settings, overrides, task),
         "task": task,
         "specs": find_task(task).specs,
+        "time_limit": matrix.run_fields["time_limit"] or default_time_limit(matrix.settings),
         "encoder": None,
         "ofe": requested_ofe(name, matrix.ofe),
     }

@@ -11,7 +11,7 @@ from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, OFE, known
-from jbench.settings.algorithms import OffPolicySettings
+from jbench.settings.algorithms import OffPolicySettings, default_time_limit
 from jbench.settings.base import settings_with, validated
 from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
@@ -63,6 +63,7 @@ def request_runs(
         fields["representation"] = read_representation(results, encoder_id)
         if encoder_seeds == "each":
             fields["encoder_draws"], encoders = find_draws(results, encoder, task, seeds)
+    fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
     algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
         input_mirror(task, load_encoder(results, fields["encoder"])[0])

@@ -47,7 +47,7 @@ def lengths(algo, *steps, seed=1, **changes):
         # The evaluation at the end of the shorter run is one of the longer run's, too.
         ("td3", 300, {}),
         # It is not, and step 280, the end of a rollout, is in the middle of an episode.
-        ("ddpg", 275, {}),
+        ("ddpg", 275, {"normalize": "running"}),
         pytest.param("sac", 250, {}, marks=pytest.mark.slow),
         # The shorter run ends with a rollout of 2 x 24 steps, at step 336.
         pytest.param("ppo", 300, {}, marks=pytest.mark.slow),

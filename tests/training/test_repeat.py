@@ -22,9 +22,9 @@ OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_
 ON_POLICY = {"batch_size": 10, "n_envs": 2, "n_steps": 25}
 
 
-def settings(algo="ddpg", seed=0, **changes):
+def settings(algo="ddpg", seed=0, overrides=None, **changes):
     lengths = {"steps": 2 * EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
-    overrides = ON_POLICY if algo == "ppo" else OFF_POLICY
+    overrides = (ON_POLICY if algo == "ppo" else OFF_POLICY) | (overrides or {})
     return small_run(algo, overrides, **{"engine": "batched", "seed": seed, **lengths, **changes})
 
 
@@ -86,6 +86,17 @@ def test_run_with_parallel_environments_is_reproduced(tmp_path):
     again = retrain(results, record, 3)  # with two environments: the whole run
     assert (again.verdict, len(again.computed), again.control_steps) == ("equal", 4, 200)
     assert reevaluate(results, record).verdict == "equal"
+
+
+@pytest.mark.parametrize(
+    "algo",
+    ["ddpg", *(pytest.param(each, marks=pytest.mark.slow) for each in ("td3", "sac", "ppo"))],
+)
+def test_run_with_standardized_inputs_is_reproduced(algo, tmp_path):
+    run, results = settings(algo, overrides={"normalize": "running"}), Results(tmp_path)
+    assert run_batch([run], results) == {}
+    record = results.find("run", run.id)
+    assert reevaluate(results, record).verdict == retrain(results, record, 2).verdict == "equal"
 
 
 def test_return_altered_by_one_bit_is_reported(trained, tmp_path):

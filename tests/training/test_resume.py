@@ -8,6 +8,7 @@ import pytest
 from jbench.policies.saved import WEIGHTS
 from jbench.settings.records import OFESettings
 from jbench.store import Results
+from jbench.training.repeat import reevaluate, retrain
 from tests.command_line import Process
 from tests.training.small_runs import rows, small_run
 
@@ -19,10 +20,10 @@ SMALL = {
 }
 
 
-def settings(algo, seed, **changes):
+def settings(algo, seed, normalize="none", **changes):
     lengths = {"steps": 400, "evaluate_every": 150, "evaluate_episodes": 1}
     about = {"engine": "batched", "seed": seed, **lengths, **changes}
-    return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
+    return small_run(algo, {"batch_size": 16, "normalize": normalize, **SMALL[algo]}, **about)
 
 
 def outcome(path, run):
@@ -59,7 +60,10 @@ FEATURES = {"ofe": OFESettings(units=6, layers=2), "representation": "ofe6"}
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("algo", "encoder", "changes"),
-    [*((algo, encoder, {}) for algo in SMALL for encoder in (None, 3)), ("td3", None, FEATURES)],
+    [
+        *((algo, encoder, {}) for algo in SMALL for encoder in (None, 3)),
+        ("td3", None, FEATURES),
+    ],
 )
 def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, encoder, changes, tmp_path):
     runs = [settings(algo, seed, **changes) for seed in (0, 3)]
@@ -68,6 +72,17 @@ def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, encoder, changes
     reached = {steps for folder in answer["steps"] for both in folder for steps in both}
     # Some kills must have been in the middle of the runs.
     assert reached & set(range(50, runs[0].steps, 50))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", SMALL)
+def test_killed_run_with_standardized_inputs_is_reproduced(algo, tmp_path, short_episodes):
+    run = settings(algo, 1, normalize="running")
+    answer = kill(tmp_path, [run], at="random", kills=10)
+    assert answer["kills"] == 10
+    results = Results(tmp_path / "0")
+    record = results.find("run", run.id)
+    assert reevaluate(results, record).verdict == retrain(results, record, 8).verdict == "equal"
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@
     features.py      features learned with an agent; on_features.py: the update rules on them
     rule.py          base class of other packages' rules; autograd.py: trains them
     replay.py        replay buffers and minibatches; updates.py: updates from them
+    normalize.py     inputs standardized by running statistics
     engine.py        the agents of all seeds; off_policy.py, on_policy.py: the two kinds of engines
     graphs.py        CUDA graphs
     make.py          jbench's update rules by name; checks other rules; makes an engine

@@ -85,7 +85,8 @@ class AutogradLearner(OffPolicyLearner):
         sizes = self.rule.observation_size, self.action_size
         return copy_module(mean_actor(self.rule), *sizes)
 
-    def _load_layers(self, policy: SavedNetwork) -> None:
+    def load_policy(self, policy: SavedNetwork) -> None:
+        """See `Learner.load_policy`."""
         arrays = [array for layer in policy.layers for array in layer.arrays.values()]
         actor: Any = self.rule.actor
         # None for what a layer lacks, such as its bias: the policy has a constant array there.

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import LOSS_SUMS, Learner
+from jbench.agents.batched.normalize import running_statistics
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.engine import Engine, divergent_loss
 from jbench.agents.environments import Environments, Generators, SeedState, under
@@ -19,7 +20,9 @@ from jbench.policies.saved import SavedNetwork
 from jbench.settings.algorithms import AlgorithmSettings
 from jbench.timing import part
 
-_AGENT, _LOOP = "agent/", "loop/"
+_AGENT = "agent/"
+_LOOP = "loop/"
+_STATISTICS = "statistics/"
 
 
 class Group(NamedTuple):
@@ -68,6 +71,9 @@ class BatchedEngine(Engine):
         ]
         if stacked:
             self.groups = [Group(self._stack, seeds, generators)]
+        self._statistics = running_statistics(
+            settings, tensors.seeds, environments.size, tensors.dtype, tensors.device
+        )
         self._captured = Captured(tensors.device)
         self._inputs: dict[Hashable, list[Tensor]] = {}
         self._outputs: dict[Hashable, Tensor] = {}
@@ -84,10 +90,17 @@ class BatchedEngine(Engine):
     def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the deterministic policy of the seed with this index."""
         policy: SavedNetwork = self.learners[seed].policy()
-        return policy
+        return policy if self._statistics is None else self._statistics.with_layers(seed, policy)
 
     def load_policy(self, seed: int, policy: SavedNetwork, control_steps: int) -> None:
-        """Sets a seed's policy after these control steps, for `act`; see `Learner.load_policy`."""
+        """Sets a seed's policy after these control steps, for `act`, bit for bit.
+
+        Raises a ValueError if its layers are not those of the settings.
+        """
+        if policy.structure() != self.policy(seed).structure():
+            raise ValueError("its layers are not those of its settings")
+        if self._statistics is not None:
+            policy = self._statistics.load_layers(seed, policy, control_steps)
         self.learners[seed].load_policy(policy)
         self.control_steps = control_steps
 
@@ -109,6 +122,9 @@ class BatchedEngine(Engine):
         tensors = {_AGENT + name: values[seed] for name, values in self._saved.items()}
         tensors |= robots.tensors
         tensors |= {_LOOP + name: values for name, values in self._loop_state(seed).items()}
+        if self._statistics is not None:
+            statistics = self._statistics.state(seed)
+            tensors |= {_STATISTICS + name: values for name, values in statistics.items()}
         scalars = {
             "control_steps": self.control_steps,
             "updates": self.updates,
@@ -130,6 +146,8 @@ class BatchedEngine(Engine):
             for name, values in self._saved.items():
                 values[seed] = agent[name]
             self.environments.restore(seed, state)
+            if self._statistics is not None:
+                self._statistics.restore(seed, under(_STATISTICS, state.tensors))
             self._restore_loop(seed, under(_LOOP, state.tensors))
         self.control_steps, self.updates = first["control_steps"], first["updates"]
         self._collected = first["collected"]
@@ -138,8 +156,15 @@ class BatchedEngine(Engine):
         generators = self.environments.generators
         return torch.from_numpy(np.stack([g.actions.standard_normal(shape) for g in generators]))
 
-    def _run(self, method: str, *inputs: Tensor) -> Tensor:
-        """Returns what a method makes of every agent and inputs (seeds, N, any), on the CPU."""
+    def _standardized(self, observations: Tensor) -> Tensor:
+        """Returns what the networks see of observations (seeds, N, size)."""
+        if self._statistics is None:
+            return observations
+        return self._statistics.standardization().apply(observations)
+
+    def _run(self, method: str, observations: Tensor, *others: Tensor) -> Tensor:
+        """Returns what a method makes of every agent and its inputs (seeds, N, any), on the CPU."""
+        inputs = self._standardized(observations), *others
         if self._stack is None:
             per_seed = zip(self.learners, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
             return torch.stack([getattr(agent, method)(*x) for agent, *x in per_seed])
@@ -159,7 +184,14 @@ class BatchedEngine(Engine):
         actions: NDArray[np.float32] = self._run("act", inputs).float().numpy()
         return actions
 
+    def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
+        if self._statistics is not None:
+            self._statistics.add(observations)
+        return self._explore(observations)
+
     def _after_rollout(self) -> None:
+        if self._statistics is not None:
+            self._statistics.send()
         self._update()
         with part("waiting for updates"):
             divergent = self._not_finite(LOSS_SUMS)
@@ -178,6 +210,10 @@ class BatchedEngine(Engine):
     @abstractmethod
     def _make_buffers(self) -> None:
         """Makes what the updates need."""
+
+    @abstractmethod
+    def _explore(self, observations: Tensor) -> NDArray[np.floating]:
+        """See `Engine._explore_actions`; the observations are not standardized."""
 
     @abstractmethod
     def _update(self) -> None:

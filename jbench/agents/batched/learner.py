@@ -67,12 +67,7 @@ class Learner:
         return SavedNetwork([*self.feature_layers(features), *relu_layers(actor, self.squash)])
 
     def load_policy(self, policy: SavedNetwork) -> None:
-        """Sets the policy of one seed, bit for bit; a ValueError if its layers are others."""
-        if policy.structure() != self.policy().structure():
-            raise ValueError("its layers are not those of its settings")
-        self._load_layers(policy)
-
-    def _load_layers(self, policy: SavedNetwork) -> None:
+        """Sets the policy of one seed, bit for bit; its layers are those of `policy`."""
         for layer, saved in zip(self.policy_layers(), policy.linear_layers(), strict=True):
             layer.weight.copy_(torch.from_numpy(saved.arrays["weight"]).mT)
             layer.bias.copy_(torch.from_numpy(saved.arrays["bias"]))

@@ -38,12 +38,19 @@ class OffPolicyEngine(BatchedEngine):
         if settings.mirror:
             mirror = _row_mirror(environments).to(tensors.device, tensors.dtype)
         self.group_updates = [
-            Updates(settings, group, self.replay, self._time_limit, mirror=mirror)
+            Updates(
+                settings,
+                group,
+                self.replay,
+                self._time_limit,
+                mirror=mirror,
+                statistics=self._statistics,
+            )
             for group in self.groups
         ]
         self.replay.begin(environments.observations)
 
-    def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
+    def _explore(self, observations: Tensor) -> NDArray[np.floating]:
         settings, shape = self._settings, self._noise.previous.shape[1:]
         generators = self.environments.generators
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:

@@ -61,8 +61,9 @@ class OnFeatures(OffPolicyLearner):
         """See `Learner.feature_layers`."""
         return self.features.saved_layers(linear)
 
-    def _load_layers(self, policy: SavedNetwork) -> None:
-        super()._load_layers(policy)
+    def load_policy(self, policy: SavedNetwork) -> None:
+        """See `Learner.load_policy`."""
+        super().load_policy(policy)
         self.features.load_standardization(*policy.layers[:2])
 
     def update(self, batch: Batch, delayed: bool = True) -> None:

@@ -28,7 +28,7 @@ class OnPolicyEngine(BatchedEngine):
         self.group_updates = [Epochs(settings, group, self._rows) for group in self.groups]
         self._explored: Tensor  # of the last call of `PPO.explore`
 
-    def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
+    def _explore(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape[1], self.environments.action_size
         self._explored = self._run("explore", observations, self._draw_normal(shape))
         actions: NDArray[np.floating] = self._explored[..., : shape[1]].numpy()
@@ -42,7 +42,9 @@ class OnPolicyEngine(BatchedEngine):
             values = self._run("value", step.observations)[..., 0]
             rewards += self._settings.gamma * values
         row, size = self._rows[:, :, self._collected - 1], observations.shape[-1]
-        row[..., :size].copy_(observations)
+        # As the policy saw them that chose the actions: the update compares it with a newer policy,
+        # and both must have the same inputs.
+        row[..., :size].copy_(self._standardized(observations))
         row[..., size:-3].copy_(self._explored)
         row[..., -1].copy_(rewards)
         self._ends[self._collected - 1] = ended

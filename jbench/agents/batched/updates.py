@@ -8,6 +8,7 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import Group
 from jbench.agents.batched.graphs import Captured
+from jbench.agents.batched.normalize import RunningStatistics
 from jbench.agents.batched.replay import Batch, ReplayBuffer
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
@@ -30,11 +31,13 @@ class Updates:
         time_limit: TimeLimit,
         *,
         mirror: Tensor | None = None,
+        statistics: RunningStatistics | None = None,
     ) -> None:
         """Makes the buffers.
 
         The first half of the rows of each minibatch, which are in random order, becomes gain * rows
-        + offset, if `mirror` (2, seeds, width) of all seeds is given.
+        + offset, if `mirror` (2, seeds, width) of all seeds is given. Then observations and next
+        observations are standardized by the newest `statistics`, if they are given.
         """
         self.group, self._learner, self._replay = group, group.learner, replay
         self._size, self._gamma = settings.batch_size, settings.gamma
@@ -58,6 +61,11 @@ class Updates:
         if mirror is not None:
             mirror = mirror[:, group.seeds.start : group.seeds.stop]
             self._mirror = mirror.reshape(2, *view.batch_shape, 1, width)
+        self._standardization = None
+        if statistics is not None:
+            self._standardization = statistics.standardization_of(
+                group.seeds, is_stack=view.is_stack
+            )
         self._update = Captured(self._source.device)
         self._delayed: list[bool] = []
         self._samples: list[tuple[Tensor, Tensor]] = []
@@ -93,6 +101,9 @@ class Updates:
             gain, offset = self._mirror
             for half in self._mirrored:
                 torch.addcmul(offset, half, gain, out=half)
+        if self._standardization is not None:
+            self._standardization.apply_in_place(self._batch.observations)
+            self._standardization.apply_in_place(self._batch.next_observations)
         if delayed is None:
             self._learner.features.learn(self._batch)
         else:

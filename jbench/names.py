@@ -43,6 +43,9 @@ ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, path, _ in _KIN
 MEANINGS = {
     "full": "the observation of the task",
     **{kind: meaning for kind, _, meaning in _KINDS},
+    "-without-": "without these features of the observation",
+    "-of-": "of these features of the observation",
+    "-script": "trained as in the authors' script",
     "-observation": "inputs on the observation's scale",
     "-sd": "inputs scaled to unit variance",
     "-whitened": "latents whitened",
@@ -70,6 +73,9 @@ Base = Literal["published", "script", "figure8", "sb3", "suite"]
 """Sources of hyperparameters: Table 1, completed by the paper's library (published) or by
 stable-baselines3 (sb3), the authors' script, which differs from Table 1 (script), an earlier one,
 whose agents Figure 8 shows (figure8), or jbench's settings for other robots (suite)."""
+
+EncoderBase = Literal["script"]
+"""Sources of the options of an encoder that is not trained as in the paper's text."""
 
 EncoderSeeds = Literal["newest", "each"]
 """Whether all seeds of an agent have the newest encoder, or each the encoder with its own seed."""
@@ -131,11 +137,22 @@ NO_ENCODER = ("none", FULL)  # values of `--encoder` for such an agent
 OFE = "ofe"  # prefix of the representation if features are learned with the agent, such as ofe12
 
 REPRESENTATION = re.compile(
-    r"(?P<kind>[a-z][a-z0-9-]*?):?(?P<latents>[0-9]+)?"
-    r"(?:-(?P<scale>observation|sd))?(?:-(?P<rescale>whitened|extremes))?"
+    r"(?P<kind>[a-z][a-z0-9-]*?):?(?P<latents>[0-9]+)?(?P<endings>"
+    r"(?:-(?P<features>(?:without|of)-[A-Za-z0-9_.]+|features-[0-9a-f]{8}))?"
+    r"(?:-(?P<base>script))?"
+    r"(?:-(?P<scale>observation|sd))?(?:-(?P<rescale>whitened|extremes))?)"
 )
-"""A representation: a kind of encoder, its number of latents, and its scales if not the defaults,
-such as dae12 or dae12-observation-whitened."""
+"""A representation: a kind of encoder, its number of latents, and what is not the default: features
+of the observation, training, and scales, such as dae12 or dae12-observation-whitened."""
+
+
+def features_in(representation: str) -> str:
+    """Returns which features of the observation a representation is of: "" for all.
+
+    Those of dae8-without-velocity and of raw10-without-velocity are without-velocity.
+    """
+    match = REPRESENTATION.fullmatch(representation)
+    return "" if match is None else match["features"] or ""
 
 
 def kind_in(representation: str) -> str:

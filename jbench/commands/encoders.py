@@ -41,6 +41,11 @@ def train_encoder(
         None, help="Number of latents, or several: 2,4,8 or 1-16 (default: 12, or the only size)."
     ),
     dataset: str | None = options.DATASET,
+    settings: names.EncoderBase | None = Option(
+        None,
+        help="Source of dae's options: script (the authors' script, whose training is not that of "
+        "the paper's text; docs/encoders.md).",
+    ),
     noise: float | None = Option(
         None, help="Standard deviation of the noise on scaled features (default: 0.1)."
     ),
@@ -83,13 +88,13 @@ def train_encoder(
     given = parsing.parse_overrides([*assigned, *set_])
     tasks, seeds = names.TASKS if task == "all" else (task,), names.parse_numbers(seed)
     # Wrong requests are refused before a dataset is missed.
-    _planned(kind, given, latent, tasks, seeds, None)
+    _planned(kind, given, settings, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
-    planned = _planned(kind, given, latent, tasks, seeds, source)
+    planned = _planned(kind, given, settings, latent, tasks, seeds, source)
     read = lru_cache(1)(partial(States, source, scale=given.get("scale", "dataset")))
     records = [
-        _train_one(settings, read(settings.task, settings.seed), database, train_on)
-        for settings in planned
+        _train_one(encoder, read(encoder.task, encoder.seed), database, train_on)
+        for encoder in planned
     ]
     for record in records if verbose else ():
         _show_errors(record)
@@ -142,6 +147,7 @@ def _train_one(
 def _planned(
     kinds: str,
     typed: dict[str, Any],
+    base: names.EncoderBase | None,
     latent: str | None,
     tasks: Sequence[str],
     seeds: Sequence[int],
@@ -152,7 +158,12 @@ def _planned(
     If any kind has several sizes, --latent is ignored for kinds that have only one. The dataset is
     None if it is not known yet.
     """
-    from jbench.encoders.registry import encoder_settings, latent_sizes, options_with_epochs
+    from jbench.encoders.registry import (
+        encoder_settings,
+        latent_sizes,
+        make_kind,
+        options_with_epochs,
+    )
 
     numbers = names.parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
     known = dict.fromkeys(
@@ -160,15 +171,17 @@ def _planned(
     )
     planned = []
     for task in tasks:
-        possible = {kind: list(latent_sizes(kind, task)) for kind in known}
+        features = {kind: make_kind(kind, typed).features for kind in known}
+        possible = {kind: list(latent_sizes(kind, task, features[kind])) for kind in known}
         only = {kind: sizes for kind, sizes in possible.items() if len(sizes) == 1}
         if latent is not None and len(only) == len(known):
             only.clear()
         for seed, kind in product(seeds, known):
             options = options_with_epochs(kind, typed, source.episodes, seed) if source else typed
             dataset = source.id if source else "any"
+            about = {"task": task, "dataset": dataset, "seed": seed}
             planned += [
-                encoder_settings(kind, options, task=task, latents=size, dataset=dataset, seed=seed)
+                encoder_settings(kind, options, base=base, latents=size, **about)
                 for size in only.get(kind, numbers)
             ]
     return planned

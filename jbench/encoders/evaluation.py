@@ -21,7 +21,7 @@ from torch import Tensor
 from jbench.encoders.kind import Fitted, Kind, Weights
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
-from jbench.encoders.scaling import FloatArray, Moments, physical_scaling
+from jbench.encoders.scaling import FloatArray, Moments
 from jbench.encoders.states import Shard, States, state_pairs
 from jbench.names import TASKS
 from jbench.tasks.find import find_task
@@ -79,8 +79,12 @@ def errors(
             totals[f"{name}_explained"] = float(1 - error.sum() / total) if total else 0.0
     totals |= {name: float(values.mean()) for name, values in columns.items()}
     features = [
-        {"index": i, "feature": label, **{name: values[i] for name, values in columns.items()}}
-        for i, label in enumerate(find_task(states.task).labels)
+        {
+            "index": states.columns[i],
+            "feature": label,
+            **{name: values[i] for name, values in columns.items()},
+        }
+        for i, label in enumerate(states.labels)
     ]
     return {"encoder_features": features, "encoder_errors": [totals]}
 
@@ -127,8 +131,9 @@ def affine_errors(kind: Kind, weights: Mapping[str, FloatArray], moments: Moment
 
 def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, Any]]:
     """Trains and evaluates a probe; returns a row of `encoder_predictions` for each target."""
-    inputs, targets = _rows(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
-    test_inputs, test_targets = _rows(kind, weights, states, next(states.test()), _TEST_ROWS)
+    whole = states.whole
+    inputs, targets = _rows(kind, weights, states, next(whole.learn()), _LEARNED_ROWS)
+    test_inputs, test_targets = _rows(kind, weights, states, next(whole.test()), _TEST_ROWS)
     latents = inputs.shape[1] - states.action_size
     shared = {
         "effective_rank": effective_rank(test_inputs[:, :latents].numpy()),
@@ -177,21 +182,25 @@ def effective_rank(rows: NDArray[np.floating]) -> float:
 def _rows(
     kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int
 ) -> tuple[Tensor, Tensor]:
-    """Returns inputs (rows, latents + action_size) and targets (rows, columns) of random pairs."""
+    """Returns inputs (rows, latents + action_size) and targets (rows, columns) of random pairs.
+
+    The shard has all features: an encoder of some is evaluated by the same targets.
+    """
     shard = shard.to(torch.device("cpu"))
     order = torch.randperm(shard.pairs(1), generator=torch.Generator().manual_seed(_SEED))
     batch = shard.take(order[:max_rows], 1, with_actions=True)
-    latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
+    observed = batch.now[:, states.columns].numpy()
+    latents = np.asarray(kind.to_latents(weights, observed), np.float32)
     if states.task not in TASKS:
         changes = torch.cat([batch.later - batch.now, batch.rewards], 1)
         return torch.cat([torch.from_numpy(latents), batch.actions], 1), changes
-    gain, offset = physical_scaling(states.task, states.scaling)
+    gain, offset = states.whole.physical_scaling()
     physical = batch.later.double().numpy() * gain + offset
     later = PlanarReduction().numbers(states.task, physical)
     # In the heading frame the robot faces -y.
     rates = np.stack([later[name] for name in _RATES], axis=1) * (1, 1, 1, -1)
     actions = batch.actions.numpy()
-    signs = kind.action_signs(weights, batch.now.numpy())
+    signs = kind.action_signs(weights, observed)
     if signs is not None:  # these latents are predicted what the mirrored robot does
         mirror = [SIGNS[name] for name in _RATES]
         actions, rates = actions * signs, np.where(signs < 0, rates * mirror, rates)

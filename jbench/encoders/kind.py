@@ -11,12 +11,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 from torch import Tensor
 
 from jbench.encoders.states import Scale, StatePairs, States
+from jbench.names import EncoderBase
 from jbench.settings.base import Settings, omissible
-from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.geometry import Array
 
 Weights = Mapping[str, Any]  # named float32 arrays, either all numpy or all torch
@@ -29,12 +29,21 @@ class Kind(Settings):
     also apply the option `rescale`. `decodes_later` says that `decode` returns the state
     `steps_ahead` steps later, `is_rowwise` that `encode` has no matrix product, which may round
     differently in a larger batch: a row has the same latents, bit for bit, in every batch.
+    `needs_all_features` refuses the option `features`. `bases` has options by the name of their
+    source.
     """
 
     uses_actions: ClassVar[bool] = False
+    needs_all_features: ClassVar[bool] = False
+    bases: ClassVar[Mapping[EncoderBase, Mapping[str, Any]]] = {}
     decodes_later: ClassVar[bool] = False
     is_rowwise: ClassVar[bool] = False
 
+    features: list[str] | None = omissible(
+        None,
+        description="of the observation, by name, as in position,velocity_angular_z; a minus "
+        "leaves one out, as in -speed_in_target_frame (default: all)",
+    )
     scale: Scale = omissible(
         "dataset",
         description="of the inputs: extremes over the dataset to [-1, 1] (authors' script), the "
@@ -46,18 +55,28 @@ class Kind(Settings):
         "standard deviation of 1/3 (whitened), or extremes to [-1, 1]; ours",
     )
 
+    @field_validator("features", mode="before")
+    @classmethod
+    def _separated(cls, value: Any) -> Any:
+        """Separates the names of a text such as position,velocity_angular_z."""
+        return [name.strip() for name in value.split(",")] if isinstance(value, str) else value
+
     @property
     def steps_ahead(self) -> int:
         """Control steps from `StatePairs.now` to `later`: the option `horizon`, if any, or 0."""
         return int(getattr(self, "horizon", None) or 0)
 
     @classmethod
-    def latent_sizes(cls, task: str) -> range:
-        """Returns the allowed numbers of latents for a task, by default 1 to its features.
+    def latent_sizes(cls, task: str, features: int) -> range:
+        """Returns the allowed numbers of latents, by default 1 to the number of features.
 
         A kind whose size is determined by the task returns a range of one number.
+
+        Args:
+            task: name of the task.
+            features: number of those that the kind gets of the task's observation.
         """
-        return range(1, find_task(task).observation_size + 1)
+        return range(1, features + 1)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns latents (..., latents) for scaled states (..., size), of the same array type."""

@@ -7,18 +7,27 @@ entry point of the group `jbench.encoders`; see `docs/your-own-encoder.md`.
 import math
 import pkgutil
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint
 from typing import Any
 
 from pydantic import Field, model_validator
 
 from jbench import plugins
+from jbench.encoders.features import HASHED, columns, from_name, in_name, shortest
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.states import split_episodes
 from jbench.errors import RequestError, WorkError
-from jbench.names import ENCODER_KINDS, EPISODE_STEPS, OFE, REPRESENTATION, known
-from jbench.settings.base import Seed, Settings, in_id, settings_hash, settings_with, validated
+from jbench.names import ENCODER_KINDS, EPISODE_STEPS, OFE, REPRESENTATION, EncoderBase, known
+from jbench.settings.base import (
+    Seed,
+    Settings,
+    in_id,
+    omissible,
+    settings_hash,
+    settings_with,
+    validated,
+)
 
 _WHAT = "kind of encoder"
 
@@ -71,10 +80,14 @@ def code_provenance(kind: str) -> dict[str, str | None]:
     return {} if kind in ENCODER_KINDS else plugins.provenance(_WHAT, kind, _offered())
 
 
-def latent_sizes(kind: str, task: str) -> range:
-    """Returns the allowed numbers of latents of a kind; none if it is the Jitterbug's only."""
+def latent_sizes(kind: str, task: str, features: Sequence[str] | None = None) -> range:
+    """Returns the allowed numbers of latents of a kind; none if it is the Jitterbug's only.
+
+    Raises a RequestError if the task or one of the chosen features does not exist.
+    """
+    count = len(columns(task, features))
     try:
-        return find_kind(kind).latent_sizes(task)
+        return find_kind(kind).latent_sizes(task, count)
     except KeyError:  # it looks up the features of one of the five tasks
         return range(0)
 
@@ -88,28 +101,46 @@ class EncoderSettings(Settings):
     latents: int = Field(default=12, ge=1, description="paper, Figures 7 and 8")
     seed: Seed = 0
     options: dict[str, Any] = Field(default_factory=dict, description="every option of the kind")
+    base: EncoderBase | None = omissible(None, description="source of the options, if in the name")
 
     @model_validator(mode="after")
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
-        problem = _wrong_size(self.kind, self.task, self.latents)
+        features = self.options.get("features")
+        problem = _wrong_size(self.kind, self.task, self.latents, features)
         if problem is not None:
-            possible = latent_sizes(self.kind, self.task)
+            possible = latent_sizes(self.kind, self.task, features)
             raise ValueError(f"{problem}, not {self.latents}" if possible else problem)
         return self
 
     @property
     def representation(self) -> str:
-        """Name of its latents, such as dae12-whitened: kind, size, and scales if not default."""
-        return "-".join([f"{_short_name(self.kind)}{self.latents}", *self._scales.values()])
+        """Name of its latents, such as dae12-whitened: kind, size, and what is not the default."""
+        name = f"{_short_name(self.kind)}{self.latents}"
+        features = self.options.get("features")
+        endings = [] if features is None else [in_name(features)]
+        if self.base is not None:
+            endings.append(self.base)
+        return "-".join([name, *endings, *self._scales.values()])
 
     @property
     def command(self) -> str:
         """The command that trains it; omits the size of kinds with only one size."""
-        size = "" if len(latent_sizes(self.kind, self.task)) == 1 else f" --latent {self.latents}"
-        scales = [f" --set {name}={scale}" for name, scale in self._scales.items()]
-        is_plain = self.kind == "dae" and not scales
+        features = self.options.get("features")
+        has_one_size = len(latent_sizes(self.kind, self.task, features)) == 1
+        size = "" if has_one_size else f" --latent {self.latents}"
+        base = "" if self.base is None else f" --settings {self.base}"
+        assigned = {} if features is None else {"features": ",".join(features)}
+        assigned.update(self._scales)
+        is_plain = self.kind == "dae" and not assigned and self.base is None
         verb = "train-dae" if is_plain else f"train-encoder --kind {self.kind}"
-        return "".join([f"jbench {verb} --task {self.task}{size}", *scales])
+        settings = "".join(f" --set {name}={value}" for name, value in assigned.items())
+        return f"jbench {verb} --task {self.task}{size}{base}{settings}"
+
+    @property
+    def columns(self) -> list[int] | None:
+        """Which values of the observation it encodes, in order; None for all."""
+        features = self.options.get("features")
+        return None if features is None else columns(self.task, features)
 
     @property
     def _scales(self) -> dict[str, str]:
@@ -126,10 +157,46 @@ class EncoderSettings(Settings):
         return settings_hash(self.model_dump(mode="json", exclude={"seed"}))
 
 
-def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> EncoderSettings:
-    """Returns the settings of an encoder with every option of its kind; see `make_kind`."""
-    full = make_kind(kind, options).model_dump(mode="json")
-    return validated(EncoderSettings, "the encoder", kind=kind, options=full, **values)
+def encoder_settings(
+    kind: str,
+    options: Mapping[str, Any],
+    *,
+    task: str = "face_direction",
+    base: EncoderBase | None = None,
+    **values: Any,
+) -> EncoderSettings:
+    """Returns the settings of an encoder with every option of its kind.
+
+    Args:
+        options: those that are not the defaults, or not those of the base.
+        base: see `Kind.bases`.
+        values: of the other settings.
+
+    Raises:
+        RequestError: if an option, one of its values, a feature or the base does not exist.
+    """
+    found = find_kind(kind)
+    if base is not None and base not in found.bases:
+        raise RequestError(
+            f"The settings of the {base} are for dae, not for {kind}: leave them out."
+        )
+    named = {} if base is None else found.bases[base]
+    made = make_kind(kind, {**named, **options})
+    if made.features is not None and made.needs_all_features:
+        raise RequestError(f"{kind} needs all features of the observation: leave features out.")
+
+    full = made.model_dump(mode="json")
+    features = shortest(task, made.features)
+    if features is None:
+        full.pop("features", None)
+    else:
+        full["features"] = features
+    # The name says where the options come from, however they were typed.
+    source = next(
+        (name for name, some in found.bases.items() if some.items() <= full.items()), None
+    )
+    about = {"kind": kind, "task": task, "options": full, "base": source}
+    return validated(EncoderSettings, "the encoder", **about, **values)
 
 
 def options_with_epochs(
@@ -166,18 +233,29 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
         if plugins.is_imported(name):
             short = f"{_short_name(name)}12"
             raise RequestError(f"{name} is a class; type --encoder {short}, for example.")
-    sizes = latent_sizes(kind, task)
-    scales = {option: match[option] for option in _SCALES if match and match[option]}
+    options: dict[str, Any] = {}
+    base: EncoderBase | None = None
+    if match:
+        options = {option: match[option] for option in _SCALES if match[option]}
+        base = "script" if match["base"] else None
+        if match["features"]:
+            if match["features"].startswith(f"{HASHED}-"):
+                return None  # found by the whole name
+            options["features"] = shortest(task, from_name(match["features"]))
+    sizes = latent_sizes(kind, task, options.get("features"))
     latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
     if match and match["latents"]:
         latents = int(match["latents"].lstrip("0")[:10] or 0)  # Python reads no more than 4300
-    problem = _wrong_size(kind, task, latents)
+    problem = _wrong_size(kind, task, latents, options.get("features"))
     if problem is None:
-        return EncoderSettings(kind=kind, task=task, dataset="any", latents=latents, options=scales)
+        return EncoderSettings(
+            kind=kind, task=task, dataset="any", latents=latents, options=options, base=base
+        )
     if not sizes:
         raise RequestError(f"{problem}.")
     size, more = ("", "") if len(sizes) == 1 else (str(min(12, sizes[-1])), ", for example")
-    raise RequestError(f"{problem}; choose {'-'.join([kind + size, *scales.values()])}{more}.")
+    endings = match["endings"] if match else ""
+    raise RequestError(f"{problem}; choose {kind}{size}{endings}{more}.")
 
 
 def _short_name(kind: str) -> str:
@@ -192,8 +270,9 @@ def _short_name(kind: str) -> str:
     raise RequestError(f"{kind}: the name {name!r} {taken}; give the class another name.")
 
 
-def _wrong_size(kind: str, task: str, latents: int) -> str | None:
-    sizes = latent_sizes(kind, task)
+def _wrong_size(kind: str, task: str, latents: int, features: Sequence[str] | None) -> str | None:
+    """Returns what is wrong with a number of latents as a clause; None if nothing is."""
+    sizes = latent_sizes(kind, task, features)
     if latents in sizes:
         return None
     if not sizes:

@@ -45,18 +45,34 @@ class SavedEncoder:
     """A trained encoder: a kind, its weights and the scaling of its inputs."""
 
     def __init__(
-        self, kind: Kind, weights: dict[str, NDArray[np.float32]], scaling: Scaling, latents: int
+        self,
+        kind: Kind,
+        weights: dict[str, NDArray[np.float32]],
+        scaling: Scaling,
+        latents: int,
+        is_observed: Sequence[bool] | None = None,
     ) -> None:
-        """Makes the encoder; weights that are not finite or of another size are a ValueError."""
-        self._kind, self.latent_size = kind, latents
+        """Makes the encoder; weights that are not finite or of another size are a ValueError.
+
+        Args:
+            scaling: of the features that the kind encodes, (size,).
+            latents: number of latents.
+            is_observed: whether each value of an observation is one of these features, (dim(O),);
+                None for all.
+        """
+        self._kind = kind
+        self.latent_size = latents
+        self._is_observed = None if is_observed is None or all(is_observed) else is_observed
         self.is_rowwise = kind.is_rowwise and kind.rescale is None
         gain, offset = scaling.gain_and_offset()
         self._weights = {**weights, _GAIN: gain, _OFFSET: offset}
         self._tensors: dict[tuple[torch.device, torch.dtype], dict[str, Tensor]] = {}
+        self._columns: dict[torch.device, Tensor] = {}
         size = len(scaling.minimum)
         if not all(np.isfinite(value).all() for value in weights.values()):
             raise ValueError("weights that are not finite")
-        encoded = np.shape(self.encode(np.zeros((1, size), np.float32)))
+        scaled = np.zeros((1, size), np.float32) * gain + offset
+        encoded = np.shape(kind.to_latents(self._weights, scaled))
         if encoded != (1, latents):
             raise ValueError(f"encode returns the shape {encoded}, not {(1, latents)}")
         decoded = np.shape(kind.from_latents(self._weights, np.zeros((1, latents), np.float32)))
@@ -83,7 +99,21 @@ class SavedEncoder:
             weights = kept[about]
         else:
             batch = batch.astype(np.float32, copy=False)
-        return weights, batch * weights[_GAIN] + weights[_OFFSET]
+        return weights, self._features(batch) * weights[_GAIN] + weights[_OFFSET]
+
+    def _features(self, batch: Array) -> Array:
+        """Returns the features (..., size) of observations (..., dim(O)) that the kind encodes."""
+        if self._is_observed is None:
+            return batch
+        if batch.shape[-1] != len(self._is_observed):
+            size = len(self._is_observed)
+            raise ValueError(f"observations of {batch.shape[-1]} numbers instead of {size}")
+        columns = np.flatnonzero(self._is_observed)
+        if not isinstance(batch, Tensor):
+            return batch[..., columns]
+        if batch.device not in self._columns:
+            self._columns[batch.device] = torch.from_numpy(columns).to(batch.device)
+        return batch.index_select(-1, self._columns[batch.device])
 
 
 def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
@@ -188,7 +218,8 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
         # Version 1 did not save options, which affected only the training.
         kind = make_kind(description["kind"], description.get("options", {}))
         weights = {name: np.asarray(value, np.float32) for name, value in arrays}
-        encoder = SavedEncoder(kind, weights, Scaling(*extremes), description["latents"])
+        scaling, latents = Scaling(*extremes), description["latents"]
+        encoder = SavedEncoder(kind, weights, scaling, latents, description.get("is_observed"))
     except (SafetensorError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
     return encoder, description

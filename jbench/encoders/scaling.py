@@ -4,7 +4,7 @@ Moments are in float64, and blocks are merged by their means (Chan, Golub and Le
 which is accurate for millions of rows.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import NamedTuple
 
@@ -51,6 +51,11 @@ class Moments(NamedTuple):
         mean = gain.astype(np.float64) * self.mean + offset
         return Moments(self.rows, mean, np.outer(gain, gain).astype(np.float64) * self.covariance)
 
+    def only(self, columns: Sequence[int]) -> "Moments":
+        """Returns the moments of some of the columns."""
+        chosen = list(columns)
+        return Moments(self.rows, self.mean[chosen], self.covariance[np.ix_(chosen, chosen)])
+
     def regression(self, inputs: int) -> tuple[FloatArray, FloatArray]:
         """Returns the least squares slopes (inputs, others) and offset (others,).
 
@@ -84,6 +89,11 @@ class Scaling(NamedTuple):
         """Returns the scaling of both datasets together."""
         low, high = np.minimum(self.minimum, other.minimum), np.maximum(self.maximum, other.maximum)
         return Scaling(low, high)
+
+    def only(self, columns: Sequence[int]) -> "Scaling":
+        """Returns the scaling of some of the features."""
+        chosen = list(columns)
+        return Scaling(self.minimum[chosen], self.maximum[chosen])
 
     def gain_and_offset(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Returns (dim(O),) numbers such that scaled = gain * observation + offset.

@@ -4,7 +4,8 @@ Whole episodes are held out, so that no held-out state is adjacent to a training
 that does not fit in memory is read in each epoch, file by file in random order.
 """
 
-from collections.abc import Iterable, Iterator
+import copy
+from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
 from typing import Any, Literal, NamedTuple
 
@@ -15,7 +16,7 @@ from torch import Tensor
 
 from jbench.datasets import Dataset
 from jbench.datasets.reader import Block
-from jbench.encoders.scaling import Moments, Scaling
+from jbench.encoders.scaling import FloatArray, Moments, Scaling, physical_scaling
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
 from jbench.tasks.find import find_task
@@ -71,6 +72,10 @@ class Shard(NamedTuple):
         actions = self.actions.flatten(0, 1)[steps].flatten(1)
         return batch._replace(actions=actions, rewards=self.rewards.view(-1)[steps])
 
+    def only(self, columns: Sequence[int]) -> "Shard":
+        """Returns a copy with some of the features."""
+        return self._replace(states=self.states[..., list(columns)])
+
     def to(self, device: torch.device) -> "Shard":
         """Returns a copy on a device."""
         return Shard(*(part.to(device) for part in self))
@@ -102,7 +107,9 @@ class States:
     """A dataset as one task sees it, scaled, with episodes held out.
 
     Attributes:
-        scaling: of the observations; available after `read`, like the following ones.
+        columns: which features of the observation the states have, in order: all, or those that
+            `only` has chosen.
+        scaling: of the features; available after `read`, like the following ones.
         learned, held_out: moments of the scaled training states and of the held-out ones.
         sample: up to 128 held-out episodes.
         in_memory: whether all states fit in memory.
@@ -119,10 +126,12 @@ class States:
         """Prepares to read a dataset, of which at most `memory` bytes of states are kept."""
         self.dataset, self.task, self.seed, self.scale = dataset, task, seed, scale
         self.size = find_task(task).observation_size
+        self.columns = list(range(self.size))
         self.action_size = find_task(task).action_size
         learned, held_out = split_episodes(dataset.episodes, seed)
         self._episodes = {"learned": learned, "held_out": held_out}
         self._memory = memory
+        self._chosen_from: States | None = None  # it would be a cycle for all features
         self.in_memory = dataset.episodes * _STATES * self.size * 4 <= memory
         self.device = torch.device("cpu")
         self._whole: dict[str, Shard] = {}  # empty before `read`, and if they do not fit in memory
@@ -136,6 +145,40 @@ class States:
             self.sample = self.sample.to(device)
             self._whole = {name: shard.to(device) for name, shard in self._whole.items()}
 
+    def only(self, columns: Sequence[int]) -> "States":
+        """Returns these states, which have been read, with some of the observation's features."""
+        chosen = copy.copy(self)
+        chosen._chosen_from = self.whole
+        chosen.columns = list(columns)
+        chosen.size = len(chosen.columns)
+        chosen.scaling = self.scaling.only(columns)
+        chosen.learned = self.learned.only(columns)
+        chosen.held_out = self.held_out.only(columns)
+        chosen.sample = self.sample.only(columns)
+        chosen._whole = {name: shard.only(columns) for name, shard in self._whole.items()}
+        return chosen
+
+    @property
+    def whole(self) -> "States":
+        """The same states with all features."""
+        return self if self._chosen_from is None else self._chosen_from
+
+    @property
+    def is_observed(self) -> list[bool]:
+        """Whether each value of an observation is one of the features."""
+        return [column in self.columns for column in range(self.whole.size)]
+
+    @property
+    def labels(self) -> list[str]:
+        """The names of the features."""
+        names = find_task(self.task).labels
+        return [names[column] for column in self.columns]
+
+    def physical_scaling(self) -> tuple[FloatArray, FloatArray]:
+        """Returns (size,) gain and offset: features in SI units = gain * scaled + offset."""
+        gain, offset = physical_scaling(self.task, self.whole.scaling)
+        return gain[self.columns], offset[self.columns]
+
     def learn(self, random: torch.Generator | None = None) -> Iterator[Shard]:
         """Yields the training episodes; `random` shuffles files that do not fit in memory."""
         return self._shards("learned", random)
@@ -145,9 +188,9 @@ class States:
         return self._shards("held_out")
 
     def scaled(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns scaled observations (..., size)."""
+        """Returns the scaled features (..., size) of observations (..., dim(O))."""
         gain, offset = self.scaling.gain_and_offset()
-        return observations * gain + offset
+        return observations[..., self.columns] * gain + offset
 
     def _read_all(self) -> None:
         kept: dict[str, list[Block]] = {name: [] for name in self._episodes}
@@ -181,6 +224,10 @@ class States:
         """Yields the training or the held-out episodes, in shards that fit in memory."""
         if self.in_memory:
             yield self._whole[name]
+            return
+        if self.whole is not self:
+            for shard in self.whole._shards(name, random):
+                yield shard.only(self.columns)
             return
         parts = list(range(len(self.dataset.parts)))
         if random is not None:

@@ -21,7 +21,6 @@ from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS
 from jbench.store import Record, Results
 from jbench.store.provenance import device_provenance
-from jbench.tasks.find import find_task
 
 
 def train_encoder(
@@ -56,6 +55,8 @@ def train_encoder(
         if record is not None and record.status == "finished":
             return record
         states.read(device)
+        if settings.columns is not None:
+            states = states.only(settings.columns)
         if isinstance(kind, Learned) and settings.kind not in ENCODER_KINDS:
             check_kind(kind, settings.kind, states, settings.latents)
         if record is None or CHECKPOINT not in record.roles():
@@ -81,7 +82,7 @@ def train_encoder(
                 latents = (kind.encode(weights, block) for block in blocks)
                 weights |= _float32(rescaling(kind.rescale, latents))
             try:
-                SavedEncoder(kind, weights, states.scaling, settings.latents)
+                SavedEncoder(kind, weights, states.scaling, settings.latents, states.is_observed)
             except ValueError as error:
                 raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
             # An interrupted process may have committed the errors already.
@@ -102,10 +103,12 @@ def _finish(
 ) -> None:
     description = {
         **{name: getattr(settings, name) for name in ("kind", "options", "task", "latents")},
-        "features": find_task(settings.task).labels,
+        "features": states.labels,
         "minimum": states.scaling.minimum.tolist(),
         "maximum": states.scaling.maximum.tolist(),
     }
+    if settings.columns is not None:
+        description["is_observed"] = states.is_observed
     (totals,) = record.read("encoder_errors").to_pylist()
     epochs = record.read("encoder_epochs").to_pylist()
     predicted = record.read("encoder_predictions").to_pylist()

@@ -14,7 +14,13 @@ from jbench.agents.algorithms import algorithm_fields
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
 from jbench.devices import find_device
-from jbench.encoders.registry import EncoderSettings, kind_names, make_kind, named_encoder
+from jbench.encoders.registry import (
+    EncoderSettings,
+    encoder_settings,
+    kind_names,
+    make_kind,
+    named_encoder,
+)
 from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
@@ -119,10 +125,15 @@ def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> 
     if (wanted := named_encoder(name, task)) is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
     assert wanted is not None
-    options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
-    full = make_kind(wanted.kind, options).model_dump(mode="json")
-    seed = 0 if matrix.encoder.seed == "each" else matrix.encoder.seed
-    return wanted.model_copy(update={"options": full, "dataset": dataset.id, "seed": seed})
+    return encoder_settings(
+        wanted.kind,
+        {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options},
+        task=task,
+        base=wanted.base,
+        latents=wanted.latents,
+        dataset=dataset.id,
+        seed=0 if matrix.encoder.seed == "each" else matrix.encoder.seed,
+    )
 
 
 def missing_encoders(

@@ -78,7 +78,7 @@ def rows(record, table="encoder_epochs"):
 
 
 def fitted_encoder(kind, states, latents=None):
-    latents = latents or kind.latent_sizes(states.task)[0]
+    latents = latents or kind.latent_sizes(states.task, states.size)[0]
     weights = {n: value.astype(np.float32) for n, value in kind.fit(states, latents).items()}
     return SavedEncoder(kind, weights, states.scaling, latents)
 

@@ -55,8 +55,12 @@ def test_invalid_number_of_latents_is_refused(task, latents, message):
         ("ddae", {"horizon": 0}, "horizon of ddae can't be 0"),
         ("ddae", {"horizon": 1000}, "horizon of ddae can't be 1000"),
         ("dae", {"horizon": 2}, "dae has no option horizon; it has batch, epochs,"),
-        ("ae", {"noise": 0.1}, "ae has no option noise; it has batch, epochs, initial_weights"),
-        ("pca", {"epochs": 3}, "pca has no option epochs; it has rescale, scale"),
+        (
+            "ae",
+            {"noise": 0.1},
+            "ae has no option noise; it has batch, epochs, features, initial_weights",
+        ),
+        ("pca", {"epochs": 3}, "pca has no option epochs; it has features, rescale, scale"),
     ],
 )
 def test_invalid_options_are_refused(kind, options, message):

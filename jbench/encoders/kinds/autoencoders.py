@@ -1,7 +1,7 @@
 """Autoencoders of two layers: plain, denoising, and predicting."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import torch
 from array_api_compat import array_namespace
@@ -10,9 +10,8 @@ from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh, tanh_
 from jbench.encoders.states import StatePairs
-from jbench.names import EPISODE_STEPS
+from jbench.names import EPISODE_STEPS, TASKS, EncoderBase
 from jbench.settings.base import omissible
-from jbench.tasks.jitterbug.features import observation_size
 from jbench.tasks.jitterbug.geometry import Array
 
 # Where the yaw rate is in every task's observation, after x, y, z, a quaternion and 5 velocities.
@@ -78,6 +77,10 @@ class DenoisingAutoencoder(Autoencoder):
     Source: Vincent et al. (2008).
     """
 
+    bases: ClassVar[dict[EncoderBase, dict[str, Any]]] = {
+        "script": {"initial_weights": "normal", "noise_per": "batch", "learning_rate": 5e-4}
+    }
+
     noise: float = Field(0.1, ge=0, description="sd on each scaled feature; paper, section 5.2")
     noise_per: Literal["row", "batch"] = omissible(
         "row", description="whether rows of a minibatch share their noise, as in authors' script"
@@ -99,9 +102,11 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
     It shows what agents gain that observe the yaw rate in addition to the latents.
     """
 
+    needs_all_features = True
+
     @classmethod
-    def latent_sizes(cls, task: str) -> range:
-        return range(2, observation_size(task) + 2)
+    def latent_sizes(cls, task: str, features: int) -> range:
+        return range(2, features + 2) if task in TASKS else range(0)
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
         return super().initial(size, latents - 1, random)

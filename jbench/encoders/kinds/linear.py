@@ -9,11 +9,9 @@ from pydantic import Field
 
 from jbench.encoders import scaling
 from jbench.encoders.kind import Fitted, Kind, Weights, tanh
-from jbench.encoders.scaling import FloatArray, Moments, inverse, physical_scaling
+from jbench.encoders.scaling import FloatArray, Moments, inverse
 from jbench.encoders.states import States, state_pairs
-from jbench.names import EPISODE_STEPS
-from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.features import observation_size
+from jbench.names import EPISODE_STEPS, TASKS
 from jbench.tasks.jitterbug.geometry import Array
 
 _MIN_DYNAMIC_VARIANCE = 1e-9  # relative to the largest variance; smaller ones count as 0
@@ -78,7 +76,7 @@ class RandomFeatures(Linear, Fitted):
     """
 
     @classmethod
-    def latent_sizes(cls, task: str) -> range:
+    def latent_sizes(cls, task: str, features: int) -> range:
         return range(1, 4097)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
@@ -106,9 +104,8 @@ class Scaled(Fitted):
     is_rowwise = True
 
     @classmethod
-    def latent_sizes(cls, task: str) -> range:
-        size = find_task(task).observation_size
-        return range(size, size + 1)
+    def latent_sizes(cls, task: str, features: int) -> range:
+        return range(features, features + 1)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         return {}
@@ -131,12 +128,12 @@ class Raw(Fitted):
     is_rowwise = True
 
     @classmethod
-    def latent_sizes(cls, task: str) -> range:
-        size = observation_size(task)
-        return range(size, size + 1)
+    def latent_sizes(cls, task: str, features: int) -> range:
+        # The units of other robots' observations are not known.
+        return range(features, features + 1) if task in TASKS else range(0)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
-        gain, offset = physical_scaling(states.task, states.scaling)
+        gain, offset = states.physical_scaling()
         return {"gain": gain, "offset": offset, "inverse": inverse(gain)}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:

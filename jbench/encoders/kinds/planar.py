@@ -59,6 +59,7 @@ class PlanarReduction(Fitted):
     """
 
     is_rowwise = True
+    needs_all_features = True
 
     @classmethod
     def columns(cls, task: str) -> tuple[str, ...]:
@@ -66,7 +67,7 @@ class PlanarReduction(Fitted):
         return tuple(cls().numbers(task, np.zeros(observation_size(task))))
 
     @classmethod
-    def latent_sizes(cls, task: str) -> range:
+    def latent_sizes(cls, task: str, features: int) -> range:
         size = len(cls.columns(task))
         return range(size, size + 1)
 

@@ -147,5 +147,6 @@ def angle_periods(states: States) -> Tensor:
     if states.task not in TASK_SPECS:
         return torch.zeros(states.size)
     observed = zip(*(by_dimension(states.task, part) for part in ("units", "high")), strict=True)
-    periods = np.array([2.0 * (pair == ("rad", np.pi)) for pair in observed], np.float32)
+    is_angle = np.array([pair == ("rad", np.pi) for pair in observed])
+    periods = np.where(is_angle[states.columns], 2, 0).astype(np.float32)
     return torch.from_numpy(periods * states.scaling.gain_and_offset()[0])

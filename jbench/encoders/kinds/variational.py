@@ -87,9 +87,11 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
     )
 
     @classmethod
-    def latent_sizes(cls, task: str) -> range:
+    def latent_sizes(cls, task: str, features: int) -> range:
         """Returns 1 to the features of a task with a single actuator; its dynamics have one."""
-        return super().latent_sizes(task) if find_task(task).action_size == 1 else range(0)
+        if find_task(task).action_size > 1:
+            return range(0)
+        return super().latent_sizes(task, features)
 
     @property
     def steps_ahead(self) -> int:

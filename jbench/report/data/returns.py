@@ -78,7 +78,7 @@ def shown_representation(representation: str) -> str:
     match = REPRESENTATION.fullmatch(representation)
     if match is None or match["kind"] not in _SIZE_OF_TASK:
         return representation
-    return "-".join(filter(None, match.group("kind", "scale", "rescale")))
+    return match["kind"] + match["endings"]
 
 
 def clean(text: str) -> str:

@@ -1,6 +1,5 @@
 """Tests of the gallery of the README: its animations, and the returns in their captions."""
 
-import importlib.util
 import re
 
 import pytest
@@ -8,10 +7,9 @@ from PIL import Image
 
 from jbench.names import TASKS
 from tests.documentation import ROOT
+from tests.scripts import script
 
-_SPEC = importlib.util.spec_from_file_location("gallery", ROOT / "docs" / "images" / "gallery.py")
-gallery = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(gallery)
+gallery = script("docs/images/gallery.py")
 
 
 def test_each_task_has_an_animation_that_loads_fast():

@@ -1,0 +1,255 @@
+"""Writes the tables of README and of docs/answer*.md from the shipped runs: docs/answer_tables.py.
+
+A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`. Its numbers are those of
+`jbench report --results reference`; the sentences around it are written by hand.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.stats import permutation_test
+
+from jbench.report.frames import Frames
+from jbench.statistics import FloatArray
+from jbench.statistics.bootstrap import difference, estimate, interquartile_mean
+from jbench.store.shipped import shipped_results
+
+ROOT = Path(__file__).resolve().parents[1]
+PLACE = r"(<!-- table: {name} -->\n\n).*?(\n<!-- end of table -->)"
+
+TASKS = ("face_direction", "move_in_direction")
+FEWEST_SEEDS = 6
+
+
+@dataclass
+class Shown:
+    """A row of the main table: a representation with TD3.
+
+    Attributes:
+        words: what the agent observes, in the words of a page.
+        name: the representation, and other settings, as the report names them.
+    """
+
+    words: str
+    name: str
+
+
+@dataclass
+class Pair:
+    """Two representations with which an algorithm was trained on a task, compared by returns."""
+
+    algo: str
+    task: str
+    name: str
+    against: str
+
+
+README_ROWS = (
+    Shown("full observation (`full`)", "full"),
+    Shown("min-max scaled (`scaled`)", "scaled"),
+    Shown("robot's frame (`planar`)", "planar"),
+    Shown("robot's frame, mirrored (`planar-mirror`)", "planar-mirror"),
+    Shown("autoencoder (`dae12`)", "dae12"),
+    Shown(
+        "its latents, own scale, whitened (`dae12-observation-whitened`)",
+        "dae12-observation-whitened",
+    ),
+)
+
+ANSWER_ROWS = (
+    Shown("all 16 or 19 numbers (`full`)", "full"),
+    Shown("all of them, min-max scaled (`scaled`)", "scaled"),
+    Shown("12 numbers in the robot's own frame (`planar`)", "planar"),
+    Shown("these 12, for half of the states (`planar-mirror`)", "planar-mirror"),
+    Shown("`planar`, with mirrored minibatches (`planar, mirror=true`)", "planar, mirror=true"),
+    Shown("`planar`, position and heading (`heading`)", "heading"),
+    Shown("12 latents trained to predict (`forward12`)", "forward12"),
+    Shown("12 random directions (`random12`)", "random12"),
+    Shown("12 principal components (`pca12`)", "pca12"),
+    Shown("12 latents of the autoencoder (`dae12`)", "dae12"),
+    Shown("the same, whitened (`dae12-whitened`)", "dae12-whitened"),
+    Shown("the same and the yaw rate (`dae-yaw13`)", "dae-yaw13"),
+    Shown("12 latents, on the observation's own scale (`dae12-observation`)", "dae12-observation"),
+    Shown("the same, whitened (`dae12-observation-whitened`)", "dae12-observation-whitened"),
+)
+
+DIFFERENCES_ORDER = (
+    "scaled",
+    "planar",
+    "planar, mirror=true",
+    "planar-mirror",
+    "heading",
+    "forward12",
+    "random12",
+    "pca12",
+    "dae12",
+    "dae12-whitened",
+    "dae12-observation",
+    "dae12-observation-whitened",
+    "dae-yaw13",
+)
+
+
+class ShippedNumbers:
+    """Evaluation returns of the shipped runs of DDPG and TD3, as the report has them."""
+
+    def __init__(self) -> None:
+        """Reads the rows and computes the frames of their report, which takes half a minute."""
+        frames = Frames(shipped_results())
+
+        self.seeds = _of_evaluations(frames.seeds)
+        self.baselines = frames.baselines
+
+    def returns(self, algo: str, task: str, name: str, column: str = "final") -> FloatArray:
+        """Returns a number of each seed (seeds,): its `final` return, or that `over_run`."""
+        rows = self.seeds
+        chosen = (rows["algo"] == algo) & (rows["task"] == task) & (rows["name"] == name)
+        return rows.loc[chosen, column].to_numpy()
+
+    def final_return(self, task: str, name: str) -> str:
+        """Returns TD3's interquartile mean of final returns; "" if there is no such run."""
+        final = self.returns("TD3", task, name)
+        return f"{interquartile_mean([final]):.0f}" if len(final) else ""
+
+    def difference(self, pair: Pair, column: str = "final") -> str:
+        """Returns a difference of interquartile means with its 95% interval.
+
+        Such as `+56 [+10, +100]`; "" without runs, or of a representation and itself.
+        """
+        ours = self.returns(pair.algo, pair.task, pair.name, column)
+        theirs = self.returns(pair.algo, pair.task, pair.against, column)
+        if not len(ours) or pair.name == pair.against:
+            return ""
+
+        found = estimate(difference(interquartile_mean), [ours], [theirs])
+        return f"{found.value:+.0f} [{found.low:+.0f}, {found.high:+.0f}]"
+
+    def p_value(self, pair: Pair) -> float:
+        """Returns that of the exact two-sided permutation test of mean final returns."""
+        test = permutation_test(
+            [
+                self.returns(pair.algo, pair.task, pair.name),
+                self.returns(pair.algo, pair.task, pair.against),
+            ],
+            lambda ours, theirs, axis: np.mean(ours, axis=axis) - np.mean(theirs, axis=axis),
+            n_resamples=np.inf,
+            vectorized=True,
+            batch=20_000,
+        )
+        return float(test.pvalue)
+
+    def median_of_policy(self, task: str, policy: str) -> str:
+        """Returns the median return of 100 episodes of the policy `random` or `hand-written`."""
+        rows = self.baselines[
+            (self.baselines["task"] == task) & (self.baselines["policy"] == policy)
+        ]
+        return f"{rows['median'].item():.0f}"
+
+
+def _of_evaluations(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns rows of evaluation returns of the batched engine in float32, with names of pages."""
+    rows = rows[(rows["returns"] == "evaluation") & rows["words"].isin(["", "mirror=true"])]
+    rows = rows[rows["algo"].isin(["DDPG", "TD3"])]
+
+    name = rows["representation"].where(
+        rows["words"] == "", rows["representation"] + ", " + rows["words"]
+    )
+    return rows.assign(name=name)
+
+
+def holm(p_values: list[float]) -> list[float]:
+    """Returns p-values that are corrected for their number (Holm, 1979), in the same order."""
+    adjusted = [0.0] * len(p_values)
+    largest = 0.0
+    for rank, index in enumerate(np.argsort(p_values)):
+        largest = max(largest, p_values[index] * (len(p_values) - rank))
+        adjusted[index] = min(largest, 1.0)
+    return adjusted
+
+
+def main_table(numbers: ShippedNumbers, shown: tuple[Shown, ...], first_column: str) -> str:
+    """Returns the table of TD3's final returns on two tasks, with the differences from `full`."""
+    lines = [
+        f"| {first_column} | `{TASKS[0]}` | difference | `{TASKS[1]}` | difference |",
+        "|---|---|---|---|---|",
+    ]
+    for row in shown:
+        cells = []
+        for task in TASKS:
+            cells.append(numbers.final_return(task, row.name))
+            cells.append(numbers.difference(Pair("TD3", task, row.name, "full")))
+        lines.append(f"| {row.words} | {' | '.join(cells)} |")
+
+    for words, policy in (
+        ("random actions", "random"),
+        ("the hand-written policy", "hand-written"),
+    ):
+        first = numbers.median_of_policy(TASKS[0], policy)
+        second = numbers.median_of_policy(TASKS[1], policy)
+        lines.append(f"| {words} | {first} |  | {second} |  |")
+    return "\n".join(lines)
+
+
+def differences_table(numbers: ShippedNumbers) -> str:
+    """Returns the table of all differences, at the end and over the run, with p-values."""
+    pairs = [
+        Pair(algo, task, name, against)
+        for algo, task in (("TD3", TASKS[0]), ("TD3", TASKS[1]), ("DDPG", TASKS[0]))
+        for name in DIFFERENCES_ORDER
+        for against in ("full", "scaled")
+        if name != against and len(numbers.returns(algo, task, name)) >= FEWEST_SEEDS
+    ]
+    p_values = holm([numbers.p_value(pair) for pair in pairs])
+
+    lines = [
+        "| configuration | observation | against | at the end | over the run | p |",
+        "|---|---|---|---|---|---|",
+    ]
+    above = ""
+    for pair, p_value in zip(pairs, p_values, strict=True):
+        configuration = f"`{pair.task}`, {pair.algo}"
+        cells = [
+            "" if configuration == above else configuration,
+            f"`{pair.name}`",
+            f"`{pair.against}`",
+            numbers.difference(pair),
+            numbers.difference(pair, "over_run"),
+            f"{p_value:.3f}" if p_value >= 0.001 else "< 0.001",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+        above = configuration
+    return "\n".join(lines)
+
+
+def with_table(text: str, name: str, table: str) -> str:
+    """Returns a page's text with another table in a place. Raises a ValueError if it has none."""
+    pattern = PLACE.format(name=re.escape(name))
+    changed, count = re.subn(
+        pattern, lambda found: f"{found[1]}{table}\n{found[2]}", text, flags=re.DOTALL
+    )
+    if count != 1:
+        raise ValueError(f"the page has {count} places for the table {name}")
+    return changed
+
+
+def pages(numbers: ShippedNumbers) -> dict[Path, str]:
+    """Returns the text of each page with its tables."""
+    readme = ROOT / "README.md"
+    answer = ROOT / "docs" / "answer.md"
+    details = ROOT / "docs" / "answer-details.md"
+
+    readme_table = main_table(numbers, README_ROWS, "final evaluation return")
+    answer_table = main_table(numbers, ANSWER_ROWS, "the agent observes")
+    return {
+        readme: with_table(readme.read_text("utf-8"), "main", readme_table),
+        answer: with_table(answer.read_text("utf-8"), "main", answer_table),
+        details: with_table(details.read_text("utf-8"), "differences", differences_table(numbers)),
+    }
+
+
+if __name__ == "__main__":
+    for path, text in pages(ShippedNumbers()).items():
+        path.write_text(text, "utf-8")

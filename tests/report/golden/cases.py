@@ -72,6 +72,7 @@ KEYS = {
     "claims": ["source", "returns", "compared", "claim", "verdict"],
     "encoders": ["task", "representation", "settings"],
     "predictions": ["configuration", "returns", "quantity"],
+    "decisions": ["task", "algo", "representation", "against", "verdict"],
 }
 """Columns that name a row of each frame, whose numbers are golden."""
 

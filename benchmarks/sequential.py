@@ -14,9 +14,9 @@ import time
 
 import numpy as np
 
-from jbench.report.analysis.claims import MARGIN
 from jbench.statistics import sequential
 from jbench.statistics.step_down import step_down
+from jbench.studies.deciding import MARGIN
 
 SHIFTS = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # standard deviations
 SPREADS = (25.0, 35.0, 50.0, 75.0, 100.0)  # standard deviation in returns

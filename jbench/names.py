@@ -155,10 +155,22 @@ def features_in(representation: str) -> str:
     return "" if match is None else match["features"] or ""
 
 
+# Kinds whose number of latents follows from the task, so that names leave it out.
+_SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading", "raw")
+
+
 def kind_in(representation: str) -> str:
     """Returns the kind of a representation, such as `scaled` for scaled16."""
     match = REPRESENTATION.fullmatch(representation)
     return representation.rstrip("0123456789") if match is None else match["kind"]
+
+
+def shown_representation(representation: str) -> str:
+    """Returns a representation's name, without a size that the task determines."""
+    match = REPRESENTATION.fullmatch(representation)
+    if match is None or match["kind"] not in _SIZE_OF_TASK:
+        return representation
+    return match["kind"] + match["endings"]
 
 
 MAX_SEED = 2**63 - 1  # the database stores seeds as signed 64-bit integers

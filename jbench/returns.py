@@ -1,30 +1,45 @@
-"""Final training and evaluation returns of a run, as every command and the report define them."""
+"""The final return of a run, and its mean return, as every command, study and report define them.
+
+A run has points: its training episodes, or the means of its evaluations. Numbers that are not
+finite are left out.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.names import ReturnsName
+
 AVERAGED_EPISODES = 100
 """Maximum number of episodes in a final return: the paper's moving average (Figures 8 and 9)."""
 
-
-def averaged_episodes(
-    episodes: NDArray[np.int64], max_episodes: int = AVERAGED_EPISODES
-) -> NDArray[np.int64]:
-    """Returns the numbers (runs,) of last episodes to average: a quarter, 1 to the maximum."""
-    return np.clip(episodes // 4, 1, max_episodes)
+_Floats = NDArray[np.float64]
 
 
-def final_return(returns: NDArray[np.float64]) -> float | None:
-    """Returns the mean of finite returns among the `averaged_episodes`; of (episodes,); or None."""
-    return _finite_mean(returns[-int(averaged_episodes(np.array(len(returns)))) :])
+def averaged_points(points: NDArray[np.int64], kind: ReturnsName) -> NDArray[np.int64]:
+    """Returns the number of last points (runs,) that final returns average.
+
+    It is 1 for evaluations. For training episodes it is a quarter of them, from 1 to the maximum.
+    """
+    most = 1 if kind == "evaluation" else AVERAGED_EPISODES
+    return np.clip(points // 4, 1, most)
 
 
-def final_evaluation(evaluations: NDArray[np.int32], returns: NDArray[np.float64]) -> float | None:
-    """Returns the mean of finite returns of the last evaluation, or None; both are (episodes,)."""
-    last = returns[evaluations == evaluations.max()] if len(evaluations) else returns
-    return _finite_mean(last)
+def final_return(points: _Floats, kind: ReturnsName = "training") -> float | None:
+    """Returns the mean of the last points of a run (points,); None if none of them is finite."""
+    last = int(averaged_points(np.array(len(points)), kind))
+    return mean_over_run(points[-last:])
 
 
-def _finite_mean(returns: NDArray[np.float64]) -> float | None:
-    finite = returns[np.isfinite(returns)]
+def mean_over_run(points: _Floats) -> float | None:
+    """Returns the mean of the points of a run (points,); None if none of them is finite."""
+    finite = points[np.isfinite(points)]
     return float(finite.mean()) if len(finite) else None
+
+
+def evaluation_means(evaluations: NDArray[np.int32], returns: _Floats) -> _Floats:
+    """Returns the mean return (evaluations,) of each evaluation in order; NaN if none is finite.
+
+    Both arguments are of the evaluation episodes (episodes,).
+    """
+    means = (mean_over_run(returns[evaluations == number]) for number in np.unique(evaluations))
+    return np.array([np.nan if mean is None else mean for mean in means], np.float64)

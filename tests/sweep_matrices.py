@@ -7,8 +7,8 @@ from pathlib import Path
 
 from jbench.policies.saved import WEIGHTS
 from jbench.store import Results, locks
+from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import all_runs, matrix_cells
-from jbench.sweeps.matrix import read_matrix
 from tests import command_line
 from tests.forking import WORKER_NAME
 from tests.training import small_runs

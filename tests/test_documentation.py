@@ -23,7 +23,7 @@ from jbench.datasets import Dataset
 from jbench.report import page
 from jbench.report.frames import Frames
 from jbench.store import Results
-from jbench.sweeps.matrix import read_matrix
+from jbench.studies.matrix import read_matrix
 from jbench.tasks.jitterbug import features
 from tests.documentation import PAGES, ROOT, Session, blocks_of
 

@@ -5,12 +5,13 @@ from typing import Any
 
 from jbench.commands import output
 from jbench.errors import RequestError
-from jbench.report.analysis.claims import MARGIN
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
 from jbench.store import Results
+from jbench.studies.deciding import MARGIN, decided_word
+from jbench.studies.matrix import Parts
+from jbench.studies.study import read_entries
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import Cell, all_runs
-from jbench.sweeps.matrix import read_comparisons
 from jbench.training.status import failures_among, run_statuses
 from jbench.wording import counted
 
@@ -19,12 +20,13 @@ def seeds_to_compare(matrix: str, max_seeds: int) -> list[int]:
     """Returns all seeds that a comparison of a matrix may need."""
     if max_seeds < BLOCK or max_seeds % BLOCK:
         raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
-    planned = (entry.max_seeds for entry in read_comparisons(matrix))
+    planned = (entry.max_seeds for entry in read_entries(matrix).values())
     return list(range(max([max_seeds, *planned])))
 
 
 def decide(
     matrix: str,
+    parts: Parts,
     cells: Sequence[Cell],
     claims: Sequence[str],
     results: Results,
@@ -35,7 +37,7 @@ def decide(
 
     Returns the JSON document, and the number of runs that the last analysis lacked.
     """
-    chosen = deciding.comparisons(cells, read_comparisons(matrix), claims, max_seeds)
+    chosen = deciding.comparisons(parts, read_entries(matrix), claims, max_seeds)
     shares = [comparison.share for comparison in chosen]
     rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
     output.say(
@@ -46,7 +48,7 @@ def decide(
     )
     tried = set[str]()
     while True:  # an interim analysis of all comparisons
-        reached = deciding.outcomes(chosen, results)
+        reached = deciding.outcomes(chosen, cells, results)
         needed_next = deciding.next_cells(reached, tried)
         _show_outcomes(reached, tried)
         if not needed_next or train is None:
@@ -62,32 +64,40 @@ def decide(
     return {**document, "failures": failures_among(statuses)}, len(statuses)
 
 
-_VERDICTS = {"larger": "higher", "smaller": "lower", "equal": f"similar, within {MARGIN:g}"}
-
-
-def _show_outcomes(reached: Sequence[deciding.MatrixComparison], tried: Container[str]) -> None:
+def _show_outcomes(reached: Sequence[deciding.Outcome], tried: Container[str]) -> None:
     """Prints each comparison's decision; runs with the tried ids were trained, finished or not."""
     rows = []
     for outcome in reached:
         decision = outcome.decision
-        verdict = _VERDICTS.get(decision.verdict, "undecided")
-        if left := [run.id for run in outcome.needed if run.id in tried]:
+        verdict = _verdict(outcome)
+        left = [run.id for run in outcome.needed if run.id in tried]
+        if left:
             verdict += f": {left[0]} is not finished"
+        elif outcome.unknown:
+            verdict += f": {outcome.unknown} has no finite return"
         difference = f"{decision.difference:+.0f}" if decision.seeds else ""
         interval = f"[{decision.low:+.0f}, {decision.high:+.0f}]" if decision.seeds else ""
-        name, spent = outcome.name, f"{decision.spent:.2%}"
+        name, spent = outcome.comparison.name, f"{decision.spent:.2%}"
         rows.append((name, verdict, decision.seeds, difference, interval, spent))
     decided = sum(outcome.decision.verdict != "undecided" for outcome in reached)
     header = ("comparison", "verdict", "seeds", "difference", "interval", "error spent")
     output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows)
 
 
-def _described(comparison: deciding.MatrixComparison) -> dict[str, Any]:
-    cell = comparison.ours
+def _verdict(outcome: deciding.Outcome) -> str:
+    word = decided_word(outcome.decision.verdict, outcome.comparison.claim)
+    return f"{word}, within {MARGIN:g}" if word == "similar" else word
+
+
+def _described(outcome: deciding.Outcome) -> dict[str, Any]:
+    comparison = outcome.comparison
+    first, second = comparison.first, comparison.second
     return {
         "comparison": comparison.name,
-        **{name: getattr(cell, name) for name in ("task", "algo", "representation")},
-        **{name: getattr(comparison, name) for name in ("against", "claim", "share")},
-        **comparison.decision._asdict(),
-        "needed": [run.id for run in comparison.needed],
+        **{name: getattr(first, name) for name in ("task", "algo", "representation")},
+        "against": second.representation,
+        "claim": comparison.claim,
+        "share": comparison.share,
+        **outcome.decision._asdict(),
+        "needed": [run.id for run in outcome.needed],
     }

@@ -123,7 +123,9 @@ READ_RESULTS = _results(
 # `cli.main` looks for it before the command begins.
 JSON = Option(False, "--json", help="Print one JSON document to stdout, everything else to stderr.")
 CSV = Option(False, "--csv", help="Print CSV to standard output.")
-DRY_RUN = Option(False, "--dry-run", help="Show the runs' status and the time left; train nothing.")
+_DRY_RUN = "Show the runs' status and the time left; train nothing."
+DRY_RUN = Option(False, "--dry-run", help=_DRY_RUN)
+DRY_RUN_OR_STATUS = Option(False, "--dry-run", "--status", help=_DRY_RUN)
 KEEP_STATE = Option(
     False,
     "--keep-state",

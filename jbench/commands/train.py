@@ -15,7 +15,7 @@ from jbench.settings.run import TYPED, RunSettings
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
-    from jbench.sweeps.matrix import Matrix
+    from jbench.studies.matrix import Matrix
 
 
 @options.with_settings(RunSettings, *TYPED, main=("task", "algo", "encoder", "seeds", "steps"))
@@ -126,7 +126,13 @@ def sweep(
         help="With --until-decided: what to decide, such as dae12/full, or dae12 for all its "
         "comparisons (default: all).",
     ),
-    dry_run: bool = options.DRY_RUN,
+    only: str | None = Option(
+        None,
+        metavar="NAME,…",
+        help="Only some of the matrix: the names of parts, tasks, algorithms or representations, "
+        "such as face_direction,dae12.",
+    ),
+    dry_run: bool = options.DRY_RUN_OR_STATUS,
     retry_failed: bool = options.RETRY_FAILED,
     seeds: str | None = Option(
         None, "--seeds", "--seed", help="Seeds, such as 0-9 or 0,2,5-7 (default: the matrix's)."
@@ -168,9 +174,10 @@ def sweep(
     """
     from jbench.commands import training
     from jbench.commands.deciding import decide, seeds_to_compare
+    from jbench.studies.matrix import only as only_some
+    from jbench.studies.matrix import read_matrix
     from jbench.sweeps.cell import all_runs, matrix_cells
     from jbench.sweeps.executors import Local, Ray, default_jobs
-    from jbench.sweeps.matrix import read_matrix
     from jbench.training.status import failures_among, run_statuses
 
     database = parsing.results_to_write(results)
@@ -178,10 +185,14 @@ def sweep(
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
+    if until_decided and only is not None:
+        raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
     limit = names.MAX_SEEDS if max_seeds is None else max_seeds
     chosen = names.parse_numbers(seeds) if seeds is not None else None
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
+    if only is not None:
+        parts = only_some(parts, [name.strip() for name in only.split(",")])
     train_on = _device(executor, address, gpus_per_task, parts.values(), device)
     at_once = jobs or default_jobs(train_on)
     worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
@@ -200,7 +211,7 @@ def sweep(
     training.check_runs([cell.runs[0] for cell in cells], keep_state)
     if until_decided:
         more = None if dry_run else train
-        document, count = decide(matrix, cells, claims or [], database, limit, more)
+        document, count = decide(matrix, parts, cells, claims or [], database, limit, more)
     else:
         runs = all_runs(cells)
         failures, count = {} if dry_run else train(cells), len(runs)

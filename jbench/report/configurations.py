@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import kind_in
+from jbench.names import kind_in, shown_representation
 from jbench.report.analysis.claims import decide_solved
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, long_frame
 from jbench.report.data.curves import NAMES, Curve, SeedCurve, best_median, centers
-from jbench.report.data.returns import SOLVED, TRAINING, display_name, shown_representation
+from jbench.report.data.returns import SOLVED, TRAINING, display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import components, smallest_difference

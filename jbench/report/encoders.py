@@ -7,10 +7,9 @@ from statistics import multimode
 
 import pandas as pd
 
-from jbench.names import ENCODER_KINDS, TASKS
+from jbench.names import ENCODER_KINDS, TASKS, shown_representation
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
-from jbench.report.data.returns import shown_representation
 from jbench.settings.base import settings_hash
 from jbench.settings.recorded import ENCODER_VARIANT
 from jbench.settings.variants import variant_labels

@@ -13,7 +13,6 @@ from matplotlib.markers import MarkerStyle
 from jbench.names import MEANINGS, kind_in
 from jbench.paper import CITATION
 from jbench.report import style
-from jbench.report.analysis.claims import MARGIN
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import clean, rounded
 from jbench.report.figures.chart import Chart
@@ -22,6 +21,7 @@ from jbench.report.runs import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.tables import COMPARED, tables
 from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.studies.deciding import MARGIN
 from jbench.wording import counted
 
 _STATES = {"✓": "for", "✗": "against"}

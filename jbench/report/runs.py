@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import ReturnsName, kind_in
+from jbench.names import ReturnsName, kind_in, shown_representation
 from jbench.report.configurations import seed_frame
 from jbench.report.data.build import divergence
 from jbench.report.data.configuration import ID, OWN, with_returns
-from jbench.report.data.returns import clean, display_name, shown_representation
+from jbench.report.data.returns import clean, display_name
 from jbench.report.data.sources import Source
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.run import RunSettings

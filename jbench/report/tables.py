@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from jbench.report.analysis.claims import MARGIN, paper_claims
+from jbench.report.analysis.claims import paper_claims
 from jbench.report.analysis.scores import NORMALIZED
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, signed, steps
@@ -10,6 +10,7 @@ from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
 from jbench.report.table import Column, Row, Table, estimate, number, plain
 from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.studies.deciding import MARGIN
 
 _INTERVAL = "In brackets: 95% interval."
 _FINAL = {

@@ -1,12 +1,31 @@
 """Base classes of the settings of runs, and the settings of all other records."""
 
 import re
+from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from jbench.names import EPISODE_STEPS, FULL, MAX_COUNT, OFE, ImportFormat, ReturnsName, TimeLimit
-from jbench.settings.base import Count, Seed, Settings, in_id, omissible, typed
+from jbench.errors import RequestError
+from jbench.names import (
+    EPISODE_STEPS,
+    FULL,
+    MAX_COUNT,
+    OFE,
+    ImportFormat,
+    ReturnsName,
+    TimeLimit,
+    known,
+)
+from jbench.settings.base import (
+    Count,
+    Seed,
+    Settings,
+    in_id,
+    omissible,
+    settings_with,
+    typed,
+)
 
 
 class Specs(Settings):
@@ -57,6 +76,22 @@ class OFESettings(Settings):
         """Units of each layer of a network: equal up to one, larger layers first."""
         layers = min(self.layers, self.units)
         return [self.units // layers + (i < self.units % layers) for i in range(layers)]
+
+
+def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
+    """Returns the settings of a representation such as ofe12, or None for any other.
+
+    Raises a RequestError if the number is missing, or a setting is unknown or invalid.
+    """
+    match = re.fullmatch(rf"{OFE}:?([0-9]*)", name)
+    if match is None:
+        return None
+    if not match[1]:
+        raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
+    for option in options:
+        known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
+    units = int(match[1].lstrip("0")[:10] or 0)
+    return settings_with(OFESettings, name, {**options, "units": units})
 
 
 JITTERBUG = "jitterbug"  # robot of a dataset that serves all five tasks

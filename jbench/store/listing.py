@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
-from jbench.returns import final_evaluation, final_return
+from jbench.returns import evaluation_means, final_return
 from jbench.settings.recorded import Run, Unreadable, read_run, variant
 from jbench.settings.variants import variant_words
 from jbench.store import schema
@@ -169,14 +169,15 @@ def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> R
         points = record.read("import_points").to_pandas()
         returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
         if line["returns"] == "evaluation":
-            line["last_return"] = line["evaluation_return"] = final_return(returns[-1:])
+            line["last_return"] = line["evaluation_return"] = final_return(returns, "evaluation")
         else:
             line["last_return"] = final_return(returns)
         return line
     rows = record.read("episodes")
     if len(rows):
         line["last_return"] = final_return(rows["episode_return"].to_numpy())
-        line["evaluation_return"] = final_evaluation(*evaluation_returns(record, added))
+        evaluations = evaluation_means(*evaluation_returns(record, added))
+        line["evaluation_return"] = final_return(evaluations, "evaluation")
         if line["wall_time"] is None:
             line["wall_time"] = rows["wall_time"][-1].as_py()
     return finite(line)

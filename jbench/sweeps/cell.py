@@ -5,12 +5,11 @@ and options, even if the results contain newer ones, so the same matrix always g
 """
 
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count, groupby, product
-from typing import NamedTuple
+from itertools import count, groupby
 
-from jbench.agents.algorithms import algorithm_fields
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
 from jbench.devices import find_device
@@ -25,27 +24,31 @@ from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import FULL, OFE, Base, known
-from jbench.settings.algorithms import default_base, default_time_limit
-from jbench.settings.base import in_id, validated
+from jbench.settings.base import validated
 from jbench.settings.records import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.follow import POLL_SECONDS
 from jbench.store.locks import HeldError
 from jbench.store.manifest import Kind
-from jbench.sweeps.matrix import Matrix, named
+from jbench.studies.arms import Arm, arms
+from jbench.studies.file import named
+from jbench.studies.matrix import Matrix, Parts
 from jbench.tasks.find import dataset_robot, find_task
 from jbench.training.events import Event, Report
-from jbench.training.request import make_runs, read_representation, requested_ofe
+from jbench.training.request import make_runs, read_representation
 from jbench.training.status import with_kept_interval
 
 
-class Cell(NamedTuple):
+@dataclass(frozen=True)
+class Cell:
     """Runs that differ only in their seeds; `settings` is the source of their hyperparameters.
 
-    The representation is as typed: full, dae12, or the id of an encoder. `encoders` are the
-    settings of the runs' encoders, which are trained on the dataset if they are missing; empty for
-    the full observation, and for an encoder given by its id.
+    Attributes:
+        representation: as typed: full, dae12, or the id of an encoder.
+        encoders: settings of the runs' encoders, which are trained on the dataset if they are
+            missing; empty for the full observation, and for an encoder given by its id.
+        arm: the arm of a study whose runs these are, if any.
     """
 
     task: str
@@ -55,6 +58,7 @@ class Cell(NamedTuple):
     settings: Base
     encoders: tuple[EncoderSettings, ...] = ()
     dataset: DatasetSettings | None = None
+    arm: Arm | None = field(default=None, compare=False)
 
 
 def all_runs(cells: Sequence[Cell]) -> list[RunSettings]:
@@ -64,61 +68,56 @@ def all_runs(cells: Sequence[Cell]) -> list[RunSettings]:
 
 def with_runs(cells: Iterable[Cell], ids: Collection[str]) -> list[Cell]:
     """Returns the cells that have some of these runs, each with no others."""
-    chosen = (cell._replace(runs=[run for run in cell.runs if run.id in ids]) for cell in cells)
+    chosen = (replace(cell, runs=[run for run in cell.runs if run.id in ids]) for cell in cells)
     return [cell for cell in chosen if cell.runs]
 
 
-def matrix_cells(parts: Mapping[str, Matrix], results: Results) -> list[Cell]:
+def matrix_cells(parts: Parts, results: Results) -> list[Cell]:
     """Returns the cells of the parts of a matrix in the order of the file, grouped by task.
 
     The results contain the encoders given by id. Raises a RequestError if the settings of a run or
     an encoder are invalid.
     """
-    # Cells may be repeated, also by another name: planar is planar12.
-    different: dict[tuple[str, ...], Cell] = {}
     for where, part in parts.items():
         with named(where):
-            for name in part.representations:
-                task, slash, _ = name.partition("/")
-                if slash and task not in map(in_id, part.tasks):
-                    raise RequestError(f"the encoder {name} is of {task}, which is not in tasks.")
-            for task, algo, name in product(part.tasks, part.algos, part.representations):
-                if "/" not in name or name.split("/")[0] == in_id(task):
-                    cell = _cell(part, results, task, algo, name)
-                    different.setdefault(tuple(run.id for run in cell.runs), cell)
+            for kind, options in part.encoder.options.items():
+                make_kind(kind, options)  # which checks them, also if unused
+
+    # Cells may be repeated, also by another name: planar is planar12.
+    different: dict[tuple[str, ...], Cell] = {}
+    for arm in arms(parts):
+        with named(arm.where):
+            cell = _cell(arm, results)
+        different.setdefault(tuple(run.id for run in cell.runs), cell)
     return list(different.values())
 
 
-def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
-    overrides = matrix.hyperparameters.get(algo)
-    fields = matrix.run_fields | {
-        **algorithm_fields(algo, matrix.engine, matrix.settings, overrides, task),
-        "task": task,
-        "specs": find_task(task).specs,
-        "time_limit": matrix.run_fields["time_limit"] or default_time_limit(matrix.settings),
-        "encoder": None,
-        "ofe": requested_ofe(name, matrix.ofe),
-    }
-    dataset, encoders = None, dict[int, EncoderSettings]()  # by their seeds
+def _cell(arm: Arm, results: Results) -> Cell:
+    matrix, task, name = arm.part, arm.task, arm.representation
+    fields = dict(arm.fields)
+    dataset: DatasetSettings | None = None
+    encoders: dict[int, EncoderSettings] = {}  # by their seeds
     drawn = matrix.encoder.seed == "each"
     if fields["ofe"] is not None:
         fields["representation"] = fields["ofe"].representation
     elif "/" in name:
-        fields |= {"encoder": name, "representation": read_representation(results, name)}
+        fields["encoder"] = name
+        fields["representation"] = read_representation(results, name)
     elif name != FULL:
         robot = dataset_robot(find_task(task))
         dataset = validated(DatasetSettings, "[dataset]", **dict(matrix.dataset), **robot)
         encoder = _encoder(matrix, task, name, dataset)
         seeds = matrix.seeds if drawn else (encoder.seed,)
         encoders = {seed: encoder.model_copy(update={"seed": seed}) for seed in seeds}
-        fields |= {"encoder": encoder.id, "representation": encoder.representation}
+        fields["encoder"] = encoder.id
+        fields["representation"] = encoder.representation
         fields["encoder_draws"] = encoder.draws if drawn else None
+
     ids = {seed: encoder.id for seed, encoder in encoders.items()} if drawn else None
     runs = make_runs(matrix.seeds, ids, **fields)
     if not matrix.model_dump()["evaluation"]["every"]:
         runs = with_kept_interval(runs, results)
-    base = default_base(task, matrix.settings)
-    return Cell(task, algo, name, runs, base, tuple(encoders.values()), dataset)
+    return Cell(task, arm.algo, name, runs, arm.settings, tuple(encoders.values()), dataset, arm)
 
 
 def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> EncoderSettings:

@@ -1,6 +1,5 @@
 """Turns a user's request into settings of runs."""
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,10 +9,10 @@ from jbench.devices import check_precision, find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, OFE, known
+from jbench.names import EPISODE_STEPS, OFE
 from jbench.settings.algorithms import OffPolicySettings, default_time_limit
-from jbench.settings.base import settings_with, validated
-from jbench.settings.records import OFESettings
+from jbench.settings.base import validated
+from jbench.settings.records import requested_ofe
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import find_task
@@ -113,22 +112,6 @@ def read_representation(results: Results, encoder: str) -> str:
     """Returns an encoder's representation, such as dae12; raises a RequestError without one."""
     load_encoder(results, encoder)
     return encoder.split("/")[1]
-
-
-def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
-    """Returns the settings of a representation such as ofe12, or None for any other.
-
-    Raises a RequestError if the number is missing, or a setting is unknown or invalid.
-    """
-    match = re.fullmatch(rf"{OFE}:?([0-9]*)", name)
-    if match is None:
-        return None
-    if not match[1]:
-        raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
-    for option in options:
-        known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
-    units = int(match[1].lstrip("0")[:10] or 0)
-    return settings_with(OFESettings, name, {**options, "units": units})
 
 
 def training_device(

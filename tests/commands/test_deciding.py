@@ -1,18 +1,21 @@
 """Tests of `jbench sweep --until-decided`, which adds seeds until comparisons are decided."""
 
 import json
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError
 from jbench.store import Results, schema
+from jbench.studies.matrix import only, read_matrix
+from jbench.studies.study import read_entries
 from jbench.sweeps import deciding
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.deciding import comparisons
-from jbench.sweeps.matrix import read_comparisons, read_matrix
 from tests.command_line import succeed
 from tests.store.store_rows import episodes
 
@@ -51,20 +54,41 @@ def results(tmp_path):
 
 @pytest.fixture
 def read(tmp_path, results):
-    """Returns a function: the cells of a matrix of 30 seeds, and its comparisons."""
+    """Returns a function: the sweep of a matrix of 30 seeds."""
 
-    def cells_and_comparisons(text=MATRIX):
+    def written(text=MATRIX):
         file = tmp_path / "small.toml"
         file.write_text(text)
-        cells = matrix_cells(read_matrix(str(file), seeds=range(30)), results)
-        return cells, comparisons(cells, read_comparisons(str(file)), (), 30)
+        parts = read_matrix(str(file), seeds=range(30))
+        return Sweep(results, parts, read_entries(str(file)), matrix_cells(parts, results))
 
-    return cells_and_comparisons
+    return written
+
+
+@dataclass
+class Sweep:
+    """A matrix, its cells, and what it decides."""
+
+    results: Results
+    parts: Any
+    entries: Any
+    cells: list
+
+    def comparisons(self, typed=(), most=30):
+        return comparisons(self.parts, self.entries, typed, most)
+
+    def outcomes(self, typed=(), most=30):
+        return deciding.outcomes(self.comparisons(typed, most), self.cells, self.results)
 
 
 @pytest.fixture
-def cells(read):
-    return read()[0]
+def matrix(read):
+    return read()
+
+
+@pytest.fixture
+def cells(matrix):
+    return matrix.cells
 
 
 def finish(results, run, returns, evaluations=2):
@@ -89,10 +113,6 @@ def fill(results, cell, numbers):
         finish(results, cell.runs[seed], [number - 10, number + 10])
 
 
-def outcomes_of(results, cells, claims=(), most=30):
-    return deciding.outcomes(comparisons(cells, (), claims, most), results)
-
-
 def seeds_by_name(cells):
     return {cell.representation: [run.seed for run in cell.runs] for cell in cells}
 
@@ -100,10 +120,11 @@ def seeds_by_name(cells):
 def test_run_without_an_evaluation_or_a_number(results, cells):
     # Without evaluations: the mean of the last quarter of the training episodes, 60 and 70.
     run = cells[0].runs[1]
-    assert deciding.compared_return(finish(results, run, [], evaluations=0)) == 65
+    assert deciding.compared_return(finish(results, run, [], evaluations=0), "a") == 65
     run = cells[0].runs[2]
-    with pytest.raises(WorkError, match="can't be compared"):
-        deciding.compared_return(finish(results, run, [float("nan")]))
+    record = finish(results, run, [float("nan")])
+    assert deciding.compared_return(record, "a") is None
+    assert deciding.compared_return(record, "c") == -1  # that of the first evaluation
 
 
 def test_added_returns_join_the_last_evaluation(results, cells):
@@ -113,19 +134,19 @@ def test_added_returns_join_the_last_evaluation(results, cells):
     assert deciding.compared_return(record, "c", added) == (-1 + 50) / 2
 
 
-def test_representations_are_compared_with_full_observation(cells):
-    asked = comparisons(cells, (), (), 30)
+def test_representations_are_compared_with_full_observation(matrix):
+    asked = matrix.comparisons()
     assert [comparison.name for comparison in asked] == [
         "face_direction td3 pca3 against full",
         "face_direction td3 random2 against full",
     ]
     assert [comparison.share for comparison in asked] == [0.025, 0.025]
-    (other,) = comparisons(cells, (), ["random2/full"], 30)
+    (other,) = matrix.comparisons(["random2/full"])
     assert other.name == asked[1].name
     with pytest.raises(RequestError, match=r"Unknown comparison 'pca4'; did you mean pca3\?"):
-        comparisons(cells, (), ["pca4"], 30)
+        matrix.comparisons(["pca4"])
     with pytest.raises(RequestError, match="there is nothing to decide"):
-        comparisons(cells[3:], (), (), 30)
+        comparisons(only(matrix.parts, ["ddpg"]), {}, (), 30)
 
 
 LISTED = """
@@ -147,7 +168,8 @@ claim = "c"
 
 
 def test_listed_comparisons_replace_those_with_baselines(read, results):
-    cells, asked = read(MATRIX + LISTED)
+    matrix = read(MATRIX + LISTED)
+    cells, asked = matrix.cells, matrix.comparisons()
     assert [comparison.name for comparison in asked] == [
         "face_direction td3 pca3 against random2",
         "face_direction td3 pca3 against full, over the run",
@@ -157,7 +179,7 @@ def test_listed_comparisons_replace_those_with_baselines(read, results):
     for cell, final in ((full, 300.0), (pca, 100.0), (random, 100.0)):
         for seed in range(5):
             finish(results, cell.runs[seed], [final + seed])
-    outcomes = deciding.outcomes(asked, results)
+    outcomes = matrix.outcomes()
     # (c): the first evaluation is -1 for all.
     assert [outcome.decision.difference for outcome in outcomes] == [0, -100]
     assert [len(outcome.needed) for outcome in outcomes] == [0, 10]  # the first has its maximum
@@ -181,23 +203,24 @@ def test_listed_comparisons_replace_those_with_baselines(read, results):
 )
 def test_invalid_comparison_is_refused(old, new, message, read):
     with pytest.raises(RequestError) as refused:
-        read(MATRIX + LISTED.replace(old, new, 1))
+        read(MATRIX + LISTED.replace(old, new, 1)).comparisons()
     assert message in str(refused.value)
 
 
-def test_only_undecided_comparisons_get_more_seeds(results, cells):
+def test_only_undecided_comparisons_get_more_seeds(results, matrix):
+    cells = matrix.cells
     full, pca, random, _ = cells
-    first = deciding.next_cells(outcomes_of(results, cells), ())
+    first = deciding.next_cells(matrix.outcomes(), ())
     assert seeds_by_name(first) == {name: [0, 1, 2, 3, 4] for name in ("full", "pca3", "random2")}
     fill(results, full, [500, 510, 520, 530, 540])
     fill(results, pca, [100, 110, 120, 130])  # one seed is missing
     fill(results, random, [501, 511, 521, 531, 541])
-    outcomes = outcomes_of(results, cells)
+    outcomes = matrix.outcomes()
     assert [outcome.decision.seeds for outcome in outcomes] == [0, 5]
     assert {outcome.decision.verdict for outcome in outcomes} == {"undecided"}
     more = {"full": [5, 6, 7, 8, 9], "random2": [5, 6, 7, 8, 9]}
     assert seeds_by_name(deciding.next_cells(outcomes, ())) == {**more, "pca3": [4]}
-    assert outcomes_of(results, cells, ["pca3"])[0].needed == [pca.runs[4]]
+    assert matrix.outcomes(["pca3"])[0].needed == [pca.runs[4]]
     # A run that was tried and failed stops only its comparisons.
     assert seeds_by_name(deciding.next_cells(outcomes, {pca.runs[4].id})) == more
 
@@ -207,25 +230,26 @@ def test_only_undecided_comparisons_get_more_seeds(results, cells):
             finish(results, cell.runs[seed], [start + seed])
     for seed in range(5, 10):
         finish(results, pca.runs[seed], [100.0 + seed])
-    pca_outcome, random_outcome = outcomes_of(results, cells)
+    pca_outcome, random_outcome = matrix.outcomes()
     assert (pca_outcome.decision.verdict, pca_outcome.needed) == ("smaller", [])
     assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", [])
 
 
 def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(read, results):
-    cells, _ = read(MATRIX.replace("[dataset]", '[encoder]\nseed = "each"\n\n[dataset]'))
+    matrix = read(MATRIX.replace("[dataset]", '[encoder]\nseed = "each"\n\n[dataset]'))
+    cells = matrix.cells
     runs = cells[1].runs[:10]
     assert len({run.encoder for run in runs}) == 10
     for cell in cells:
         fill(results, cell, [100, 900, 200, 800, 500])
-    outcomes = outcomes_of(results, cells, ["pca3/full"], most=10)
+    outcomes = matrix.outcomes(["pca3/full"], most=10)
     assert [outcome.decision.seeds for outcome in outcomes] == [5]
     _, more = deciding.next_cells(outcomes, ())
     # A sweep makes the encoders of the new seeds first.
     assert more.runs == runs[5:]
     assert {run.encoder for run in more.runs} <= {encoder.id for encoder in more.encoders}
     # No seed is added beyond the maximum.
-    (last,) = outcomes_of(results, cells, ["pca3/full"], most=5)
+    (last,) = matrix.outcomes(["pca3/full"], most=5)
     assert (last.decision.verdict, last.needed) == ("undecided", [])
     assert last.decision.spent == pytest.approx(0.05)
 

@@ -35,7 +35,7 @@ def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tm
     (line,), _ = list_runs(Results(tmp_path), {}, returns=True)
     assert line["last_return"] == mean
     steps = 1000.0 * (returns + 1)
-    reported, *_ = final_returns(returns[None], steps[None], np.array([episodes]))
+    reported, *_ = final_returns(returns[None], steps[None], np.array([episodes]), "training")
     assert reported.tolist() == [mean]
     show_runs([RUN], Results(tmp_path))
     (row,) = (line for line in capsys.readouterr().out.splitlines() if RUN.id in line)

@@ -16,8 +16,8 @@ from jbench.cli import app, main
 from jbench.commands import parsing
 from jbench.recording.request import record
 from jbench.store import Results
+from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import matrix_cells
-from jbench.sweeps.matrix import read_matrix
 from jbench.training import engines
 from tests.documentation import ROOT
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from jbench.names import shown_representation
 from jbench.report.data.build import usable_runs
-from jbench.report.data.returns import shown_representation
 from jbench.store import query
 
 

@@ -103,6 +103,6 @@ def test_quantiles_equal_those_of_numpy():
 
 def test_final_return_averages_last_quarter_capped_at_100():
     runs = cell([0] * 900 + [5] * 100, [0] * 9 + [1, 2, 6], [9, 9, 1])
-    returns, control_steps, *_ = final_returns(*runs)
+    returns, control_steps, *_ = final_returns(*runs, "training")
     assert returns.tolist() == [5.0, 3.0, 1.0]
     assert control_steps.tolist() == [950_500, 11_000, 3_000]

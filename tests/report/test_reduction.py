@@ -7,6 +7,7 @@ import pytest
 from jbench.report.analysis.verdicts import decision_frame, verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
+from jbench.settings.algorithms import algorithm_settings
 from jbench.statistics.step_down import corrected_level
 
 CLOSE = np.linspace(-10, 10, 8)
@@ -103,7 +104,8 @@ def test_error_rate_is_divided_by_the_comparisons_that_are_left():
 
 
 def test_listed_comparison_has_the_verdict_of_the_sequential_test(fabric):
-    steps = {"steps": 100_000, "engine": "batched"}
+    published = algorithm_settings("td3").model_dump(mode="json")
+    steps = {"steps": 100_000, "engine": "batched", "hyperparameters": published}
     for seeds, verdict in ((5, "undecided"), (10, "higher")):
         for name, level in (("full", 300.0), ("planar12", 700.0)):
             for seed in range(seeds - 5, seeds):

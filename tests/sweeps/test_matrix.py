@@ -13,8 +13,8 @@ from jbench.settings.recorded import SEED, alike, variant
 from jbench.settings.run import TYPED, RunSettings
 from jbench.store import Results
 from jbench.store.shipped import shipped
+from jbench.studies.matrix import Matrix, read_matrix
 from jbench.sweeps.cell import all_runs, matrix_cells
-from jbench.sweeps.matrix import Matrix, read_matrix
 from tests.documentation import ROOT, code_of
 
 
@@ -201,13 +201,15 @@ def test_encoder_uses_dataset_and_options_of_file(cells_in):
 
 
 def test_documented_file_lists_all_keys_with_defaults(cells_in):
-    text = code_of("sweeps.md", "toml")
-    content = tomllib.loads(text.replace("# augment =", "augment ="))  # TOML has no none
+    text = documented = code_of("sweeps.md", "toml")
+    for key in ("augment", "name"):  # TOML has no none
+        text = text.replace(f"# {key} =", f"{key} =")
+    content = tomllib.loads(text)
     assert set(content) == set(Matrix.model_fields)
     short = 'tasks = ["face_direction"]\nalgos = ["ddpg", "td3"]\nenvironments = 1\n'
-    assert cells_in(text) == cells_in(short)
-    documented = (ROOT / "docs" / "sweeps.md").read_text()
-    assert [f"`{name}`" in documented for name in SWEEPS] == [True] * len(SWEEPS)
+    assert cells_in(documented) == cells_in(short)
+    page = (ROOT / "docs" / "sweeps.md").read_text()
+    assert [f"`{name}`" in page for name in SWEEPS] == [True] * len(SWEEPS)
 
 
 DIGITS = "9" * 5000  # more than Python reads as a number

@@ -11,9 +11,9 @@ from jbench.cli import main
 from jbench.errors import RequestError
 from jbench.settings.records import OFESettings
 from jbench.store import Results
+from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.sweeps.cell_status import cell_statuses
-from jbench.sweeps.matrix import read_matrix
 from jbench.sweeps.scheduler import batches, sweep
 from jbench.tasks.find import find_task
 from jbench.training.events import Event
@@ -27,7 +27,7 @@ import json, sys, threading
 from pathlib import Path
 from jbench.sweeps.executors import Local
 from jbench.sweeps.cell import matrix_cells
-from jbench.sweeps.matrix import read_matrix
+from jbench.studies.matrix import read_matrix
 from jbench.sweeps.scheduler import sweep
 from jbench.store import Results
 

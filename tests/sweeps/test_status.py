@@ -3,9 +3,9 @@
 import pytest
 
 from jbench.store import Results, locks
+from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import Cell, matrix_cells
 from jbench.sweeps.cell_status import CellStatus, cell_statuses, forecast, seconds_left
-from jbench.sweeps.matrix import read_matrix
 from jbench.tasks.find import find_task
 from jbench.training.status import (
     failures_among,

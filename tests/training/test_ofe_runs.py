@@ -13,9 +13,9 @@ from jbench.settings.records import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels
 from jbench.store import Results
+from jbench.studies.matrix import read_matrix
 from jbench.sweeps.cell import matrix_cells
 from jbench.sweeps.deciding import comparisons
-from jbench.sweeps.matrix import read_matrix
 from jbench.training.batched_run import run_batch
 from tests.training.small_runs import requested, shorten_episodes, small_run
 
@@ -75,11 +75,12 @@ def write_matrix(path, representation="ofe12", option="layers = 3"):
 
 def test_matrix_accepts_ofe_as_representation(tmp_path):
     path = write_matrix(tmp_path)
-    full, few = matrix_cells(read_matrix(path), Results(tmp_path))
+    parts = read_matrix(path)
+    full, few = matrix_cells(parts, Results(tmp_path))
     assert few.encoders == ()
     assert few.runs[0].ofe == OFESettings(units=12, layers=3)
     assert full.runs[0].ofe is None
-    names = [comparison.name for comparison in comparisons([full, few], (), (), 30)]
+    names = [comparison.name for comparison in comparisons(parts, {}, (), 30)]
     assert names == ["face_direction td3 ofe12 against full"]
     for change, says in (
         ({"option": "layer = 3"}, r"Unknown setting of ofe 'layer'; did you mean layers\?"),

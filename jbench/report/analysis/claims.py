@@ -23,8 +23,8 @@ from jbench.report.data.returns import EVALUATION, SOLVED, ratio, rounded, signe
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import seeds_to_decide
+from jbench.studies.deciding import MARGIN
 
-MARGIN = 50.0  # difference in final return that is similar: 5% of the largest possible return
 COLUMNS = [
     *("claim", "statement", "test", "source", "returns", "compared", "seeds", "steps"),
     *("effect", "low", "high", "by_episodes", "verdict", "seeds_needed", "seeds_needed_by"),

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import pandas as pd
 
-from jbench.report.analysis.claims import MARGIN, Row
+from jbench.report.analysis.claims import Row
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
 from jbench.report.analysis.verdicts import judge
 from jbench.report.data.configuration import Configuration, Configurations
@@ -14,6 +14,7 @@ from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 from jbench.statistics.step_down import corrected_level
+from jbench.studies.deciding import MARGIN
 
 PAIRS = ["task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"]
 COMPARISONS = [

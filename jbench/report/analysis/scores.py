@@ -16,7 +16,6 @@ from jbench.report.data.common_steps import means_over_run
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, in_order, long_frame
 from jbench.report.data.curves import final_returns
 from jbench.report.data.returns import EVALUATION, FILE
-from jbench.returns import AVERAGED_EPISODES
 from jbench.statistics import BoolArray, FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import Agents, difference
@@ -67,8 +66,7 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
     lengths = configuration.lengths_up_to(end)
     within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, configuration.returns, np.nan)
-    most = 1 if configuration.kind == EVALUATION else AVERAGED_EPISODES
-    last_points = final_returns(returns, configuration.control_steps, lengths, most)
+    last_points = final_returns(returns, configuration.control_steps, lengths, configuration.kind)
     final, middles, deviations, episodes = last_points
     if configuration.kind == EVALUATION:
         last = np.arange(len(lengths)), lengths - 1

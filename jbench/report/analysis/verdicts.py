@@ -10,42 +10,41 @@ An encoder scales its inputs before it reduces them. A difference from `full` is
 scaling and reduction together; `scaled` is the observation with the same scaling.
 """
 
-import tomllib
-from collections.abc import Iterator, Sequence
-from importlib import resources
-from itertools import product
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL, MAX_SEEDS, kind_in
-from jbench.report.analysis.claims import MARGIN, Row
+from jbench.names import FULL, ReturnsName, kind_in
+from jbench.report.analysis.claims import Row
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
 from jbench.report.data.configuration import ID, Configuration, differing_in, with_returns
-from jbench.report.data.returns import EVALUATION, KINDS, shown_representation, signed, whole
-from jbench.statistics import FloatArray
+from jbench.report.data.returns import EVALUATION, KINDS, TRAINING, signed, whole
 from jbench.statistics import bootstrap as st
-from jbench.statistics.sequential import BLOCK
-from jbench.statistics.step_down import corrected_level, decide
+from jbench.statistics.step_down import corrected_level
+from jbench.studies.arms import Arm, run_key
+from jbench.studies.deciding import MARGIN, WORDS, decide, decided_word
+from jbench.studies.study import BASELINES, SCALED, PlannedComparison, shipped_studies
 
-SCALED = "scaled"
-BASELINES = (FULL, SCALED)  # of reduced representations: without and with the encoders' scaling
 VERDICTS = [
     *(*ID, "against", "baseline", "claim", "verdict", "mark", "value", "low", "high"),
     *("corrected_low", "corrected_high", "corrected_by", "text", "seeds", "steps"),
 ]
 DECISIONS = [
-    *("source", "task", "algo", "representation", "against", "verdict", "seeds", "difference"),
-    *("low", "high", "spent"),
+    *ID,
+    "study",
+    "claim",
+    "baseline",
+    "against",
+    "against_words",
+    "verdict",
+    "seeds",
+    "difference",
+    "low",
+    "high",
+    "spent",
 ]
-_DECIDED = {"larger": "higher", "smaller": "lower", "equal": "similar"}
 _SEQUENTIAL = "sequential test"  # origin of its verdicts
-_WORDS = {  # of a larger and of a smaller number
-    "a": ("higher", "lower"),
-    "b": ("more variable", "less variable"),
-    "c": ("faster", "slower"),
-}
 _NUMBERS = {"a": "", "b": "standard deviation between agents ", "c": "mean return over the run "}
 _MARKS = {
     **dict.fromkeys(("higher", "less variable", "faster"), "✓"),
@@ -61,21 +60,21 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
     The claims are (a) final return, (b) variability of three or more seeds and (c) speed. baseline
     is a configuration, and value has a 95% interval; for the others see `_conclude`.
     """
-    keys, rows = [*DECISIONS[:5], "claim", "returns", "words"], []
-    planned = decisions.assign(claim="a", returns=EVALUATION, words="").to_dict("records")
-    listed = {tuple(row[key] for key in keys): row for row in planned}
+    keys = ["configuration", "baseline", "claim", "returns"]
+    rows: list[Row] = []
+    listed = {tuple(row[key] for key in keys): row for row in decisions.to_dict("records")}
     for kind in KINDS:
         asked = [
             _row(claim, pair)
             for pair in _pairs(with_returns(configurations, kind))
-            for claim in _WORDS
+            for claim in WORDS
             if claim != "b" or min(len(config.seeds) for config in pair.sides) >= st.MIN_SEEDS
         ]
         for row in asked:
             if decided := listed.get(tuple(row[key] for key in keys)):
                 verdict, low, high = (decided[name] for name in ("verdict", "low", "high"))
                 _conclude(row, verdict, low, high, _SEQUENTIAL)
-        for claim in _WORDS:
+        for claim in WORDS:
             judge([row for row in asked if row["claim"] == claim and "verdict" not in row])
         rows += asked
     return pd.DataFrame(rows, columns=VERDICTS)
@@ -104,59 +103,85 @@ def _row(claim: str, pair: Pair) -> Row:
 
 
 def decision_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
-    """Returns the decisions of the group-sequential test on the planned comparisons.
+    """Returns the decisions of the group-sequential test on the comparisons of shipped studies.
 
-    These are the comparisons of `jbench sweep question --until-decided` that have a block of seeds,
-    by the means of their final evaluation returns. The interval of the difference is a repeated
-    one, and spent a part of the error rate.
+    These are the comparisons of `jbench sweep STUDY --until-decided` that have a block of seeds.
+    The interval of the difference is a repeated one, and spent a part of the error rate, which
+    each study has for itself. against_words are the settings of the second side that differ from
+    the defaults.
     """
-    rows, planned = [], _planned()
-    shares, analyses = [plan["share"] for plan in planned], [MAX_SEEDS // BLOCK] * len(planned)
-    known: dict[str, dict[tuple[str, ...], Configuration]] = {}
-    for config in with_returns(configurations, EVALUATION):
-        if not (config.words or config.robots):
-            for name in (config.representation, shown_representation(config.representation)):
-                known.setdefault(config.source, {})[config.task, config.algo, name] = config
-    for named in known.values():
-        pairs, finals = [], []
-        for plan in planned:
-            sides = (named.get((plan["task"], plan["algo"], plan[s])) for s in ("first", "second"))
-            ours, theirs = sides
-            pairs.append((ours, theirs))
-            finals.append((_first_seeds(ours, plan["steps"]), _first_seeds(theirs, plan["steps"])))
-        decisions = decide(finals, shares, analyses, MARGIN)
-        for (ours, theirs), decision in zip(pairs, decisions, strict=True):
-            if ours and theirs and decision.seeds:
-                names = {name: ours.identity[name] for name in DECISIONS[:4]}
-                names["against"] = theirs.identity["representation"]
-                names["verdict"] = _DECIDED.get(decision.verdict, decision.verdict)
-                rows.append(decision._asdict() | names)
+    rows: list[Row] = []
+    studies = shipped_studies()
+    sources = dict.fromkeys(config.source for config in configurations)
+    for source in sources:
+        by_key = _by_key([config for config in configurations if config.source == source])
+        for study, comparisons in studies.items():
+            rows += _decided(study, comparisons, by_key)
     return pd.DataFrame(rows, columns=DECISIONS)
 
 
-def _planned() -> list[dict[str, Any]]:
-    """Returns the comparisons that the matrix `question` lists, with their control steps."""
-    text = resources.files("jbench.paper").joinpath("matrices", "question.toml").read_text("utf-8")
-    matrix = tomllib.loads(text)
-    steps: dict[tuple[Any, ...], int] = {}
-    for part in reversed(matrix["part"]):  # the first of several counts
-        tasks, observed = part.get("tasks", matrix["tasks"]), part.get("representations", (FULL,))
-        if not part.get("hyperparameters"):
-            steps |= dict.fromkeys(product(tasks, part["algos"], observed), part["steps"])
-    return [
-        {**plan, "steps": steps[plan["task"], plan["algo"], shown_representation(plan["first"])]}
-        for plan in matrix["comparison"]
+ByKind = Mapping[ReturnsName, Configuration]
+"""The configurations of some runs by kind of return."""
+
+
+def _by_key(configurations: Iterable[Configuration]) -> dict[str, ByKind]:
+    """Returns the configurations of the plain robot by the key of their arms; see `Arm.key`.
+
+    A key is left out if several have it, such as those with different encoders of one name: which
+    one a study means is unknown.
+    """
+    found: dict[str, list[Configuration]] = {}
+    for config in configurations:
+        if not config.robots:
+            for steps in dict.fromkeys(config.steps):
+                key = run_key(config.settings, int(steps))
+                found.setdefault(key, []).append(config)
+    by_key: dict[str, ByKind] = {}
+    for key, configs in found.items():
+        by_kind = {config.kind: config for config in configs}
+        if len(by_kind) == len(configs):
+            by_key[key] = by_kind
+    return by_key
+
+
+def _decided(
+    study: str, comparisons: Sequence[PlannedComparison], by_key: Mapping[str, ByKind]
+) -> Iterator[Row]:
+    """Yields a row for each comparison of a study that has a block of seeds."""
+    sides = [(by_key.get(one.first.key, {}), by_key.get(one.second.key, {})) for one in comparisons]
+    returns = [
+        (_returns(ours, one.first, one.claim), _returns(theirs, one.second, one.claim))
+        for one, (ours, theirs) in zip(comparisons, sides, strict=True)
     ]
+    decisions = decide(comparisons, returns)
+    for one, (ours, theirs), decision in zip(comparisons, sides, decisions, strict=True):
+        if decision.seeds:
+            kind = EVALUATION if EVALUATION in ours and EVALUATION in theirs else TRAINING
+            first, second = ours[kind], theirs[kind]
+            yield {
+                **first.identity,
+                **decision._asdict(),
+                "study": study,
+                "claim": one.claim,
+                "baseline": second.configuration,
+                "against": second.identity["representation"],
+                "against_words": second.words,
+                "verdict": decided_word(decision.verdict, one.claim),
+            }
 
 
-def _first_seeds(configuration: Configuration | None, steps: int) -> FloatArray:
-    """Returns the final returns of seeds 0, 1, … that are finished, up to the first gap."""
-    if configuration is None:
-        return np.empty(0)
-    scores = seed_scores(configuration)
-    usable = configuration.finished & scores.known & (configuration.steps == steps)
-    usable &= configuration.seeds == np.arange(len(configuration.seeds))
-    return scores.final[: int(np.logical_and.accumulate(usable).sum())]
+def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float]:
+    """Returns the returns of finished runs by seed: of evaluations, or without any of training."""
+    returns: dict[int, float] = {}
+    for kind in (TRAINING, EVALUATION):
+        if kind in by_kind:
+            config = by_kind[kind]
+            scores = seed_scores(config)
+            usable = (config.finished & (config.steps == arm.run.steps))[scores.known]
+            values = scores.final if claim == "a" else scores.area
+            seeds = config.seeds[scores.known]
+            returns |= dict(zip(seeds[usable].tolist(), values[usable].tolist(), strict=True))
+    return returns
 
 
 def judge(family: Sequence[Row], margin: float = MARGIN) -> None:
@@ -196,10 +221,10 @@ def _conclude(
         else:
             text = f"{signed(low)} to {signed(high)}"
         text = _NUMBERS[claim] + text
-        if claim == "a" and verdict in _WORDS["a"] and margin:
+        if claim == "a" and verdict in WORDS["a"] and margin:
             beyond = "yes" if min(abs(low), abs(high)) > margin else "undecided"
             text += f"; by more than {margin:g}: {beyond}"
-    if claim != "a" or verdict not in _WORDS["a"]:
+    if claim != "a" or verdict not in WORDS["a"]:
         text = f"{verdict}: {text}"
     row |= {"verdict": verdict, "mark": _MARKS[verdict], "text": text}
     row |= {"corrected_low": low, "corrected_high": high, "corrected_by": by}
@@ -208,5 +233,5 @@ def _conclude(
 def _word(low: float, high: float, claim: str, margin: float) -> str:
     if claim == "a" and low > -margin and high < margin:
         return "similar"
-    above, below = _WORDS[claim]
+    above, below = WORDS[claim]
     return above if low > 0 else below if high < 0 else "undecided"

@@ -7,7 +7,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import EPISODE_STEPS, FULL, TASKS, Order, ReturnsName, kind_in
+from jbench.names import (
+    EPISODE_STEPS,
+    FULL,
+    TASKS,
+    Order,
+    ReturnsName,
+    kind_in,
+    shown_representation,
+)
 from jbench.report.data.common_steps import (
     CommonPoints,
     SeedPoints,
@@ -16,7 +24,7 @@ from jbench.report.data.common_steps import (
 )
 from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
 from jbench.report.data.points import FIELDS, Points
-from jbench.report.data.returns import EVALUATION, FILE, display_name, shown_representation
+from jbench.report.data.returns import EVALUATION, FILE, display_name
 from jbench.report.request import WINDOW
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.recorded import comparable

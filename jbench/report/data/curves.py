@@ -8,8 +8,8 @@ import pandas as pd
 import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
-from jbench.names import EPISODE_STEPS, FULL, Order
-from jbench.returns import AVERAGED_EPISODES, averaged_episodes
+from jbench.names import EPISODE_STEPS, FULL, Order, ReturnsName
+from jbench.returns import averaged_points, mean_over_run
 from jbench.statistics import FloatArray, IntArray
 
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
@@ -141,36 +141,29 @@ def quantiles_across_seeds(values: FloatArray) -> FloatArray:
 
 
 def final_returns(
-    returns: FloatArray, control_steps: FloatArray, lengths: IntArray, most: int = AVERAGED_EPISODES
+    returns: FloatArray, control_steps: FloatArray, lengths: IntArray, kind: ReturnsName
 ) -> FloatArray:
     """Returns final returns, and the mean control step, deviation and number of points, (4, seeds).
 
-    A final return is the mean over the last quarter of the points, but over at most `most`; NaN for
-    a seed without a return there. Its deviation (of n - 1) and number are those of finite points.
+    A final return is that of `jbench.returns`; NaN for a seed without one. Its deviation (of n - 1)
+    and number are those of the finite points that it averages.
 
     Args:
         returns: (seeds, points) returns; NaN after a run's end, or if not finite.
         control_steps: (seeds, points) control steps at each point; NaN after the run's end.
         lengths: (seeds,) number of points of each run.
-        most: points to average.
+        kind: of the returns.
     """
     rows = []
-    last = averaged_episodes(lengths, most)
+    last = averaged_points(lengths, kind)
     for end, count, *points in zip(lengths, last, returns, control_steps, strict=True):
         achieved, steps = (values[end - count : end] for values in points)
         finite = achieved[np.isfinite(achieved)]
         deviation = np.std(finite, ddof=1) if len(finite) > 1 else np.nan
-        rows.append((_mean(achieved), _mean(steps), deviation, len(finite)))
+        means = (mean_over_run(values) for values in (achieved, steps))
+        mean, middle = (np.nan if mean is None else mean for mean in means)
+        rows.append((mean, middle, deviation, len(finite)))
     return np.array(rows, float).T
-
-
-def _mean(values: FloatArray) -> float:
-    known = np.isfinite(values)
-    missing = (1 << (len(values) - 1).bit_length()) - len(values)
-    sums = np.pad(np.where(known, values, 0.0), (missing, 0))
-    while len(sums) > 1:  # pairwise, which rounds little
-        sums = sums[::2] + sums[1::2]
-    return float(sums[0] / known.sum()) if known.any() else np.nan
 
 
 def read_published(table: pa.Table) -> pd.DataFrame:

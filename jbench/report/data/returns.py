@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 
 import pandas as pd
 
-from jbench.names import REPRESENTATION, TASKS, ReturnsName
+from jbench.names import TASKS, ReturnsName
 from jbench.settings.algorithms import ALGORITHMS
 
 SOLVED = 900  # episode return from which a task of the Jitterbug is solved (paper, Figure 9)
@@ -14,9 +14,6 @@ TRAINING: ReturnsName = "training"  # return of a training episode, exploration 
 KINDS = (EVALUATION, TRAINING)
 FILE = "file"  # source of the curves of a file, which may be of any environment
 _ZERO, _SMALL = 1e-6, 9.95  # numbers between them have two significant digits
-
-# Kinds whose number of latents follows from the task, so that names leave it out.
-_SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading", "raw")
 
 
 def has_solved_return(tasks: Iterable[str], sources: Iterable[str]) -> bool:
@@ -71,14 +68,6 @@ def display_name(algo: str) -> str:
     if algo in ALGORITHMS:
         return algo.upper()
     return f"{algo} (label)" if algo in map(str.upper, ALGORITHMS) else algo
-
-
-def shown_representation(representation: str) -> str:
-    """Returns a representation's name, without a size that the task determines."""
-    match = REPRESENTATION.fullmatch(representation)
-    if match is None or match["kind"] not in _SIZE_OF_TASK:
-        return representation
-    return match["kind"] + match["endings"]
 
 
 def clean(text: str) -> str:

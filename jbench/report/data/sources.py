@@ -10,11 +10,11 @@ import pandas as pd
 
 from jbench.errors import NothingYetError, RequestError
 from jbench.importing.curves import as_imports, as_runs, read_curves
-from jbench.names import REFERENCE
+from jbench.names import REFERENCE, shown_representation
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
-from jbench.report.data.returns import FILE, shown_representation
+from jbench.report.data.returns import FILE
 from jbench.report.request import Request, setting, settings_typed
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text

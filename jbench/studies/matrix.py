@@ -1,25 +1,20 @@
 """A matrix of runs: tasks, algorithms, representations and seeds, read from a TOML file.
 
-A file may consist of several parts, each a matrix, and list the comparisons of `--until-decided`.
+A file may consist of several parts, each a matrix, and list planned comparisons (`study.py`).
+Nothing heavy is imported here, since every report reads the shipped files.
 """
 
-import contextlib
-import tomllib
-from collections.abc import Iterator, Mapping
-from importlib import resources
-from pathlib import Path
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
-from jbench.encoders.registry import make_kind
 from jbench.errors import RequestError
-from jbench.names import FULL, OFE, SWEEPS, Base, evaluation_interval, known, parse_numbers
-from jbench.settings.base import Count, Seed, Settings, typed_default, validated, whole
-from jbench.settings.records import DatasetSettings
+from jbench.names import FULL, OFE, Base, evaluation_interval, in_prose, known, parse_numbers
+from jbench.settings.base import Seed, Settings, typed_default, validated, whole
+from jbench.settings.records import LABEL, DatasetSettings, requested_ofe
 from jbench.settings.run import TYPED, RunSettings
-from jbench.statistics.sequential import BLOCK, ERROR_RATE
-from jbench.training.request import requested_ofe
+from jbench.studies.file import named, read_file, tables
 
 PART, COMPARISON = "part", "comparison"
 """Keys of a file whose values are arrays of tables; all others are those of a `Matrix`."""
@@ -53,7 +48,8 @@ _Evaluation = _keys(RunSettings, *(name for name in TYPED if name.startswith(_EV
 _Dataset = _keys(DatasetSettings, "steps", "seed")
 
 
-def _seed(value: Any) -> Any:
+def encoder_seed(value: Any) -> Any:
+    """Returns the seed of the encoders of a part, as typed; raises a ValueError if it is none."""
     if value != "each" and (not isinstance(value, int) or value < 0):
         raise ValueError('it should be a whole number, 0 or more, or "each"')
     return value
@@ -63,13 +59,14 @@ class EncoderPart(Settings):
     """The table [encoder]: how missing encoders are trained."""
 
     # Of all encoders, or each: the seed of the agent.
-    seed: Annotated[Seed | Literal["each"], BeforeValidator(_seed)] = 0
+    seed: Annotated[Seed | Literal["each"], BeforeValidator(encoder_seed)] = 0
     options: dict[str, dict[str, Any]] = Field(default_factory=dict)  # by kind
 
 
 class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATION)))):  # type: ignore[misc]
     """Content of a file, or of a part of it; `docs/sweeps.md` lists the keys."""
 
+    name: Annotated[str, Field(pattern=LABEL)] | None = None  # of a part, for --only
     tasks: _Names
     algos: _Names
     representations: _Names = (FULL,)
@@ -91,23 +88,8 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
         return typed
 
 
-Claim = Literal["a", "c"]
-"""What is compared: the final return (a), or the mean return over the run (c)."""
-
-_Count = Annotated[Count, BeforeValidator(whole)]
-
-
-class Planned(Settings):
-    """An entry of the key `comparison` of a matrix file; `docs/deciding.md` explains the keys."""
-
-    task: str
-    algo: str
-    first: str
-    second: str
-    claim: Claim = "a"
-    share: Annotated[float, Field(gt=0)] = 0.0  # of the error rate; 0 until the rest is divided
-    max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] = 0  # 0 for --max-seeds
-    steps: _Count | None = None
+Parts = Mapping[str, Matrix]
+"""The parts of a file by their names in errors."""
 
 
 def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
@@ -116,17 +98,20 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
     The name is one of `SWEEPS` or the path of a .toml file; `changes` replace the file's keys in
     all parts. Raises a RequestError if there is no such matrix, or it is invalid.
     """
-    content = _content(name)
+    content = read_file(name)
+    with named(name):
+        for key in content:
+            known("key", key, (*Matrix.model_fields, PART, COMPARISON))
+
     # Keys outside the parts are defaults for all of them.
     defaults = {key: value for key, value in content.items() if key not in (PART, COMPARISON)}
     parts = {}
-    for where, table in (_tables(name, content, PART) or {name: {}}).items():
+    for where, table in (tables(name, content, PART) or {name: {}}).items():
         with named(where):
             part = validated(Matrix, "the matrix", **{**_merged(defaults, table), **changes})
-            for kind, options in part.encoder.options.items():
-                make_kind(kind, options)
             requested_ofe(f"{OFE}12", part.ofe)  # which checks them, of any size and if unused
         parts[where] = part
+
     trained = {algo for part in parts.values() for algo in part.algos}
     given = {algo for part in parts.values() for algo in part.hyperparameters}
     for algo in sorted(given - trained):
@@ -140,45 +125,6 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
     return parts
 
 
-def read_comparisons(name: str) -> list[Planned]:
-    """Returns the comparisons that a matrix file lists; none if it leaves the choice to jbench.
-
-    Those without a share of the error rate get equal shares of the rest. Raises a RequestError if
-    an entry is invalid, or the shares add up to more than the error rate.
-    """
-    planned = []
-    for where, table in _tables(name, _content(name), COMPARISON).items():
-        with named(where):
-            planned.append(validated(Planned, f"[[{COMPARISON}]]", **table))
-    given, rest = sum(entry.share for entry in planned), sum(not entry.share for entry in planned)
-    if given > ERROR_RATE + 1e-9 or (rest and given > ERROR_RATE - 1e-9):
-        left = f", and {rest} without a share need a rest" if rest else ""
-        raise RequestError(
-            f"{name}: the shares of the comparisons add up to {given:g}{left}; together they have "
-            f"{ERROR_RATE:g}, so write smaller ones."
-        )
-    equal = (ERROR_RATE - given) / max(1, rest)
-    return [entry.model_copy(update={"share": entry.share or equal}) for entry in planned]
-
-
-@contextlib.contextmanager
-def named(name: str) -> Iterator[None]:
-    """Puts the name of a file or a part in front of the refusals of the block."""
-    try:
-        yield
-    except RequestError as error:
-        raise RequestError(f"{name}: {error}") from None
-
-
-def _tables(name: str, content: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
-    """Returns the tables of an array of tables by names for errors; none without this key."""
-    tables = content.get(key, [])
-    is_array = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
-    if not is_array or (key in content and not tables):
-        raise RequestError(f"{name}: {key} is an array of tables: write [[{key}]] above each.")
-    return {f"{name}, {key} {n}": table for n, table in enumerate(tables, 1)}
-
-
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     merged = {**defaults, **values}
     for key in defaults.keys() & values.keys():
@@ -187,21 +133,36 @@ def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str,
     return merged
 
 
-def _content(name: str) -> dict[str, Any]:
-    path: Any = Path(name)
-    if name in SWEEPS:
-        path = resources.files("jbench.paper") / "matrices" / f"{name}.toml"
-    elif not name.endswith(".toml"):
-        file = f"{name}.toml" if Path(f"{name}.toml").exists() else "a FILE.toml"
-        known("matrix", name, (*SWEEPS, file))
-    try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not text"
-        raise RequestError(f"{name} can't be read ({reason}).") from None
-    except (ValueError, RecursionError) as error:  # ValueError: also of thousands of digits
-        raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
-    with named(name):
-        for key in content:
-            known("key", key, (*Matrix.model_fields, PART, COMPARISON))
-    return content
+def only(parts: Parts, chosen: Collection[str]) -> dict[str, Matrix]:
+    """Returns what is left of some parts if only certain names are chosen; none for everything.
+
+    A name is that of a part, a task, an algorithm or a representation. Of several tasks, each
+    counts; a task and an algorithm have to hold both, and so on. Raises a RequestError if a name is
+    unknown, or nothing is left.
+    """
+    matrices = parts.values()
+    names: dict[str, list[str]] = {
+        "name": [part.name for part in matrices if part.name is not None],
+        "tasks": [task for part in matrices for task in part.tasks],
+        "algos": [algo for part in matrices for algo in part.algos],
+        "representations": [name for part in matrices for name in part.representations],
+    }
+    every = list(dict.fromkeys(name for kind in names.values() for name in kind))
+    for name in chosen:
+        known("part, task, algorithm or representation", name, every)
+    wanted = {key: [name for name in chosen if name in kind] for key, kind in names.items()}
+
+    left = {}
+    for where, part in parts.items():
+        kept = {
+            key: tuple(
+                name for name in getattr(part, key) if name in wanted[key] or not wanted[key]
+            )
+            for key in ("tasks", "algos", "representations")
+        }
+        has_name = part.name in wanted["name"] or not wanted["name"]
+        if has_name and all(kept.values()):
+            left[where] = part.model_copy(update=kept)
+    if not left:
+        raise RequestError(f"No part of the matrix has {in_prose(chosen, 'and')}; leave one out.")
+    return left

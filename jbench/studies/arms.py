@@ -1,0 +1,161 @@
+"""Arms of a study: what each of its configurations has in common, whatever its seeds."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from jbench.errors import RequestError
+from jbench.names import FULL, TASKS, Base, shown_representation
+from jbench.settings.algorithms import (
+    SETTINGS,
+    algorithm_settings,
+    default_base,
+    default_time_limit,
+)
+from jbench.settings.base import canonical_json, in_id, validated
+from jbench.settings.recorded import Run, comparable
+from jbench.settings.records import Specs, requested_ofe
+from jbench.settings.run import RunSettings
+from jbench.studies.file import named
+from jbench.studies.matrix import Matrix, Parts
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The runs of a study with the same settings, except for their seeds.
+
+    Attributes:
+        where: the part of the file, for errors.
+        representation: as the file names it: `planar`, `dae12`, or the id of an encoder.
+    """
+
+    where: str
+    part: Matrix
+    task: str
+    algo: str
+    representation: str
+
+    @property
+    def short_name(self) -> str:
+        """The representation without a size that follows from the task, such as `planar`."""
+        return short_name(self.representation)
+
+    @property
+    def settings(self) -> Base:
+        """The source of the hyperparameters."""
+        return default_base(self.task, self.part.settings)
+
+    @property
+    def own_encoders(self) -> bool:
+        """Whether each agent has an encoder of its own."""
+        return self.part.encoder.seed == "each" and self.run.ofe is None and not self._is_given
+
+    @property
+    def _is_given(self) -> bool:
+        """Whether there is no encoder to train."""
+        return self.representation == FULL or "/" in self.representation
+
+    @cached_property
+    def fields(self) -> dict[str, Any]:
+        """Fields of `RunSettings` that all runs share, except for those of an encoder.
+
+        Raises a RequestError if the algorithm, a hyperparameter or the task is unknown or invalid.
+        """
+        return {
+            **self.part.run_fields,
+            **self._algorithm_fields(),
+            "task": self.task,
+            "specs": _specs(self.task),
+            "time_limit": self.part.run_fields["time_limit"]
+            or default_time_limit(self.part.settings),
+            "encoder": None,
+            "ofe": requested_ofe(self.representation, self.part.ofe),
+        }
+
+    def _algorithm_fields(self) -> dict[str, Any]:
+        overrides = self.part.hyperparameters.get(self.algo)
+        if self.algo in SETTINGS and self.part.engine != "plugin":
+            ours = algorithm_settings(self.algo, self.settings, overrides)
+            return {
+                "algo": self.algo,
+                "engine": self.part.engine or "batched",
+                "hyperparameters": ours.model_dump(mode="json"),
+            }
+        # Algorithms of other packages need torch.
+        from jbench.agents.algorithms import algorithm_fields
+
+        return algorithm_fields(
+            self.algo, self.part.engine, self.part.settings, overrides, self.task
+        )
+
+    @cached_property
+    def run(self) -> RunSettings:
+        """The settings of a run of this arm as if it had no encoder."""
+        ofe = self.fields["ofe"]
+        name = FULL if ofe is None else ofe.representation
+        return validated(
+            RunSettings, "the run", **{**self.fields, "representation": name, "seed": 0}
+        )
+
+    @cached_property
+    def key(self) -> str:
+        """A key that is equal to `run_key` of the runs of this arm."""
+        return _key(self.run, self.short_name, self.own_encoders, self.run.steps)
+
+    @property
+    def training_key(self) -> str:
+        """A key that is equal for arms with the same runs, whose encoders are trained alike."""
+        part = self.part.model_dump(mode="json")
+        encoders = None if self._is_given else [part["encoder"], part["dataset"]]
+        return canonical_json({"arm": [self.key, encoders]})
+
+
+def run_key(run: Run, steps: int) -> str:
+    """Returns a key of recorded runs of some control steps that are of one arm; see `Arm.key`.
+
+    It does not depend on which encoder a run has, only on its name, and whether each seed has one
+    of its own.
+    """
+    own_encoders = getattr(run, "encoder_draws", None) is not None
+    return _key(run, short_name(str(run.representation)), own_encoders, steps)
+
+
+def _key(run: Run, representation: str, own_encoders: bool, steps: int) -> str:
+    ofe = getattr(run, "ofe", None)
+    features = None if ofe is None else ofe.values
+    rest = comparable(run, "representation")
+    return canonical_json({"run": [rest, representation, own_encoders, features, steps]})
+
+
+def short_name(representation: str) -> str:
+    """Returns the name of a representation, or of an encoder's id, as reports show it."""
+    name = representation.split("/")[1] if "/" in representation else representation
+    return shown_representation(name.replace(":", "", 1))
+
+
+def arms(parts: Parts) -> Iterator[Arm]:
+    """Yields the arms of the parts of a matrix in the order of the file, grouped by task.
+
+    Some may be equal, also by another name: planar is planar12. Raises a RequestError if an encoder
+    that is given by its id is of another task.
+    """
+    for where, part in parts.items():
+        with named(where):
+            for name in part.representations:
+                task, slash, _ = name.partition("/")
+                if slash and task not in map(in_id, part.tasks):
+                    raise RequestError(f"the encoder {name} is of {task}, which is not in tasks.")
+        for task in part.tasks:
+            for algo in part.algos:
+                for name in part.representations:
+                    if "/" not in name or name.split("/")[0] == in_id(task):
+                        yield Arm(where, part, task, algo, name)
+
+
+def _specs(task: str) -> Specs | None:
+    if task in TASKS:
+        return None
+    from jbench.tasks.find import find_task  # imports MuJoCo
+
+    return find_task(task).specs

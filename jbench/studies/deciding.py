@@ -1,0 +1,76 @@
+"""How comparisons are decided: by the first seeds of both sides, in blocks of five.
+
+Interim analyses are at 5, 10, 15 ... seeds from seed 0. They depend only on the finished runs, so
+no other state is stored, and whoever reads the same runs reaches the same decisions.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from jbench.statistics import FloatArray, step_down
+from jbench.statistics.sequential import BLOCK, Verdict
+from jbench.statistics.step_down import Decision
+
+MARGIN = 50.0
+"""Difference in final return within which two configurations are similar: 5% of the largest
+possible return of an episode."""
+
+WORDS = {
+    "a": ("higher", "lower"),
+    "b": ("more variable", "less variable"),
+    "c": ("faster", "slower"),
+}
+"""Words for a larger and a smaller number, by claim: (a) final return, (b) variability of agents,
+(c) mean return over the run."""
+
+Returns = Mapping[int, float | None]
+"""Returns of finished runs by seed; None if a run has no finite return."""
+
+
+class Compared(Protocol):
+    """What a decision needs to know about a comparison."""
+
+    @property
+    def share(self) -> float:
+        """The share of the error rate, before other comparisons pass theirs on."""
+
+    @property
+    def max_seeds(self) -> int:
+        """Most seeds of each side, a multiple of the block size."""
+
+
+def decide(
+    comparisons: Sequence[Compared], returns: Sequence[tuple[Returns, Returns]]
+) -> list[Decision]:
+    """Decides comparisons together, each by the seeds 0, 1, … that both sides have.
+
+    A side has the seeds up to the first one that is not finished, or has no finite return: leaving
+    it out would favor the side whose runs fail.
+
+    Args:
+        comparisons: those of one study, which share its error rate.
+        returns: (comparisons,) of the first and the second side.
+    """
+    pairs = [
+        (_first_seeds(first, comparison.max_seeds), _first_seeds(second, comparison.max_seeds))
+        for comparison, (first, second) in zip(comparisons, returns, strict=True)
+    ]
+    shares = [comparison.share for comparison in comparisons]
+    analyses = [comparison.max_seeds // BLOCK for comparison in comparisons]
+    return step_down.decide(pairs, shares, analyses, MARGIN)
+
+
+def _first_seeds(returns: Returns, most: int) -> FloatArray:
+    first: list[float] = []
+    while len(first) < most and (value := returns.get(len(first))) is not None:
+        first.append(value)
+    return np.array(first)
+
+
+def decided_word(verdict: Verdict, claim: str) -> str:
+    """Returns the word for a verdict on a claim: that of `WORDS`, similar, or undecided."""
+    larger, smaller = WORDS[claim]
+    words = {"larger": larger, "smaller": smaller, "equal": "similar"}
+    return words.get(verdict, verdict)

@@ -1,0 +1,270 @@
+"""The comparisons of a study: those that its file lists, or each representation with baselines."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from jbench.errors import RequestError
+from jbench.names import FULL, MAX_SEEDS, SWEEPS, Base, kind_in, known
+from jbench.settings.base import Count, Seed, Settings, canonical_json, validated, whole
+from jbench.settings.recorded import SEED, alike, with_implied
+from jbench.statistics.sequential import BLOCK, ERROR_RATE
+from jbench.studies.arms import Arm, arms, short_name
+from jbench.studies.file import named, read_file, tables
+from jbench.studies.matrix import COMPARISON, Parts, encoder_seed, read_matrix
+
+SCALED = "scaled"
+
+BASELINES = (FULL, SCALED)
+"""Representations that reduce nothing, without and with the encoders' scaling of inputs."""
+
+Claim = Literal["a", "c"]
+"""What is compared: the final return (a), or the mean return over the run (c)."""
+
+_Count = Annotated[Count, BeforeValidator(whole)]
+
+
+class SideEncoder(Settings):
+    """The table encoder of a side."""
+
+    seed: Annotated[Seed | Literal["each"], BeforeValidator(encoder_seed)]
+
+
+class Side(Settings):
+    """A side of an entry, if it is a table; `docs/deciding.md` explains the keys."""
+
+    representation: str
+    settings: Base | None = None
+    hyperparameters: dict[str, Any] = Field(default_factory=dict)
+    encoder: SideEncoder | None = None
+
+
+def _as_side(value: Any) -> Any:
+    return {"representation": value} if isinstance(value, str) else value
+
+
+_Side = Annotated[Side, BeforeValidator(_as_side)]
+
+
+class Entry(Settings):
+    """An entry of the key `comparison` of a file; `docs/deciding.md` explains the keys."""
+
+    task: str
+    algo: str
+    first: _Side
+    second: _Side
+    settings: Base | None = None
+    hyperparameters: dict[str, Any] = Field(default_factory=dict)
+    steps: _Count | None = None
+    claim: Claim = "a"
+    share: Annotated[float, Field(gt=0)] = 0.0  # of the error rate; 0 until the rest is divided
+    max_seeds: Annotated[_Count, Field(multiple_of=BLOCK)] = 0  # 0 for the usual number
+
+
+@dataclass(frozen=True)
+class PlannedComparison:
+    """Two arms of a study and how much of its error rate decides between them.
+
+    Attributes:
+        labels: what the entry calls both sides; a representation, with what else it names.
+        share: of the error rate, before other comparisons pass theirs on.
+        max_seeds: most seeds of each arm, a multiple of the block size.
+    """
+
+    first: Arm
+    second: Arm
+    labels: tuple[str, str]
+    share: float = ERROR_RATE
+    claim: Claim = "a"
+    max_seeds: int = MAX_SEEDS
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        ours, theirs = self.labels
+        name = f"{self.first.task} {self.first.algo} {ours} against {theirs}"
+        return name if self.claim == "a" else f"{name}, over the run"
+
+    @property
+    def typed(self) -> list[str]:
+        """What a user types for all comparisons of the first representation, or for this one."""
+        ours = dict.fromkeys((self.first.representation, self.first.short_name))
+        theirs = dict.fromkeys((self.second.representation, self.second.short_name))
+        return [*ours, *(f"{first}/{second}" for first, second in product(ours, theirs))]
+
+
+def read_entries(name: str) -> dict[str, Entry]:
+    """Returns the comparisons that a file lists, by their names in errors.
+
+    Those without a share of the error rate get equal shares of the rest. Raises a RequestError if
+    an entry is invalid, or the shares add up to more than the error rate.
+    """
+    entries = {}
+    for where, table in tables(name, read_file(name), COMPARISON).items():
+        with named(where):
+            entries[where] = validated(Entry, f"[[{COMPARISON}]]", **table)
+
+    given = sum(entry.share for entry in entries.values())
+    rest = sum(not entry.share for entry in entries.values())
+    if given > ERROR_RATE + 1e-9 or (rest and given > ERROR_RATE - 1e-9):
+        left = f", and {rest} without a share need a rest" if rest else ""
+        raise RequestError(
+            f"{name}: the shares of the comparisons add up to {given:g}{left}; together they have "
+            f"{ERROR_RATE:g}, so write smaller ones."
+        )
+    equal = (ERROR_RATE - given) / max(1, rest)
+    return {
+        where: entry.model_copy(update={"share": entry.share or equal})
+        for where, entry in entries.items()
+    }
+
+
+def shipped_studies() -> dict[str, list[PlannedComparison]]:
+    """Returns the comparisons of the shipped files that list some, by the names of the files."""
+    return {
+        name: planned(read_matrix(name), entries)
+        for name in SWEEPS
+        if (entries := read_entries(name))
+    }
+
+
+def planned(
+    parts: Parts, entries: Mapping[str, Entry], max_seeds: int = MAX_SEEDS
+) -> list[PlannedComparison]:
+    """Returns the comparisons that a file lists, with the arms of its parts.
+
+    `max_seeds` is for entries that have none. Raises a RequestError if the parts have not exactly
+    one pair of arms for an entry, or it is listed twice.
+    """
+    every = _different(parts)
+    listed: list[PlannedComparison] = []
+    seen: dict[str, str] = {}
+    for where, entry in entries.items():
+        with named(where):
+            first, second = _pair(every, entry)
+            key = canonical_json({"entry": [first.key, second.key, entry.claim]})
+            if key in seen:
+                ours, theirs = (side.representation for side in (entry.first, entry.second))
+                raise RequestError(f"{ours} against {theirs} is listed twice.")
+            seen[key] = where
+            most = entry.max_seeds or max_seeds
+            labels = _label(first, entry, entry.first), _label(second, entry, entry.second)
+            listed.append(PlannedComparison(first, second, labels, entry.share, entry.claim, most))
+    return listed
+
+
+def with_baselines(parts: Parts, max_seeds: int = MAX_SEEDS) -> list[PlannedComparison]:
+    """Returns a comparison of each reduced representation with each baseline.
+
+    Each has the whole error rate: whoever chooses some of them divides it; see `chosen`.
+    """
+    every = _different(parts)
+    baselines = {(_rest(arm), kind_in(arm.short_name)): arm for arm in every}
+    return [
+        PlannedComparison(arm, theirs, (arm.representation, name), max_seeds=max_seeds)
+        for arm in every
+        for name in BASELINES
+        if kind_in(arm.short_name) not in BASELINES
+        and (theirs := baselines.get((_rest(arm), name))) is not None
+    ]
+
+
+def chosen(
+    comparisons: Sequence[PlannedComparison], typed: Collection[str], *, listed: bool
+) -> list[PlannedComparison]:
+    """Returns the comparisons that a user asks for, such as `dae12` or `dae12/full`; none for all.
+
+    Listed ones keep their share of the error rate whether or not the others are requested; others
+    divide the whole rate equally. Raises a RequestError if what is typed matches none.
+    """
+    names = list(dict.fromkeys(name for comparison in comparisons for name in comparison.typed))
+    for name in typed:
+        known("comparison", name, names)
+    left = [one for one in comparisons if not typed or {*one.typed} & {*typed}]
+    return left if listed else [replace(one, share=ERROR_RATE / len(left)) for one in left]
+
+
+def _different(parts: Parts) -> list[Arm]:
+    found: dict[str, Arm] = {}
+    for arm in arms(parts):
+        with named(arm.where):
+            found.setdefault(arm.training_key, arm)
+    return list(found.values())
+
+
+def _pair(every: Sequence[Arm], entry: Entry) -> tuple[Arm, Arm]:
+    first, second = entry.first, entry.second
+    if first == second:
+        raise RequestError(f"first and second are both {first.representation}; name another one.")
+    free = _differing(first, second)
+    pairs = [
+        (ours, theirs)
+        for ours in _matching(every, entry, first)
+        for theirs in _matching(every, entry, second)
+        if ours.key != theirs.key and _rest(ours, *free) == _rest(theirs, *free)
+    ]
+    both = f"{first.representation} and {second.representation} of {entry.algo} on {entry.task}"
+    if not pairs:
+        steps = "" if entry.steps is None else f" with {entry.steps} control steps"
+        raise RequestError(
+            f"the matrix has no {both}{steps} that differ only in their representation, or in what "
+            "the entry names of one side; choose others, or give both the same settings."
+        )
+    if len(pairs) > 1:
+        raise RequestError(
+            f"the matrix has {both} with {len(pairs)} settings; write which to compare: steps, "
+            "settings, hyperparameters, or the encoder.seed of a side."
+        )
+    return pairs[0]
+
+
+def _matching(every: Sequence[Arm], entry: Entry, side: Side) -> Iterator[Arm]:
+    """Yields the arms that have all that an entry names of both sides, and of this one."""
+    wanted = {**entry.hyperparameters, **side.hyperparameters}
+    for arm in every:
+        is_named = (arm.task, arm.algo) == (entry.task, entry.algo) and (
+            side.representation == arm.representation
+            or short_name(side.representation) == arm.short_name
+        )
+        if not is_named:
+            continue
+        given = arm.run.hyperparameters
+        omitted = arm.run.algorithm.omitted() if arm.run.is_ours else {}
+        values = {**omitted, **given}
+        for name in wanted:
+            known("hyperparameter", name, [*values])
+        has_all = (
+            all(values[name] == value for name, value in wanted.items())
+            and entry.steps in (None, arm.run.steps)
+            and all(base in (None, arm.settings) for base in (entry.settings, side.settings))
+            and (side.encoder is None or side.encoder.seed == arm.part.encoder.seed)
+        )
+        if has_all:
+            yield arm
+
+
+def _differing(first: Side, second: Side) -> list[str]:
+    """Returns the settings in which two sides may differ, since one of them names them."""
+    names = [*first.hyperparameters, *second.hyperparameters]
+    if first.settings != second.settings:
+        names += ["hyperparameters", "time_limit"]
+    return names
+
+
+def _rest(arm: Arm, *free: str) -> str:
+    """Returns a key that is equal for arms that differ only in a representation and free names."""
+    return alike(arm.run, {*SEED, *with_implied("representation"), *free})
+
+
+def _label(arm: Arm, entry: Entry, side: Side) -> str:
+    """Returns the representation of an arm, and what else an entry names, in brackets."""
+    words: list[str] = [base for base in (entry.settings, side.settings) if base is not None]
+    named_values = {**entry.hyperparameters, **side.hyperparameters}
+    words += [f"{name}={value}" for name, value in named_values.items()]
+    if side.encoder is not None:
+        each = side.encoder.seed == "each"
+        words.append("an encoder per agent" if each else "one encoder for all agents")
+    return arm.representation + (f" ({', '.join(words)})" if words else "")

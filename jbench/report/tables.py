@@ -117,16 +117,26 @@ def _verdicts(frames: Frames) -> Table:
 
 
 def _decisions(frames: Frames) -> Table:
+    def against(row: Row) -> str:
+        return ", ".join(filter(None, (row["against"], row["against_words"])))
+
     columns = [
-        *(_TASK, _ALGO, plain("observation", "representation"), plain("against")),
-        *(plain("verdict"), _SEEDS),
+        plain("study"),
+        _TASK,
+        _ALGO,
+        OBSERVED,
+        Column("against", "against", against),
+        Column("of", "claim", lambda row: COMPARED[row["claim"]]),
+        plain("verdict"),
+        _SEEDS,
         number("difference", "difference", signed, ("low", "high")),
         number("error spent", "spent", "{:.2%}".format),
     ]
     caption = (
-        "Difference of mean final evaluation returns of the first 5, 10, 15, … seeds, with its "
-        "repeated confidence interval. The family-wise error rate of all planned comparisons is at "
-        "most 5%."
+        "Difference of the means of the first 5, 10, 15, … seeds, with its repeated confidence "
+        "interval: of final returns, or for speed of mean returns over the run. Returns are those "
+        "of evaluations, or of training where no run was evaluated. The family-wise error rate of "
+        "all planned comparisons of a study is at most 5%."
     )
     return Table("sequential_test", "Sequential test", caption, frames.decisions, columns)
 

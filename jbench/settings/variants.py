@@ -16,12 +16,17 @@ _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
 # Settings that a name on all tasks leaves out.
 _SAME_NAME = (*COMPARED, "task", "specs", "encoder", "encoder_draws")
+_ENCODER = ("encoder",)
+_DRAWS = ("encoder_draws",)
+_WHOSE = "encoders"  # whether agents have one encoder each, or share one
 _BASE = "settings"  # the option of `jbench train` that selects all hyperparameters
 
 _WORDS = {
     ("engine", "sb3"): "stable-baselines3",
     ("precision", "bfloat16"): "bfloat16",
     ("precision", "tf32"): "tf32",
+    (_WHOSE, "each"): "an encoder per agent",
+    (_WHOSE, "one"): "one encoder",
     (_BASE, "published"): "",
     (_BASE, "suite"): "",
 }
@@ -48,7 +53,7 @@ def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
     for variant, run in settings.items():
         groups.setdefault(alike(run, _SAME_NAME), {})[variant] = run
     first = dict(next(iter(group.items())) for group in groups.values())
-    words = _labels(first, _word, _SAME_NAME, always_named=True)
+    words = _labels(first, _word, (*_SAME_NAME, _WHOSE), always_named=True)
     named: dict[str, str] = {}
     for variant, group in zip(first, groups.values(), strict=True):
         for task in dict.fromkeys(run.task for run in group.values()):
@@ -85,6 +90,8 @@ def _labels(
     If `always_named`, settings with a name of their own are in them even if all variants agree.
     """
     flat = {v: _with_base(flatten(values), form is _word) for v, values in settings.items()}
+    if form is _word:
+        flat = _with_encoders(flat)
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
         path
@@ -112,8 +119,30 @@ def _labels(
     return labels
 
 
+def _with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
+    """Returns settings of variants that say whose encoder it is, if some share one and some don't.
+
+    Ids and hashes of encoders are left out where this tells the variants apart.
+    """
+    draws = {values.get(_DRAWS) for values in flat.values()} - {None}
+    shared = {values.get(_ENCODER) for values in flat.values()} - {None}
+    if not (draws and shared):
+        return dict(flat)
+    changed = {}
+    for variant, values in flat.items():
+        each = values.get(_DRAWS) is not None
+        kept = {
+            path: value
+            for path, value in values.items()
+            if not (path == _DRAWS and len(draws) == 1)
+            and not (path == _ENCODER and len(shared) == 1)
+        }
+        changed[variant] = {(_WHOSE,): "each" if each else "one"} | kept
+    return changed
+
+
 def _with_base(flat: Flat, only_recorded: bool) -> Flat:
-    """Returns settings of a run with the name of their base, or as changes of `published`.
+    """Returns settings of a run with the name of the nearest base, and what differs from it.
 
     If `only_recorded`, options of ours that are at their default, such as `mirror`, are left out.
     """
@@ -122,11 +151,18 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
     if algo not in SETTINGS or not given:
         return flat
     bases = _bases(algo)
-    base = next((name for name, values in bases.items() if values == given), "published")
+
+    def changed(base: str) -> Flat:
+        values = bases[base]
+        return {path: value for path, value in given.items() if values.get(path, ...) != value}
+
+    base = min(bases, key=lambda name: len(changed(name)))  # the first of several: published
     changes = given if base == "published" else bases["published"]
     if only_recorded:
         omitted = flatten({_TABLE: SETTINGS[algo].omitted()})
         changes = {p: v for p, v in changes.items() if v != omitted.get(p, ...)}
+    if base != "published":
+        changes = changes | changed(base)
     return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in given} | changes
 
 

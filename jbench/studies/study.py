@@ -266,5 +266,5 @@ def _label(arm: Arm, entry: Entry, side: Side) -> str:
     words += [f"{name}={value}" for name, value in named_values.items()]
     if side.encoder is not None:
         each = side.encoder.seed == "each"
-        words.append("an encoder per agent" if each else "one encoder for all agents")
+        words.append("an encoder per agent" if each else "one encoder")
     return arm.representation + (f" ({', '.join(words)})" if words else "")

@@ -11,7 +11,8 @@ from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.report import configurations, policies
 from jbench.report.analysis import compare, scores
 from jbench.report.analysis.claims import claim_frame, examine, published_findings
-from jbench.report.analysis.verdicts import decision_frame, verdict_frame
+from jbench.report.analysis.decisions import decision_frame
+from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import IMPORTED, Configuration, with_returns
 from jbench.report.data.curves import SEQUENCE, read_published

@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.analysis.verdicts import decision_frame, verdict_frame
+from jbench.report.analysis.decisions import decision_frame
+from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
 from jbench.settings.algorithms import algorithm_settings

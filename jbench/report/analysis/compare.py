@@ -2,19 +2,19 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
+from typing import Any
 
 import pandas as pd
 
-from jbench.report.analysis.claims import Row
+from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
-from jbench.report.analysis.verdicts import judge
 from jbench.report.data.configuration import Configuration, Configurations
 from jbench.report.data.returns import FILE, KINDS
 from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
 from jbench.statistics.step_down import corrected_level
-from jbench.studies.deciding import MARGIN
+from jbench.studies.deciding import MARGIN, WORDS
 
 PAIRS = ["task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"]
 COMPARISONS = [
@@ -38,38 +38,46 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
     a run of the first has a higher final return than one of the second. Returns of a file have no
     margin within which they are similar. A group is one pair, or one on each of several tasks.
     """
-    from_file = any(pairs[0].ours.source == FILE for pairs in groups)
-    rows: list[Row] = []
+    rows: list[dict[str, Any]] = []
     for kind in KINDS:
         chosen = [pairs for pairs in groups if pairs[0].ours.kind == kind]
         known = ranges([config for pairs in chosen for pair in pairs for config in pair.sides])
         family = [_compared(pairs, known) for pairs in chosen]
-        judge(family, margin=0.0 if from_file else MARGIN)
-        rows += family
+        judge(family)
+        rows += [comparison.row() for comparison in family]
     for row in rows:
-        if row["verdict"] in ("higher", "lower"):
+        if row["verdict"] in WORDS["a"]:
             row["text"] = f"{row['a']} {row['text']}"
     return pd.DataFrame(rows, columns=COMPARISONS)
 
 
-def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Row:
-    """Returns a row of `comparison_frame` without its verdict, as `judge` needs it."""
+def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
     ours, theirs = pairs[0].sides
-    row: Row = {**ours.identity, "claim": "a", "a": ours.source, "b": theirs.source}
+    names: dict[str, Any] = {**ours.identity, "a": ours.source, "b": theirs.source}
     if ours.source == FILE:
-        row |= {"algo": "", "a": ours.label, "b": theirs.label}
+        names |= {"algo": "", "a": ours.label, "b": theirs.label}
     if len(pairs) > 1:
-        row["task"] = together(known)
+        names["task"] = together(known)
+
     places = [known[pair.ours.task] for pair in pairs]
     sides = zip(*(pair.scores for pair in pairs), strict=True)
     first, other = (strata([scores.final for scores in side], places)[0] for side in sides)
-    row |= {"seeds_a": sum(map(len, first)), "seeds_b": sum(map(len, other))}
-    row |= {"steps": max(pair.control_steps for pair in pairs)}
+    names["seeds_a"] = sum(map(len, first))
+    names["seeds_b"] = sum(map(len, other))
+    names["steps"] = max(pair.control_steps for pair in pairs)
+
     samples = dict(zip(_NUMBERS, st.samples([*_NUMBERS], first, other), strict=True))
-    for statistic, names in _NUMBERS.items():
-        row |= zip(names, samples[statistic].estimate(), strict=False)
-    row |= {"value": row["difference"], "interval": samples[IQM_DIFFERENCE].interval}
-    return row | {"decidable": all(pair.decidable for pair in pairs)}
+    for statistic, columns in _NUMBERS.items():
+        names |= zip(columns, samples[statistic].estimate(), strict=False)
+    difference = samples[IQM_DIFFERENCE]
+    return Comparison(
+        "a",
+        names,
+        difference.estimate(),
+        difference.interval,
+        decidable=all(pair.decidable for pair in pairs),
+        margin=0.0 if ours.source == FILE else MARGIN,
+    )
 
 
 def method_pairs(configurations: Configurations) -> list[list[Pair]]:

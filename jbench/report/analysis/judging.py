@@ -1,0 +1,155 @@
+"""Comparisons of configurations by a number, and verdicts that are corrected for their family.
+
+A verdict rests on an interval at a level that Holm's step-down procedure gives (S. Holm, *A simple
+sequentially rejective multiple test procedure*, Scand. J. Statist. 6, 1979): 5% over the number of
+comparisons, then over the number of those that are left, and so on.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from jbench.report.data.returns import signed, whole
+from jbench.statistics import bootstrap as st
+from jbench.statistics.step_down import Interval, corrected_level
+from jbench.studies.deciding import MARGIN, WORDS
+
+SEQUENTIAL = "sequential test"
+"""Origin of the verdicts of the group-sequential test."""
+
+_TOO_FEW = f"fewer than {st.DECIDING_SEEDS} seeds"
+
+_NUMBERS = {
+    "a": "",
+    "b": "standard deviation between agents ",
+    "c": "mean return over the run ",
+}
+"""What the number of a claim is called in a text; that of (a) needs no name."""
+
+_MARKS = {
+    "higher": "✓",
+    "less variable": "✓",
+    "faster": "✓",
+    "lower": "✗",
+    "more variable": "✗",
+    "slower": "✗",
+    "similar": "=",
+    "undecided": "?",
+}
+"""A check mark speaks for the first of two configurations."""
+
+
+@dataclass(frozen=True)
+class Judgment:
+    """What is said about a comparison, and the corrected interval on which that rests.
+
+    Attributes:
+        word: one of the words of a claim, similar, or undecided.
+        low, high: ends of the interval.
+        by: what the interval is corrected by; empty if there is one comparison only.
+        text: a sentence for readers.
+    """
+
+    word: str
+    low: float
+    high: float
+    by: str
+    text: str
+
+
+@dataclass
+class Comparison:
+    """Two configurations that are compared by a number, the first minus the second.
+
+    Attributes:
+        claim: (a) final return, (b) variability of agents, (c) mean return over the run.
+        names: columns that name what is compared.
+        estimate: the number with its 95% interval.
+        interval: the ends of its interval by confidence.
+        decidable: whether there are enough seeds for a verdict.
+        margin: final returns that differ by less are similar; 0 if none are.
+        judgment: None until it is judged.
+    """
+
+    claim: str
+    names: Mapping[str, Any]
+    estimate: st.Estimate
+    interval: Interval = field(repr=False)
+    decidable: bool
+    margin: float = MARGIN
+    judgment: Judgment | None = None
+
+    def conclude(self, word: str, low: float, high: float, by: str) -> None:
+        """Records a verdict, the corrected interval on which it rests, and what corrects it."""
+        self.judgment = Judgment(word, low, high, by, self._text(word, low, high, by))
+
+    def row(self) -> dict[str, Any]:
+        """Returns the names, the number and the verdict, by columns of a frame."""
+        judgment = self.judgment
+        assert judgment is not None
+        return {
+            **self.names,
+            "claim": self.claim,
+            "value": self.estimate.value,
+            "low": self.estimate.low,
+            "high": self.estimate.high,
+            "verdict": judgment.word,
+            "mark": _MARKS[judgment.word],
+            "corrected_low": judgment.low,
+            "corrected_high": judgment.high,
+            "corrected_by": judgment.by,
+            "text": judgment.text,
+        }
+
+    def word(self, low: float, high: float) -> str:
+        """Returns the verdict that an interval gives."""
+        if self.claim == "a" and low > -self.margin and high < self.margin:
+            return "similar"
+        above, below = WORDS[self.claim]
+        if low > 0:
+            return above
+        return below if high < 0 else "undecided"
+
+    def _text(self, word: str, low: float, high: float, by: str) -> str:
+        text = self._number(low, high, by)
+        is_directed = self.claim == "a" and word in WORDS["a"]
+        if not is_directed:
+            return f"{word}: {text}"
+        if self.margin and np.isfinite([low, high]).any():
+            beyond = "yes" if min(abs(low), abs(high)) > self.margin else "undecided"
+            return f"{text}; by more than {self.margin:g}: {beyond}"
+        return text
+
+    def _number(self, low: float, high: float, by: str) -> str:
+        value = self.estimate.value
+        if np.isnan(value):
+            return "unknown"
+        if by == _TOO_FEW or not np.isfinite([low, high]).any():
+            reason = "the sequential test needs more" if by == SEQUENTIAL else "too few"
+            return f"{signed(value)}, {reason} seeds"
+        if low > 0:
+            text = f"higher by {whole(low)} to {whole(high)}"
+        elif high < 0:
+            text = f"lower by {whole(-high)} to {whole(-low)}"
+        else:
+            text = f"{signed(low)} to {signed(high)}"
+        return _NUMBERS[self.claim] + text
+
+
+def judge(family: Sequence[Comparison]) -> None:
+    """Judges comparisons by the same claim, each corrected for the others."""
+    decidable = [comparison for comparison in family if comparison.decidable]
+    margin = family[0].margin if family else MARGIN
+    level = corrected_level(
+        [comparison.interval for comparison in decidable],
+        lambda low, high: low > 0 or high < 0 or (low > -margin and high < margin),
+    )
+    by = f"Holm, {len(decidable)} comparisons" if len(decidable) > 1 else ""
+    for comparison in family:
+        low, high = comparison.interval(1 - level)
+        if comparison.decidable:
+            comparison.conclude(comparison.word(low, high), low, high, by)
+        else:
+            comparison.conclude("undecided", low, high, _TOO_FEW)

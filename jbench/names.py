@@ -91,9 +91,10 @@ RETURNS: tuple[ReturnsName, ...] = get_args(ReturnsName)
 ImportFormat = Literal["sb3-monitor", "sb3-evaluations", "tensorboard", "wandb-csv", "csv"]
 IMPORT_FORMATS: tuple[ImportFormat, ...] = get_args(ImportFormat)
 
-SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question", "robots")
+SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question", "authors", "robots")
 """The shipped matrices: a small one, the paper's figures, the comparisons that answer whether
-learning on a reduced-order observation helps, and the same question on other robots."""
+learning on a reduced-order observation helps, the agents of the authors' figures, and the same
+question on other robots."""
 
 Status = Literal["unfinished", "finished", "failed"]
 STATUSES: tuple[Status, ...] = get_args(Status)

@@ -128,6 +128,21 @@ def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
     return [*(dataset.id for dataset in datasets), *(encoder.id for encoder in encoders)]
 
 
+def _of_arm(cell: Cell) -> dict[str, Any]:
+    """Returns what tells the arms of a matrix apart, beside task, algorithm and representation.
+
+    Columns: part (its name), encoders (whether agents share one, or each has its own), changed
+    (hyperparameters that the matrix changes).
+    """
+    shares = "one" if cell.runs[0].encoder_draws is None else "each"
+    row: dict[str, Any] = {"encoders": shares if cell.encoders else None}
+    if cell.arm is None:
+        return {**row, "part": None, "changed": None}
+    changes = cell.arm.part.hyperparameters.get(cell.algo, {})
+    changed = ", ".join(f"{name}={value}" for name, value in changes.items())
+    return {**row, "part": cell.arm.part.name, "changed": changed or None}
+
+
 def show_status(
     title: str, cells: Sequence[Cell], results: Results, jobs: int, device: str, times: bool
 ) -> dict[str, Any]:
@@ -142,8 +157,18 @@ def show_status(
         row = {name: getattr(cell, name) for name in cell_fields}
         row |= {name: getattr(cell.runs[0], name) for name in run_fields}
         row |= {"environments": cell.runs[0].parallel, "runs": [run.id for run in cell.runs]}
+        row |= _of_arm(cell)
         rows.append(row | counts)
-    if_varied = ("settings", "precision", "environments", "time_limit", "steps")
+    if_varied = (
+        "part",
+        "encoders",
+        "settings",
+        "changed",
+        "precision",
+        "environments",
+        "time_limit",
+        "steps",
+    )
     varied = (name for name in if_varied if len({row[name] for row in rows}) > 1)
     header = ["task", "algo", "representation", *varied, *get_args(State)]
 
@@ -151,7 +176,7 @@ def show_status(
         return "unknown" if seconds is None else duration(seconds)
 
     values = ([row[name] for name in header] for row in rows)
-    texts = [[f"{v:,}" if isinstance(v, int) else v for v in row] for row in values]
+    texts = [[f"{v:,}" if isinstance(v, int) else v or "" for v in row] for row in values]
     if times:
         header += ["time left", "estimated from"]
         for line, row in zip(texts, rows, strict=True):

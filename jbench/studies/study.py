@@ -69,7 +69,8 @@ class PlannedComparison:
     """Two arms of a study and how much of its error rate decides between them.
 
     Attributes:
-        labels: what the entry calls both sides; a representation, with what else it names.
+        labels: what the entry calls the sides: representations, with what else it names of each.
+        common: what else it names of both.
         share: of the error rate, before other comparisons pass theirs on.
         max_seeds: most seeds of each arm, a multiple of the block size.
     """
@@ -77,6 +78,7 @@ class PlannedComparison:
     first: Arm
     second: Arm
     labels: tuple[str, str]
+    common: str = ""
     share: float = ERROR_RATE
     claim: Claim = "a"
     max_seeds: int = MAX_SEEDS
@@ -86,7 +88,8 @@ class PlannedComparison:
         """Name in tables."""
         ours, theirs = self.labels
         name = f"{self.first.task} {self.first.algo} {ours} against {theirs}"
-        return name if self.claim == "a" else f"{name}, over the run"
+        over_run = "" if self.claim == "a" else "over the run"
+        return ", ".join(filter(None, (name, self.common, over_run)))
 
     @property
     def typed(self) -> list[str]:
@@ -151,8 +154,12 @@ def planned(
                 raise RequestError(f"{ours} against {theirs} is listed twice.")
             seen[key] = where
             most = entry.max_seeds or max_seeds
-            labels = _label(first, entry, entry.first), _label(second, entry, entry.second)
-            listed.append(PlannedComparison(first, second, labels, entry.share, entry.claim, most))
+            labels = _label(first, entry.first), _label(second, entry.second)
+            listed.append(
+                PlannedComparison(
+                    first, second, labels, _common(entry), entry.share, entry.claim, most
+                )
+            )
     return listed
 
 
@@ -259,12 +266,18 @@ def _rest(arm: Arm, *free: str) -> str:
     return alike(arm.run, {*SEED, *with_implied("representation"), *free})
 
 
-def _label(arm: Arm, entry: Entry, side: Side) -> str:
-    """Returns the representation of an arm, and what else an entry names, in brackets."""
-    words: list[str] = [base for base in (entry.settings, side.settings) if base is not None]
-    named_values = {**entry.hyperparameters, **side.hyperparameters}
-    words += [f"{name}={value}" for name, value in named_values.items()]
+def _label(arm: Arm, side: Side) -> str:
+    """Returns the representation of an arm, and what else an entry names of this side."""
+    words = [] if side.settings is None else [str(side.settings)]
+    words += [f"{name}={value}" for name, value in side.hyperparameters.items()]
     if side.encoder is not None:
         each = side.encoder.seed == "each"
         words.append("an encoder per agent" if each else "one encoder")
     return arm.representation + (f" ({', '.join(words)})" if words else "")
+
+
+def _common(entry: Entry) -> str:
+    """Returns what an entry names of both sides."""
+    words = [] if entry.settings is None else [str(entry.settings)]
+    words += [f"{name}={value}" for name, value in entry.hyperparameters.items()]
+    return ", ".join(words)

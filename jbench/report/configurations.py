@@ -71,7 +71,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
             row["reached"] = int(np.isfinite(steps).sum())
         if row["seeds"] and config.has_solved_return:
             median = st.Estimate(*(row[f"median{end}"] for end in _ENDS))
-            row["solved"] = _IS_SOLVED[decide_solved(median, row["seeds"])["verdict"]]
+            row["solved"] = _IS_SOLVED[decide_solved(median, row["seeds"]).verdict]
         if config.kind == TRAINING:  # the paper has no other returns
             names = config.task, config.algo, config.representation
             if best := best_median(published, names, scores.middle, sequence=config.robots > 1):

@@ -11,7 +11,7 @@ from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.report import configurations, policies
 from jbench.report.analysis import compare, scores
 from jbench.report.analysis.claims import claim_frame, examine, published_findings
-from jbench.report.analysis.decisions import decision_frame
+from jbench.report.analysis.decisions import Planned, decision_frame, planned_comparisons
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.data import sources
 from jbench.report.data.configuration import IMPORTED, Configuration, with_returns
@@ -57,8 +57,9 @@ class Frames:
         self.request, self.returns = request, returns
         self.configurations = configurations.configuration_frame(curves, published)
         leading = self.configurations[self.configurations["returns"] == returns]
-        self.decisions = decision_frame(trained)
-        self.verdicts = verdict_frame(trained, self.decisions)
+        planned = planned_comparisons(trained)
+        self.decisions = decision_frame(planned)
+        self.verdicts = verdict_frame(trained, self.decisions, planned)
         self.comparisons = compare.comparison_frame(compared)
         self.headline = headline(self.lead(self.verdicts), leading, self.lead(self.comparisons))
         self.configurations = scores.with_file_means(self.configurations, lead)
@@ -79,7 +80,7 @@ class Frames:
         sequences = [pair for pair in drawn if pair[0].robots > 1]
         theirs = published[published["figure"] == SEQUENCE]
         self.sequences = configurations.sequence_frame(sequences, theirs)
-        self.claims, untested = _claims(trained, source, request, results)
+        self.claims, untested = _claims(trained, planned, source, request, results)
         self.runs = run_frame(source, returns)
         self.provenance = provenance_frame(self.runs)
         by_hand = policies.hand_written_returns(source.tables)
@@ -155,15 +156,19 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, P
 
 
 def _claims(
-    trained: Sequence[Configuration], source: Source, request: Request, results: Results | None
+    trained: Sequence[Configuration],
+    planned: Sequence[Sequence[Planned]],
+    source: Source,
+    request: Request,
+    results: Results | None,
 ) -> tuple[pd.DataFrame, list[str]]:
     if results is None or not request.claims:
-        return claim_frame([]), []
-    ours = [row for kind in KINDS for row in examine(with_returns(trained, kind))]
+        return claim_frame(), []
+    ours = [finding for kind in KINDS for finding in examine(with_returns(trained, kind), planned)]
     by_hand, notes = policies.findings(source.tables, request.task, results.name)
     papers = published_findings(request.task, request.algo)
     # Two sides are compared without their policies.
-    return claim_frame([*ours, *by_hand, *papers]), [] if request.compare else notes
+    return claim_frame([*ours, *by_hand], papers), [] if request.compare else notes
 
 
 def _notes(configurations: Sequence[Configuration]) -> list[str]:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
-from jbench.report.analysis.claims import Row, examine_solving
+from jbench.report.analysis.claims import Finding, examine_solving
 from jbench.report.data.configuration import Part, in_order, long_frame
 from jbench.statistics import FloatArray
 from jbench.store import Record, Results
@@ -33,7 +33,7 @@ def baseline_frame(tasks: set[str]) -> pd.DataFrame:
 
 def findings(
     tables: Mapping[str, pd.DataFrame], task: str | None, results: Path
-) -> tuple[list[Row], list[str]]:
+) -> tuple[list[Finding], list[str]]:
     """Returns findings on claim (h), and what to type for tasks whose policy was not evaluated."""
     returns = hand_written_returns(tables)
     tasks = in_order(returns if task is None else {task} & returns.keys())

@@ -17,6 +17,7 @@ from jbench.studies.file import named, read_file, tables
 from jbench.studies.matrix import COMPARISON, Parts, encoder_seed, read_matrix
 
 SCALED = "scaled"
+RAW = "raw"  # the observation in SI units
 
 BASELINES = (FULL, SCALED)
 """Representations that reduce nothing, without and with the encoders' scaling of inputs."""

@@ -68,7 +68,9 @@ def comparisons(
     return chosen(every, typed, listed=False)
 
 
-def compared_return(record: Record, claim: Claim, added: Sequence[FloatArray] = ()) -> float | None:
+def compared_return(
+    record: Record, claim: Claim = "a", added: Sequence[FloatArray] = ()
+) -> float | None:
     """Returns the final return of a run (a), or its mean return over the run (c).
 
     They are of its evaluations, the last of which added returns join; without any, of its training

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from jbench.report.analysis.claims import decide, examine, examine_solving
+from jbench.report.analysis.claims import Decided, decide, examine, examine_solving
 from jbench.statistics.bootstrap import Estimate
 
 
 def findings(fabric, letter):
-    return [f for f in examine(fabric.configurations()[0]) if f["claim"] == letter]
+    return [f for f in examine(fabric.configurations()[0]) if f.claim == letter]
 
 
 NARROW = 700 + np.linspace(-10, 10, 10)
@@ -19,22 +19,26 @@ def test_equal_returns_and_smaller_spread_are_supported(fabric):
     fabric.learn(WIDE)
     fabric.learn(NARROW, representation="dae12")
     (similar,) = findings(fabric, "a")
-    assert similar["effect"] == pytest.approx(0, abs=1e-9)
+    assert similar.effect.value == pytest.approx(0, abs=1e-9)
     (spread,) = findings(fabric, "b")
-    assert spread["effect"] == pytest.approx(0.05)  # 10 / 200
-    assert (spread["verdict"], spread["seeds"], spread["seeds_needed"]) == ("supported", 10, None)
-    assert spread["compared"] == "face_direction TD3 dae12 against full"
+    assert spread.effect.value == pytest.approx(0.05)  # 10 / 200
+    assert (spread.decided.verdict, spread.seeds, spread.decided.seeds_needed) == (
+        "supported",
+        10,
+        None,
+    )
+    assert spread.compared == "face_direction TD3 dae12 against full"
 
 
 def test_different_returns_and_larger_spread_are_contradicted(fabric):
     fabric.learn(NARROW)
     fabric.learn(WIDE + 300, representation="dae12")
-    assert [f["verdict"] for f in findings(fabric, "a")] == ["contradicted"]
-    assert [f["verdict"] for f in findings(fabric, "b")] == ["contradicted"]
+    assert [f.decided.verdict for f in findings(fabric, "a")] == ["contradicted"]
+    assert [f.decided.verdict for f in findings(fabric, "b")] == ["contradicted"]
     # Faster: the mean over all episodes is half of the final return, so 150 more.
     (faster,) = findings(fabric, "c")
-    assert faster["verdict"] == "supported"
-    assert faster["effect"] == pytest.approx(150)
+    assert faster.decided.verdict == "supported"
+    assert faster.effect.value == pytest.approx(150)
 
 
 # Random actions have a median return of 220 on face_direction.
@@ -53,11 +57,11 @@ def test_larger_gain_on_harder_task(fabric, easier, gain, gain_on_harder, verdic
     fabric.learn(NARROW, task="move_in_direction")
     fabric.learn(NARROW + gain_on_harder, task="move_in_direction", representation="dae12")
     (found,) = findings(fabric, "d")
-    assert found["effect"] == pytest.approx(0.5 * (gain_on_harder - gain))
-    assert found["low"] > 0
-    assert (found["verdict"], found["seeds_needed"]) == (verdict, None)
-    assert remark in found["remark"]
-    assert ("gained" in found["remark"] or "random" in found["remark"]) == bool(remark)
+    assert found.effect.value == pytest.approx(0.5 * (gain_on_harder - gain))
+    assert found.effect.low > 0
+    assert (found.decided.verdict, found.decided.seeds_needed) == (verdict, None)
+    assert remark in found.remark
+    assert ("gained" in found.remark or "random" in found.remark) == bool(remark)
 
 
 @pytest.mark.parametrize(("swing", "verdict"), [(0.0, "supported"), (250.0, "undecided")])
@@ -68,31 +72,31 @@ def test_ratio_that_episodes_explain_is_undecided(fabric, swing, verdict):
         fabric.run(mean + np.resize([swing, -swing], 80), seed)
     fabric.learn(NARROW, algo="td3", representation="dae12")
     (spread,) = findings(fabric, "b")
-    assert spread["effect"] == pytest.approx(0.1)
-    assert spread["high"] < 1
-    assert spread["verdict"] == verdict
-    assert ("of the agents alone: difference -28 [" in spread["remark"]) == (verdict == "undecided")
+    assert spread.effect.value == pytest.approx(0.1)
+    assert spread.effect.high < 1
+    assert spread.decided.verdict == verdict
+    assert ("of the agents alone: difference -28 [" in spread.remark) == (verdict == "undecided")
 
 
 def test_off_policy_algorithms_are_compared_with_ppo(fabric):
     fabric.learn(WIDE + 200, algo="td3")
     fabric.learn(NARROW, algo="ppo")
     (higher,) = findings(fabric, "e")
-    assert (higher["effect"], higher["verdict"]) == (pytest.approx(200), "supported")
+    assert (higher.effect.value, higher.decided.verdict) == (pytest.approx(200), "supported")
     (wider,) = findings(fabric, "f")
-    assert (wider["effect"], wider["verdict"]) == (pytest.approx(20), "supported")
+    assert (wider.effect.value, wider.decided.verdict) == (pytest.approx(20), "supported")
 
 
 def test_solved_tasks_are_supported_and_unsolved_contradicted(fabric):
     fabric.learn(NARROW + 250, algo="sac")  # 940 to 960
     fabric.learn(NARROW, algo="td3")
-    verdicts = {f["compared"].split()[1]: f["verdict"] for f in findings(fabric, "g")}
+    verdicts = {f.compared.split()[1]: f.decided.verdict for f in findings(fabric, "g")}
     assert verdicts == {"SAC": "supported", "TD3": "contradicted"}
     returns = np.linspace(880, 990, 100)
-    assert examine_solving("h", "move_to_pose", returns)["verdict"] == "supported"
-    assert examine_solving("h", "move_to_pose", returns - 200)["verdict"] == "contradicted"
+    assert examine_solving("h", "move_to_pose", returns).decided.verdict == "supported"
+    assert examine_solving("h", "move_to_pose", returns - 200).decided.verdict == "contradicted"
     almost = examine_solving("h", "move_to_pose", np.full(6, 899.6))
-    assert almost["verdict"] == "contradicted"
+    assert almost.decided.verdict == "contradicted"
 
 
 def test_cells_of_other_robots_or_algorithms_are_not_compared(fabric):
@@ -103,11 +107,11 @@ def test_cells_of_other_robots_or_algorithms_are_not_compared(fabric):
     assert not findings(fabric, "a")
     assert not findings(fabric, "e")
     unchanged = ["face_direction PPO dae12", "face_direction TD3 full"]
-    assert [found["compared"] for found in findings(fabric, "g")] == unchanged
+    assert [found.compared for found in findings(fabric, "g")] == unchanged
 
 
 def test_seeds_needed_for_ratio_use_its_logarithm():
     # ln 0.8 = -0.223 of a standard error of 0.2 / 0.8 = 0.25: (2.8016 * 0.25 / 0.223)^2 = 9.85.
     effect = Estimate(0.8, 0.5, 1.2, 0.2)
     decided = decide(effect, 10, 1.0, logarithmic=True)
-    assert [*decided.values()] == ["undecided", 99, "80% power"]
+    assert decided == Decided("undecided", 99, "80% power")

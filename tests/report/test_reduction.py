@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.analysis.decisions import decision_frame
+from jbench.report.analysis.decisions import decision_frame, planned_comparisons
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.encoders import prediction_frame, return_frame
 from jbench.report.frames import Frames
@@ -29,7 +29,9 @@ def learn(fabric, finals=FINALS, **more):
 def verdicts(fabric):
     """Returns the verdicts by representation, baseline and claim."""
     configurations = fabric.configurations()[0]
-    rows = verdict_frame(configurations, decision_frame(configurations)).to_dict("records")
+    rows = verdict_frame(
+        configurations, decision_frame(planned_comparisons(configurations))
+    ).to_dict("records")
     return {(row["representation"], row["against"], row["claim"]): row for row in rows}
 
 

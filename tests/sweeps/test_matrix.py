@@ -54,6 +54,7 @@ def refused_for(cells_in):
         ("fig8", 2, 20),
         ("fig9", 20, 200),
         ("question", 53, 376),
+        ("authors", 27, 223),
         ("robots", 36, 180),
     ],
 )

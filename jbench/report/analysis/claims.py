@@ -3,12 +3,10 @@
 A claim is tested on every pair of configurations to which it applies. The statistic, the value that
 would refute it and the margin are the same for our runs, for the published curves, and for both
 kinds of return.
-
-A finding is a row with the claim's letter, what is compared, the effect (the claim's statistic with
-the deciding interval), the number of seeds, and the columns of `decide`.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from importlib import resources
 from itertools import product
 from typing import Any
@@ -16,22 +14,39 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL
+from jbench.names import FULL, REPRESENTATION, kind_in
+from jbench.report.analysis.baselines import with_baselines
+from jbench.report.analysis.decisions import Planned
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Scores, seed_scores
 from jbench.report.data.configuration import OWN, Configuration, differing_in
 from jbench.report.data.returns import EVALUATION, SOLVED, ratio, rounded, signed, steps, whole
+from jbench.settings.recorded import comparable
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import seeds_to_decide
 from jbench.studies.deciding import MARGIN
+from jbench.studies.study import RAW
 
 COLUMNS = [
-    *("claim", "statement", "test", "source", "returns", "compared", "seeds", "steps"),
-    *("effect", "low", "high", "by_episodes", "verdict", "seeds_needed", "seeds_needed_by"),
-    *("remark", "text"),
+    "claim",
+    "statement",
+    "test",
+    "source",
+    "returns",
+    "compared",
+    "seeds",
+    "steps",
+    "effect",
+    "low",
+    "high",
+    "by_episodes",
+    "verdict",
+    "seeds_needed",
+    "seeds_needed_by",
+    "remark",
+    "text",
 ]
 
-_REDUCED = "dae12"  # the paper's reduced order: 12 latents of a denoising autoencoder
 _OFF_POLICY, _ON_POLICY = ("ddpg", "sac", "td3"), "ppo"
 _HARDER, _EASIER = "move_in_direction", "face_direction"  # the tasks of Figures 8 and 7
 # Median return of random actions in 100 episodes (`jbench evaluate random`).
@@ -43,10 +58,74 @@ _STATISTICS = {
     "c": (IQM_DIFFERENCE, "area"),
     "e": (st.difference(st.median), "final"),
     "f": (st.ratio(st.standard_deviation), "final"),
-}  # of each claim on two configurations, and the scores of which it is
+}
+"""Of each claim on two configurations, and the scores of which it is."""
 
-Row = dict[str, Any]  # columns of a row of `claim_frame`
-UNDECIDED: Row = {"verdict": "undecided", "seeds_needed": None, "seeds_needed_by": ""}
+_RATIOS = ("b", "f")
+"""Claims whose effect is a ratio."""
+
+_FORMS: dict[str, Callable[[float], str]] = {"b": ratio, "f": ratio, "g": whole, "h": whole}
+"""How effects read in texts; those of other claims are differences."""
+
+
+@dataclass(frozen=True)
+class Decided:
+    """The verdict on a claim, and how many seeds would decide it.
+
+    Attributes:
+        verdict: supported, contradicted, or undecided.
+        seeds_needed: per configuration, if the effect is as now estimated; None if it is decided
+            or no number is known.
+        seeds_needed_by: a power of 80%, or the rule that fewer than six decide nothing.
+    """
+
+    verdict: str = "undecided"
+    seeds_needed: int | None = None
+    seeds_needed_by: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What runs say about a claim.
+
+    Attributes:
+        claim: its letter.
+        effect: the claim's statistic with the deciding interval.
+        seeds: the smaller number of the configurations.
+        steps: control steps at which they are compared; None for policies.
+        by_episodes: the effect that episodes alone would cause if all agents of a configuration
+            had the same expected return; NaN if it is unknown.
+    """
+
+    claim: str
+    compared: str
+    effect: st.Estimate
+    seeds: int
+    decided: Decided
+    returns: str = EVALUATION
+    source: str = OWN
+    steps: int | None = None
+    by_episodes: float = np.nan
+    remark: str = ""
+
+    def row(self) -> dict[str, Any]:
+        """Returns the columns of `claim_frame` that a finding has."""
+        return {
+            "claim": self.claim,
+            "source": self.source,
+            "returns": self.returns,
+            "compared": self.compared,
+            "seeds": self.seeds,
+            "steps": self.steps,
+            "effect": self.effect.value,
+            "low": self.effect.low,
+            "high": self.effect.high,
+            "by_episodes": self.by_episodes,
+            "verdict": self.decided.verdict,
+            "seeds_needed": self.decided.seeds_needed,
+            "seeds_needed_by": self.decided.seeds_needed_by,
+            "remark": self.remark,
+        }
 
 
 def paper_claims() -> pd.DataFrame:
@@ -55,19 +134,29 @@ def paper_claims() -> pd.DataFrame:
     return pd.read_csv(str(file), index_col="claim")
 
 
-def claim_frame(findings: Iterable[dict[Any, Any]]) -> pd.DataFrame:
-    """Returns a row per comparison that tests a claim of the paper, in the order of the claims."""
-    usual: Row = {"source": OWN, "by_episodes": np.nan, "remark": ""} | UNDECIDED
+def claim_frame(
+    findings: Iterable[Finding] = (), published: Iterable[dict[Any, Any]] = ()
+) -> pd.DataFrame:
+    """Returns a row per comparison that tests a claim of the paper, in the order of the claims.
+
+    Published findings are rows of `published_findings`.
+    """
     claims = paper_claims()
-    rows = [usual | claims.loc[finding["claim"]].to_dict() | finding for finding in findings]
+    usual = {"by_episodes": np.nan, "seeds_needed": None, "seeds_needed_by": "", "remark": ""}
+    rows = [finding.row() for finding in findings] + [usual | row for row in published]
+    rows = [claims.loc[row["claim"]].to_dict() | row for row in rows]
     for row in rows:
-        form = ratio if row["claim"] in "bf" else whole if row["claim"] in "gh" else signed
-        value, *ends = (row[name] for name in ("effect", "low", "high"))
-        interval = f" [{', '.join(map(form, ends))}]" if np.isfinite(ends).all() else ""
-        known = "unknown" if np.isnan(value) else form(value)
-        row["text"] = f"{row['verdict']}: {known}{interval}"
+        row["text"] = _text(row)
     rows.sort(key=lambda row: str(row["claim"]))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64", "seeds_needed": "Int64"})
+
+
+def _text(row: dict[str, Any]) -> str:
+    form = _FORMS.get(row["claim"], signed)
+    value, low, high = row["effect"], row["low"], row["high"]
+    known = "unknown" if np.isnan(value) else form(value)
+    interval = f" [{form(low)}, {form(high)}]" if np.isfinite([low, high]).all() else ""
+    return f"{row['verdict']}: {known}{interval}"
 
 
 def published_findings(task: str | None, algo: str | None) -> list[dict[Any, Any]]:
@@ -92,12 +181,8 @@ def decide(
     *,
     outer: st.Estimate | None = None,
     logarithmic: bool = False,
-) -> Row:
+) -> Decided:
     """Returns the verdict on a claim that an effect is between two numbers, and the seeds needed.
-
-    Columns: verdict (supported, contradicted, undecided), seeds_needed (per configuration, if the
-    effect is as now estimated; None if it is decided or no number is known) and seeds_needed_by: a
-    power of 80%, or the rule that fewer than six decide nothing.
 
     Args:
         effect: with the interval that supports the claim.
@@ -107,125 +192,175 @@ def decide(
     against = outer or effect
     if seeds >= st.DECIDING_SEEDS:
         if effect.low > low and (effect.high < high or np.isinf(high)):
-            return UNDECIDED | {"verdict": "supported"}
+            return Decided("supported")
         if against.high < low or against.low > high:
-            return UNDECIDED | {"verdict": "contradicted"}
-    distance, error = min(effect.value - low, high - effect.value), effect.standard_error
+            return Decided("contradicted")
+
+    distance = min(effect.value - low, high - effect.value)
+    error = effect.standard_error
     if logarithmic and effect.value > 0:
-        distance, error = np.log(effect.value / low), error / effect.value
+        distance = float(np.log(effect.value / low))
+        error = error / effect.value
     needed = seeds_to_decide(distance, error, seeds)
     if needed is None:
-        return UNDECIDED
-    rule = "80% power"
+        return Decided()
     if seeds < st.DECIDING_SEEDS and needed <= st.DECIDING_SEEDS:
-        needed, rule = st.DECIDING_SEEDS, "six-seed rule"
-    return UNDECIDED | {"seeds_needed": needed, "seeds_needed_by": rule}
+        return Decided(seeds_needed=st.DECIDING_SEEDS, seeds_needed_by="six-seed rule")
+    return Decided(seeds_needed=needed, seeds_needed_by="80% power")
 
 
-def decide_solved(median: st.Estimate, seeds: int) -> Row:
+def decide_solved(median: st.Estimate, seeds: int) -> Decided:
     """Returns the verdict on a median return of `SOLVED` or more; see `decide`."""
     return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task
 
 
-def examine(configurations: Sequence[Configuration]) -> Iterator[Row]:
+def examine(
+    configurations: Sequence[Configuration], planned: Sequence[Sequence[Planned]] = ()
+) -> Iterator[Finding]:
     """Yields findings on the claims (a) to (g), from configurations of one kind of return.
 
     Two of them are compared if they have the same source, use the plain robot, and differ only in
-    what the claim is about.
+    what the claim is about. The full observation is that of the task (`full`), or as a study names
+    it, in SI units (`raw`).
     """
     plain = [config for config in configurations if not config.robots]
     reduced = [
-        Pair(ours, full)
-        for group in differing_in(plain, "representation")
-        for full, ours in product(group, repeat=2)
-        if (full.representation, ours.representation) == (FULL, _REDUCED)
+        pair
+        for pair in with_baselines(plain, planned)
+        if _is_reduced(pair.ours.representation)
+        and kind_in(pair.theirs.representation) in (FULL, RAW)
     ]
     for pair in reduced:
-        yield from (_on_pair(claim, pair, FULL) for claim in "abc")
+        for claim in "abc":
+            yield _on_pair(claim, pair, kind_in(pair.theirs.representation))
     for harder, easier in product(reduced, repeat=2):
-        named = (harder.theirs.task, easier.theirs.task) == (_HARDER, _EASIER)
-        if named and differing_in([harder.theirs, easier.theirs], "task"):
+        if _differ_in_task(harder, easier):
             yield _on_gain(harder, easier)
+
     for group in differing_in(plain, "algo"):
         firsts = {config.algo: config for config in reversed(group)}
         for other, ppo in product(group, repeat=2):
             named = other.algo in _OFF_POLICY and ppo.algo == _ON_POLICY
             # Two variants are compared only with the first one of the other algorithm.
             if named and (other is firsts[other.algo] or ppo is firsts[ppo.algo]):
-                yield from (_on_pair(claim, Pair(other, ppo), _ON_POLICY) for claim in "ef")
+                for claim in "ef":
+                    yield _on_pair(claim, Pair(other, ppo), _ON_POLICY)
+
     for config in plain:
         if config.has_solved_return:
             final = seed_scores(config, int(config.last_step)).final
-            yield examine_solving("g", config.name, final) | _common(config)
+            returns, source, at, remark = _common(config)
+            finding = examine_solving("g", config.name, final)
+            yield replace(finding, returns=returns, source=source, steps=at, remark=remark)
 
 
-def examine_solving(claim: str, compared: str, returns: FloatArray) -> Row:
+def examine_solving(claim: str, compared: str, returns: FloatArray) -> Finding:
     """Returns the finding on (g) from final returns (seeds,), or on (h) from those of episodes."""
-    effect, count = st.estimate(st.median, [returns]), len(returns)
-    row = _finding(claim, compared, effect, count) | {"returns": EVALUATION}
-    return row | decide_solved(effect, count)
+    effect = st.estimate(st.median, [returns])
+    count = len(returns)
+    return Finding(claim, compared, effect, count, decide_solved(effect, count))
 
 
-def _finding(claim: str, compared: str, effect: st.Estimate, seeds: int) -> Row:
-    row: Row = {"claim": claim, "compared": compared, "seeds": seeds}
-    return row | {"effect": effect.value, "low": effect.low, "high": effect.high}
+def _is_reduced(representation: str) -> bool:
+    """Returns whether this is the paper's reduced order: 12 latents of a denoising autoencoder.
+
+    Its features and its training may be any; its latents are as the encoder makes them.
+    """
+    match = REPRESENTATION.fullmatch(representation)
+    return (
+        match is not None
+        and (match["kind"], match["latents"]) == ("dae", "12")
+        and not (match["scale"] or match["rescale"])
+    )
 
 
-def _common(*compared: Configuration) -> Row:
-    """Returns some columns, with a remark if some seeds have fewer control steps than others."""
+def _differ_in_task(harder: Pair, easier: Pair) -> bool:
+    """Returns whether two pairs of the tasks of (d) have the same settings and the same design.
+
+    The features of the observation follow from the task; a design is one encoder for all agents,
+    or one for each.
+    """
+    settings = [side.settings for side in (harder.theirs, easier.theirs)]
+    draws = [getattr(pair.ours.settings, "encoder_draws", None) for pair in (harder, easier)]
+    kinds = {kind_in(pair.theirs.representation) for pair in (harder, easier)}
+    first, other = (comparable(run, "task", "representation") for run in settings)
+    return (
+        (harder.theirs.task, easier.theirs.task) == (_HARDER, _EASIER)
+        and harder.theirs.source == easier.theirs.source
+        and first == other
+        and len(kinds) == 1
+        and (draws[0] is None) == (draws[1] is None)
+    )
+
+
+def _common(*compared: Configuration) -> tuple[str, str, int, str]:
+    """Returns kind of return, source, control steps, and a remark if some seeds have fewer."""
     common = min(config.last_step for config in compared)
     longest = max(config.longest for config in compared)
     reached = f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
-    row = {"returns": compared[0].kind, "source": compared[0].source, "steps": int(common)}
-    return row | {"remark": "" if common == longest else reached}
+    first = compared[0]
+    return first.kind, first.source, int(common), "" if common == longest else reached
 
 
-def _on_pair(claim: str, pair: Pair, baseline: str) -> Row:
+def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
     sample = pair.sample(*_STATISTICS[claim])
     effect = outer = sample.estimate()
-    low, high = (1.0, np.inf) if claim in "bf" else (0.0, np.inf)
+    low, high = (1.0, np.inf) if claim in _RATIOS else (0.0, np.inf)
     if claim == "a":  # two one-sided tests at 5%
-        effect, low, high = sample.estimate(0.9), -MARGIN, MARGIN
-    decided = decide(effect, pair.seeds, low, high, outer=outer, logarithmic=claim in "bf")
-    row = _finding(claim, f"{pair.ours.name} against {baseline}", effect, pair.seeds)
-    row |= _common(*pair.sides) | decided
-    return row | _without_episodes(row, pair) if claim in "bf" else row
+        effect = sample.estimate(0.9)
+        low, high = -MARGIN, MARGIN
+    decided = decide(effect, pair.seeds, low, high, outer=outer, logarithmic=claim in _RATIOS)
+
+    compared = f"{pair.ours.name} against {baseline}"
+    returns, source, at, remark = _common(*pair.sides)
+    finding = Finding(
+        claim, compared, effect, pair.seeds, decided, returns, source, at, remark=remark
+    )
+    return _without_episodes(finding, pair) if claim in _RATIOS else finding
 
 
-def _without_episodes(row: Row, pair: Pair) -> Row:
-    """Returns the verdict on a ratio, undecided if the variation of episodes may explain it.
+def _without_episodes(finding: Finding, pair: Pair) -> Finding:
+    """Returns a finding on a ratio, undecided if the variation of episodes may explain it.
 
-    Claim (b) is that the first agents vary less, (f) that they vary more. Column by_episodes: the
-    effect that episodes alone would cause if all agents of a configuration had the same expected
-    return; NaN if it is unknown.
+    Claim (b) is that the first agents vary less, (f) that they vary more.
     """
-    verdict, remark = row["verdict"], row["remark"]
+    decided, remark = finding.decided, finding.remark
     value, low, high, _ = pair.agents_difference()
-    if not {"supported": low > 0, "contradicted": high < 0}.get(verdict, True):
+    if not {"supported": low > 0, "contradicted": high < 0}.get(decided.verdict, True):
         interval = f"difference {rounded(value)} [{rounded(low)}, {rounded(high)}]"
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
-        verdict, remark = "undecided", "; ".join(filter(None, (reason, remark)))
-    if row["claim"] == "b":
-        verdict = {"supported": "contradicted", "contradicted": "supported"}.get(verdict, verdict)
+        decided = replace(decided, verdict="undecided")
+        remark = "; ".join(filter(None, (reason, remark)))
+    if finding.claim == "b":
+        opposite = {"supported": "contradicted", "contradicted": "supported"}
+        decided = replace(decided, verdict=opposite.get(decided.verdict, decided.verdict))
     ours, theirs = (side.deviation_by_episodes for side in pair.scores)
     by_episodes = ours / theirs if theirs > 0 else np.nan
-    return {"verdict": verdict, "remark": remark, "by_episodes": by_episodes}
+    return replace(finding, decided=decided, remark=remark, by_episodes=by_episodes)
 
 
-def _on_gain(harder: Pair, easier: Pair) -> Row:
+def _on_gain(harder: Pair, easier: Pair) -> Finding:
     scores = [*harder.scores, *easier.scores]
     effect = st.estimate(
         lambda *areas: IQM_DIFFERENCE(*areas[:2]) - IQM_DIFFERENCE(*areas[2:]),
         *([side.area] for side in scores),
     )
-    seeds, first = min(harder.seeds, easier.seeds), harder.theirs
+    seeds = min(harder.seeds, easier.seeds)
     untested = _no_gain_to_compare(scores)
-    name = ", ".join(filter(None, (first.algo, first.words)))
-    common, other = (_common(*pair.sides) for pair in (harder, easier))
-    row = _finding("d", f"{name}: {_HARDER} against {_EASIER}", effect, seeds) | common
-    row["steps"] = min(harder.control_steps, easier.control_steps)
-    row["remark"] = "; ".join(filter(None, (untested, common["remark"], other["remark"])))
-    return row | (UNDECIDED if untested else decide(effect, seeds, 0))
+    words = ", ".join(filter(None, (harder.ours.algo, harder.ours.words)))
+    returns, source, _, remark = _common(*harder.sides)
+    *_, other = _common(*easier.sides)
+    return Finding(
+        claim="d",
+        compared=f"{words}: {_HARDER} against {_EASIER}",
+        effect=effect,
+        seeds=seeds,
+        decided=Decided() if untested else decide(effect, seeds, 0),
+        returns=returns,
+        source=source,
+        steps=min(harder.control_steps, easier.control_steps),
+        remark="; ".join(filter(None, (untested, remark, other))),
+    )
 
 
 def _no_gain_to_compare(scores: Sequence[Scores]) -> str:

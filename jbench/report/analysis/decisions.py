@@ -1,6 +1,7 @@
 """Decisions of the group-sequential test on the comparisons that the shipped studies plan."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -32,22 +33,42 @@ ByKind = Mapping[ReturnsName, Configuration]
 """The configurations of some runs by kind of return."""
 
 
-def decision_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
-    """Returns the decisions of the group-sequential test on the comparisons of shipped studies.
+@dataclass(frozen=True)
+class Planned:
+    """A comparison that a study plans, with the configurations of its arms.
 
-    These are the comparisons of `jbench sweep STUDY --until-decided` that have a block of seeds.
-    The interval of the difference is a repeated one, and spent a part of the error rate, which
-    each study has for itself. against_words are the settings of the second side that differ from
-    the defaults.
+    Attributes:
+        study: name of its file.
+        first, second: empty if the results have no runs of the arm.
     """
-    rows: list[dict[str, Any]] = []
+
+    study: str
+    comparison: PlannedComparison
+    first: ByKind
+    second: ByKind
+
+    @property
+    def kind(self) -> ReturnsName | None:
+        """What is compared: evaluations, or training if not both have them; None without runs."""
+        for kind in (EVALUATION, TRAINING):
+            if kind in self.first and kind in self.second:
+                return kind
+        return None
+
+
+def planned_comparisons(configurations: Sequence[Configuration]) -> list[list[Planned]]:
+    """Returns the comparisons of each shipped study, once for each source of runs."""
     studies = shipped_studies()
-    sources = dict.fromkeys(config.source for config in configurations)
-    for source in sources:
+    found = []
+    for source in dict.fromkeys(config.source for config in configurations):
         by_key = _by_key([config for config in configurations if config.source == source])
         for study, comparisons in studies.items():
-            rows += _decided(study, comparisons, by_key)
-    return pd.DataFrame(rows, columns=DECISIONS)
+            matched = [
+                Planned(study, one, by_key.get(one.first.key, {}), by_key.get(one.second.key, {}))
+                for one in comparisons
+            ]
+            found.append(matched)
+    return found
 
 
 def _by_key(configurations: Iterable[Configuration]) -> dict[str, ByKind]:
@@ -62,6 +83,7 @@ def _by_key(configurations: Iterable[Configuration]) -> dict[str, ByKind]:
             for steps in dict.fromkeys(config.steps):
                 key = run_key(config.settings, int(steps))
                 found.setdefault(key, []).append(config)
+
     by_key: dict[str, ByKind] = {}
     for key, configs in found.items():
         by_kind = {config.kind: config for config in configs}
@@ -70,29 +92,40 @@ def _by_key(configurations: Iterable[Configuration]) -> dict[str, ByKind]:
     return by_key
 
 
-def _decided(
-    study: str, comparisons: Sequence[PlannedComparison], by_key: Mapping[str, ByKind]
-) -> Iterator[dict[str, Any]]:
+def decision_frame(planned: Sequence[Sequence[Planned]]) -> pd.DataFrame:
+    """Returns the decisions of the group-sequential test on the comparisons of studies.
+
+    These are the comparisons of `jbench sweep STUDY --until-decided` that have a block of seeds.
+    The interval of the difference is a repeated one, and spent a part of the error rate, which
+    each study has for itself. against_words are the settings of the second side that differ from
+    the defaults.
+    """
+    rows = [row for study in planned for row in _decided(study)]
+    return pd.DataFrame(rows, columns=DECISIONS)
+
+
+def _decided(study: Sequence[Planned]) -> Iterator[dict[str, Any]]:
     """Yields a row for each comparison of a study that has a block of seeds."""
-    sides = [(by_key.get(one.first.key, {}), by_key.get(one.second.key, {})) for one in comparisons]
+    comparisons = [planned.comparison for planned in study]
     returns = [
-        (_returns(ours, one.first, one.claim), _returns(theirs, one.second, one.claim))
-        for one, (ours, theirs) in zip(comparisons, sides, strict=True)
+        (
+            _returns(planned.first, planned.comparison.first, planned.comparison.claim),
+            _returns(planned.second, planned.comparison.second, planned.comparison.claim),
+        )
+        for planned in study
     ]
-    decisions = decide(comparisons, returns)
-    for one, (ours, theirs), decision in zip(comparisons, sides, decisions, strict=True):
-        if decision.seeds:
-            kind = EVALUATION if EVALUATION in ours and EVALUATION in theirs else TRAINING
-            first, second = ours[kind], theirs[kind]
+    for planned, decision in zip(study, decide(comparisons, returns), strict=True):
+        if planned.kind is not None and decision.seeds:
+            first, second = planned.first[planned.kind], planned.second[planned.kind]
             yield {
                 **first.identity,
                 **decision._asdict(),
-                "study": study,
-                "claim": one.claim,
+                "study": planned.study,
+                "claim": planned.comparison.claim,
                 "baseline": second.configuration,
                 "against": second.identity["representation"],
                 "against_words": second.words,
-                "verdict": decided_word(decision.verdict, one.claim),
+                "verdict": decided_word(decision.verdict, planned.comparison.claim),
             }
 
 

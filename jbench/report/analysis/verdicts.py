@@ -1,4 +1,4 @@
-"""Verdicts on representations: each reduced one, and `scaled`, against the baselines.
+"""Verdicts on representations against those that reduce nothing.
 
 Comparisons that a shipped study plans have the verdict of its group-sequential test; the others are
 corrected for their number.
@@ -7,18 +7,18 @@ An encoder scales its inputs before it reduces them. A difference from `full` is
 scaling and reduction together; `scaled` is the observation with the same scaling.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import pandas as pd
 
-from jbench.names import FULL, kind_in
+from jbench.report.analysis.baselines import with_baselines
+from jbench.report.analysis.decisions import Planned
 from jbench.report.analysis.judging import SEQUENTIAL, Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair
-from jbench.report.data.configuration import ID, Configuration, differing_in, with_returns
+from jbench.report.data.configuration import ID, Configuration, with_returns
 from jbench.report.data.returns import KINDS
 from jbench.statistics import bootstrap as st
 from jbench.studies.deciding import WORDS
-from jbench.studies.study import BASELINES, SCALED
 
 VERDICTS = [
     *ID,
@@ -40,7 +40,11 @@ VERDICTS = [
 _KEYS = ["configuration", "baseline", "claim", "returns"]
 
 
-def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFrame) -> pd.DataFrame:
+def verdict_frame(
+    configurations: Sequence[Configuration],
+    decisions: pd.DataFrame,
+    planned: Sequence[Sequence[Planned]] = (),
+) -> pd.DataFrame:
     """Returns the verdicts on each reduced representation, and on `scaled`, the effect of scaling.
 
     The claims are (a) final return, (b) variability of three or more seeds and (c) speed. baseline
@@ -51,7 +55,7 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
     for kind in KINDS:
         asked = [
             _comparison(claim, pair)
-            for pair in _pairs(with_returns(configurations, kind))
+            for pair in with_baselines(with_returns(configurations, kind), planned)
             for claim in WORDS
             if claim != "b" or min(len(config.seeds) for config in pair.sides) >= st.MIN_SEEDS
         ]
@@ -64,14 +68,6 @@ def verdict_frame(configurations: Sequence[Configuration], decisions: pd.DataFra
             judge([one for one in asked if one.claim == claim and one.judgment is None])
         every += asked
     return pd.DataFrame([comparison.row() for comparison in every], columns=VERDICTS)
-
-
-def _pairs(configurations: Sequence[Configuration]) -> Iterator[Pair]:
-    for group in differing_in(configurations, "representation"):
-        baselines = {kind_in(config.representation): config for config in reversed(group)}
-        for ours in group:
-            others = {FULL: (), SCALED: (FULL,)}.get(kind_in(ours.representation), BASELINES)
-            yield from (Pair(ours, baselines[name]) for name in others if name in baselines)
 
 
 def _comparison(claim: str, pair: Pair) -> Comparison:

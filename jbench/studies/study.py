@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from typing import Annotated, Any, Literal
 
@@ -126,6 +127,7 @@ def read_entries(name: str) -> dict[str, Entry]:
     }
 
 
+@cache
 def shipped_studies() -> dict[str, list[PlannedComparison]]:
     """Returns the comparisons of the shipped files that list some, by the names of the files."""
     return {

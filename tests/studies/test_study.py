@@ -103,6 +103,7 @@ def recorded(**changes):
         "seed": 3,
         "steps": 2000,
         "evaluate_every": 1000,
+        "evaluate_episodes": 10,
         "hyperparameters": algorithm_settings("td3").model_dump(mode="json"),
     }
     return RunSettings(**{**values, **changes})
@@ -146,4 +147,4 @@ def test_shipped_studies_spend_no_more_than_their_error_rate():
     studies = shipped_studies()
     assert {*studies} <= {*SWEEPS}
     for comparisons in studies.values():
-        assert sum(comparison.share for comparison in comparisons) == pytest.approx(0.05)
+        assert 0 < sum(comparison.share for comparison in comparisons) < 0.05 + 1e-9

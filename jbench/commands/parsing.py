@@ -115,3 +115,8 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
             with contextlib.suppress(ValueError):  # also of thousands of digits
                 overrides[name] = json.loads(written)
     return overrides
+
+
+def comma_separated(text: str | None) -> list[str]:
+    """Returns the names in a text such as face_direction,dae12; none for None."""
+    return [] if text is None else [name.strip() for name in text.split(",")]

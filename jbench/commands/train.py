@@ -191,8 +191,7 @@ def sweep(
     chosen = names.parse_numbers(seeds) if seeds is not None else None
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
-    if only is not None:
-        parts = only_some(parts, [name.strip() for name in only.split(",")])
+    parts = only_some(parts, parsing.comma_separated(only))
     train_on = _device(executor, address, gpus_per_task, parts.values(), device)
     at_once = jobs or default_jobs(train_on)
     worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}

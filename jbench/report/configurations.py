@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.names import kind_in, shown_representation
-from jbench.report.analysis.claims import decide_solved
+from jbench.report.analysis.findings import decide_solved
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, long_frame
 from jbench.report.data.curves import NAMES, Curve, SeedCurve, best_median, centers

@@ -10,7 +10,8 @@ import pandas as pd
 
 from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
-from jbench.report.analysis.claims import Finding, examine_solving
+from jbench.report.analysis.claims import examine_solving
+from jbench.report.analysis.findings import Finding
 from jbench.report.data.configuration import Part, in_order, long_frame
 from jbench.statistics import FloatArray
 from jbench.store import Record, Results

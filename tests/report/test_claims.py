@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jbench.report.analysis.claims import Decided, decide, examine, examine_solving
+from jbench.report.analysis.claims import examine, examine_solving
+from jbench.report.analysis.findings import Decided, decide
 from jbench.statistics.bootstrap import Estimate
 
 

@@ -1,0 +1,112 @@
+"""Findings of runs on a claim of the paper: effect, verdict, and the seeds that would decide it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jbench.report.data.configuration import OWN
+from jbench.report.data.returns import EVALUATION, SOLVED
+from jbench.statistics import bootstrap as st
+from jbench.statistics.agents import seeds_to_decide
+
+
+@dataclass(frozen=True)
+class Decided:
+    """The verdict on a claim, and how many seeds would decide it.
+
+    Attributes:
+        verdict: supported, contradicted, or undecided.
+        seeds_needed: per configuration, if the effect is as now estimated; None if it is decided
+            or no number is known.
+        seeds_needed_by: a power of 80%, or the rule that fewer than six decide nothing.
+    """
+
+    verdict: str = "undecided"
+    seeds_needed: int | None = None
+    seeds_needed_by: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What runs say about a claim.
+
+    Attributes:
+        claim: its letter.
+        effect: the claim's statistic with the deciding interval.
+        seeds: the smaller number of the configurations.
+        steps: control steps at which they are compared; None for policies.
+        by_episodes: the effect that episodes alone would cause if all agents of a configuration
+            had the same expected return; NaN if it is unknown.
+    """
+
+    claim: str
+    compared: str
+    effect: st.Estimate
+    seeds: int
+    decided: Decided
+    returns: str = EVALUATION
+    source: str = OWN
+    steps: int | None = None
+    by_episodes: float = np.nan
+    remark: str = ""
+
+    def row(self) -> dict[str, Any]:
+        """Returns the columns of `claim_frame` that a finding has."""
+        return {
+            "claim": self.claim,
+            "source": self.source,
+            "returns": self.returns,
+            "compared": self.compared,
+            "seeds": self.seeds,
+            "steps": self.steps,
+            "effect": self.effect.value,
+            "low": self.effect.low,
+            "high": self.effect.high,
+            "by_episodes": self.by_episodes,
+            "verdict": self.decided.verdict,
+            "seeds_needed": self.decided.seeds_needed,
+            "seeds_needed_by": self.decided.seeds_needed_by,
+            "remark": self.remark,
+        }
+
+
+def decide(
+    effect: st.Estimate,
+    seeds: int,
+    low: float = -np.inf,
+    high: float = np.inf,
+    *,
+    outer: st.Estimate | None = None,
+    logarithmic: bool = False,
+) -> Decided:
+    """Returns the verdict on a claim that an effect is between two numbers, and the seeds needed.
+
+    Args:
+        effect: with the interval that supports the claim.
+        outer: the effect with the interval that contradicts it, if it is another one.
+        logarithmic: whether the effect is a ratio, whose distance from `low` is logarithmic.
+    """
+    against = outer or effect
+    if seeds >= st.DECIDING_SEEDS:
+        if effect.low > low and (effect.high < high or np.isinf(high)):
+            return Decided("supported")
+        if against.high < low or against.low > high:
+            return Decided("contradicted")
+
+    distance = min(effect.value - low, high - effect.value)
+    error = effect.standard_error
+    if logarithmic and effect.value > 0:
+        distance = float(np.log(effect.value / low))
+        error = error / effect.value
+    needed = seeds_to_decide(distance, error, seeds)
+    if needed is None:
+        return Decided()
+    if seeds < st.DECIDING_SEEDS and needed <= st.DECIDING_SEEDS:
+        return Decided(seeds_needed=st.DECIDING_SEEDS, seeds_needed_by="six-seed rule")
+    return Decided(seeds_needed=needed, seeds_needed_by="80% power")
+
+
+def decide_solved(median: st.Estimate, seeds: int) -> Decided:
+    """Returns the verdict on a median return of `SOLVED` or more; see `decide`."""
+    return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task

@@ -10,10 +10,11 @@ import re
 import sys
 from collections.abc import Callable, Collection, Mapping
 from hashlib import sha256
-from importlib.metadata import EntryPoint, entry_points, packages_distributions, version
+from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
 from typing import Any
 
+from jbench import sources
 from jbench.errors import RequestError, WorkError
 from jbench.names import closest
 
@@ -58,8 +59,7 @@ def imported(what: str, name: str) -> Any:
     raises an error.
     """
     module_name, _, attribute = name.partition(":")
-    if (here := os.getcwd()) not in sys.path and "" not in sys.path:
-        sys.path.insert(0, here)
+    _find_working_directory()
     try:
         exists = importlib.util.find_spec(module_name) is not None
     except ModuleNotFoundError:  # of a parent package
@@ -80,22 +80,55 @@ def imported(what: str, name: str) -> Any:
     return getattr(module, attribute)
 
 
+def _find_working_directory() -> None:
+    if (here := os.getcwd()) not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)
+
+
 def made_with(package: str | None) -> dict[str, str | None]:
     """Returns provenance of an installed distribution: its version; none for None."""
     return {} if package is None else {"package": f"{package} {version(package)}"}
 
 
-def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, str | None]:
-    """Returns provenance of the code of others: a distribution's version, or a module's checksum.
+def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]:
+    """Returns provenance of the code of others: what is installed, and checksums of its files.
 
+    It is the version of a distribution, or the checksum of a module's bytes, and `source_files`.
     The name is one among the entry points, or MODULE:NAME, which is imported, and raises as
-    `imported`.
+    `imported` and `load`.
     """
+    if is_imported(name):
+        imported(what, name)
+        module = name.partition(":")[0]
+        made = _where_from(module)
+    else:
+        load(what, points[name])
+        module = points[name].module
+        made = made_with(distribution(points[name]))
+    files = sources.source_files(module)
+    return {**made, "sources": files} if files else made
+
+
+def files_at_hand(name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]:
+    """Returns what `provenance` does of files, without importing them; {} if there are none.
+
+    The name may be that of anything: another person may have recorded it.
+    """
+    _find_working_directory()
+    if name in points:
+        return {"sources": sources.source_files(points[name].module)}
     if not is_imported(name):
-        return made_with(distribution(points[name]))
-    imported(what, name)
+        return {}
     module = name.partition(":")[0]
-    if packages := packages_distributions().get(module.partition(".")[0]):
+    path = sources.module_file(module)
+    if path is None or not path.is_file():
+        return {}
+    made: dict[str, Any] = {"source_sha256": sha256(path.read_bytes()).hexdigest()}
+    return {**made, "sources": sources.source_files(module)}
+
+
+def _where_from(module: str) -> dict[str, str | None]:
+    if packages := sources.installed_packages().get(module.partition(".")[0]):
         return made_with(packages[0])
     file = getattr(sys.modules[module], "__file__", None)
     return {} if file is None else {"source_sha256": sha256(Path(file).read_bytes()).hexdigest()}

@@ -17,6 +17,7 @@ from jbench.names import TASKS, Base, Engine, known
 from jbench.settings.algorithms import SETTINGS, OffPolicySettings, algorithm_settings, default_base
 from jbench.settings.base import Settings, canonical_json, omissible, settings_with
 from jbench.settings.run import RunSettings
+from jbench.sources import checksum
 
 _GROUPS: dict[str, tuple[str, Any, Any, str]] = {
     "jbench.agents": ("agent", Agent, AgentSettings, " with explore, act and learn"),
@@ -184,6 +185,7 @@ def algorithm_fields(
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
         "package": None if plugins.is_imported(algo) else plugins.distribution(_entry_point(algo)),
+        "sources": checksum(algorithm_provenance(algo).get("sources", {})),
     }
 
 
@@ -192,7 +194,7 @@ def hyperparameters(run: RunSettings) -> Settings:
     return settings_with(settings_class(run.algo), run.algo, run.hyperparameters)
 
 
-def algorithm_provenance(algo: str) -> dict[str, str | None]:
+def algorithm_provenance(algo: str) -> dict[str, Any]:
     """Returns provenance of the code of an algorithm; none for those of jbench."""
     if algo in SETTINGS:
         return {}

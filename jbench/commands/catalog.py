@@ -94,13 +94,19 @@ def collect(
 ) -> None:
     """Collect a dataset of random actions, of the Jitterbug or another robot."""
     from jbench.datasets import collect as collect_dataset
+    from jbench.datasets import plan_dataset
     from jbench.settings.base import validated
+    from jbench.store.planned import sentences
     from jbench.tasks.find import checked_task, dataset_robot, find_task
 
     database = parsing.results_to_write(results)
     robot = {} if task is None else dataset_robot(find_task(task))
     settings = validated(DatasetSettings, "the dataset", **robot, **chosen)
+    plan = plan_dataset(settings, database)
+    settings = plan.settings
     before = database.find("dataset", settings.id)
+    for sentence in sentences(plan.changed) if before is None else ():
+        output.say(sentence)
     if before is None and robot:
         checked_task(settings.robot)
     elif before is not None and before.status == "finished":

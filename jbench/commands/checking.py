@@ -1,6 +1,7 @@
 """Commands that check results: verify, reproduce."""
 
 import os
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -15,6 +16,7 @@ from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
     from jbench.store import Results
+    from jbench.training.present import OtherCode
     from jbench.training.repeat import Repeated
 
 
@@ -23,6 +25,7 @@ def verify(
     reevaluate: bool = Option(
         False, "--reevaluate", help="Also repeat each run's last evaluation with its kept policy."
     ),
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
 ) -> None:
@@ -49,8 +52,10 @@ def verify(
     if checked.left_out:
         count = counted(checked.left_out, "run")
         output.say(f"Not checked: the policy of {count}, which {LEFT_OUT}.")
-    repeated = _reevaluate_all(database) if reevaluate else []
+    others = _show_other_code(database)
+    repeated = _reevaluate_all(database, accept_changed_code) if reevaluate else []
     document = checked._asdict() | {"findings": [flaw._asdict() for flaw in checked.findings]}
+    document["other_code"] = [record._asdict() for record in others]
     if reevaluate:
         document["reevaluations"] = [part._asdict() for part in repeated]
     output.document(document)
@@ -69,7 +74,28 @@ def verify(
         raise WorkError("No run could be compared with its last evaluation.")
 
 
-def _reevaluate_all(database: "Results") -> list["Repeated"]:
+def _show_other_code(database: "Results") -> list["OtherCode"]:
+    """Prints the records whose users' code is not the present one, or not at hand."""
+    from jbench.store.code import have_changed, short_date
+    from jbench.store.manifest import KINDS
+    from jbench.training.present import other_code
+
+    records = [record for kind in KINDS for record in database.scan(kind)[0]]
+    others = list(other_code(records))
+    for other in others:
+        what = (
+            f"{have_changed(other.files)} since then" if other.files else "its code is not at hand"
+        )
+        output.say(f"{other.kind} {other.id}, of {short_date(other.created)}: {what}.")
+    if others:
+        count = counted(len(others), "record")
+        output.say(
+            f"The code of {count} is not the present one: see above; their files are intact."
+        )
+    return others
+
+
+def _reevaluate_all(database: "Results", accept_changed: bool) -> list["Repeated"]:
     """Repeats the last evaluation of every finished run; prints those that aren't equal."""
     from jbench.store.provenance import describe_changes
     from jbench.training.repeat import Repeated, changes_since, reevaluate
@@ -79,7 +105,7 @@ def _reevaluate_all(database: "Results") -> list["Repeated"]:
     with output.progress("reevaluate", len(records), "runs") as progress:
         for done, record in enumerate(records, 1):
             try:
-                outcomes.append(reevaluate(database, record))
+                outcomes.append(reevaluate(database, record, accept_changed))
             except WorkError as error:
                 outcomes.append(Repeated(record.id, "not comparable", str(error)))
             if outcomes[-1].verdict == "different" and (changed := changes_since(record)):
@@ -111,6 +137,7 @@ def reproduce(
         min=0,
         help="Training episodes to repeat, 0 for none (default: up to the agent's first updates).",
     ),
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
 ) -> None:
@@ -120,9 +147,16 @@ def reproduce(
     """
     os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
     from jbench.policies.find import SHIPPED
+    from jbench.store.code import have_changed
     from jbench.store.provenance import describe_changes
     from jbench.store.shipped import shipped_results
-    from jbench.training.repeat import changes_since, default_episodes, reevaluate, retrain
+    from jbench.training.repeat import (
+        changed_code,
+        changes_since,
+        default_episodes,
+        reevaluate,
+        retrain,
+    )
 
     # A shipped run needs no results directory.
     database = shipped_results() if run.startswith(SHIPPED) else parsing.results_to_read(results)
@@ -131,7 +165,10 @@ def reproduce(
         runs = with_results("jbench runs", database.name)
         raise RequestError(f"There is no run {run} in {database.name}; {runs} lists them.")
     episodes = default_episodes(record) if episodes is None else episodes
-    evaluation = reevaluate(database, record) if record.status == "finished" else None
+    code = changed_code(record, database, accept_changed_code)
+    evaluation = None
+    if record.status == "finished":
+        evaluation = reevaluate(database, record, accept_changed_code)
     retraining = None
     if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
         reason = "has not finished" if evaluation is None else "was saved without its policy"
@@ -139,24 +176,35 @@ def reproduce(
     if episodes:
         total = max(1, min(episodes, record.rows("episodes"))) * names.EPISODE_STEPS
         with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
-            retraining = retrain(database, record, episodes, progress)
+            retraining = retrain(database, record, episodes, progress, accept_changed_code)
     changed = changes_since(record)
     unfinished = f"not repeated; the run is {record.status}."
     output.say(f"run {record.id}\n  evaluation: {_sentence(evaluation) or unfinished}")
     output.say(f"  training: {_sentence(retraining) or 'not repeated.'}")
+    if code:
+        output.say(f"  The code has changed: {have_changed(code)} since the run began.")
     if changed:
         output.say(f"  Since the run began, {describe_changes(changed)}.")
     parts = {"evaluation": evaluation, "training": retraining}
     repeated = [part for part in parts.values() if part is not None]
     equal = all(part.verdict != "different" for part in repeated)
     entries = {name: part and part._asdict() for name, part in parts.items()}
-    output.document({"run": record.id, "equal": equal, **entries, "changed": changed})
+    output.document({"run": record.id, "equal": equal, **entries, "changed": changed, "code": code})
     if not equal:
-        why = f"{', '.join(changed)} changed since then, and may round numbers differently"
-        same = "versions and processor are the same, so the record was altered or is incomplete"
-        raise WorkError(f"{record.id} was not reproduced: {why if changed else same}.")
+        raise WorkError(f"{record.id} was not reproduced: {_reason(code, changed)}.")
     if all(part.control_steps is None for part in repeated):
         raise WorkError(f"Nothing of {record.id} could be compared; type --episodes 1 or more.")
+
+
+def _reason(code: Sequence[str], changed: Mapping[str, object]) -> str:
+    """Returns why a run was not reproduced, from the changes of its code and of the versions."""
+    from jbench.store.code import have_changed
+
+    if code:
+        return f"the code has changed: {have_changed(code)}"
+    if changed:
+        return f"{', '.join(changed)} changed since then, and may round numbers differently"
+    return "versions and processor are the same, so the record was altered or is incomplete"
 
 
 def _sentence(part: "Repeated | None") -> str:

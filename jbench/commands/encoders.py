@@ -91,6 +91,7 @@ def train_encoder(
     _planned(kind, given, settings, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
     planned = _planned(kind, given, settings, latent, tasks, seeds, source)
+    planned = _with_recorded_code(planned, database)
     read = lru_cache(1)(partial(States, source, scale=given.get("scale", "dataset")))
     records = [
         _train_one(encoder, read(encoder.task, encoder.seed), database, train_on)
@@ -105,6 +106,19 @@ def train_encoder(
     command = f"jbench train --task {first.task} --encoder {first.representation}{draws}{trial}"
     output.say(f"Next: {with_results(command, results)}")
     output.document({"encoders": [output.described(record) for record in records]})
+
+
+def _with_recorded_code(
+    encoders: Sequence["EncoderSettings"], database: "Results"
+) -> list["EncoderSettings"]:
+    """Returns the settings of encoders as recorded ones of the same code; prints what changed."""
+    from jbench.encoders.training import plan_encoder
+    from jbench.store.planned import say_changed
+
+    plans = [plan_encoder(encoder, database) for encoder in encoders]
+    for sentence in say_changed(plans, database.ids("encoder")):
+        output.say(sentence)
+    return [plan.settings for plan in plans]
 
 
 def _train_one(

@@ -61,6 +61,7 @@ def export(
         help="File of the policy (default: RESULTS/onnx/RUN.onnx), or directory of Minari datasets "
         "(default: RESULTS/minari).",
     ),
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
 ) -> None:
@@ -78,7 +79,7 @@ def export(
     elif run is None:
         raise RequestError("--format onnx exports the policy of a run; type jbench export RUN.")
     else:
-        _policy(run, inputs, out, results)
+        _policy(run, inputs, out, results, accept_changed_code)
 
 
 def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: Path) -> None:
@@ -115,7 +116,9 @@ def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: P
     output.warn_of_damage(read.problems, repair_hint(database.name))
 
 
-def _policy(run: str, inputs: str | None, out: Path | None, results: Path) -> None:
+def _policy(
+    run: str, inputs: str | None, out: Path | None, results: Path, accept_changed: bool
+) -> None:
     for package in ("onnx", "onnxscript"):
         if importlib.util.find_spec(package) is None:
             raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
@@ -129,7 +132,7 @@ def _policy(run: str, inputs: str | None, out: Path | None, results: Path) -> No
     if out is not None:
         check_output(out)
     located, id = locate_run(database, name)
-    agent = load_agent(located, id)
+    agent = load_agent(located, id, accept_changed)
     in_si_units = agent.task in TASK_SPECS if inputs is None else inputs == "si"
     path = out or database.path / "onnx" / f"{id}.onnx"
     difference = export_onnx(agent, id, path, in_si_units)

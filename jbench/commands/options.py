@@ -132,6 +132,12 @@ KEEP_STATE = Option(
     help="Keep the last checkpoint of finished runs, with the replay buffer, so that the same "
     "command with more --steps continues them.",
 )
+ACCEPT_CHANGED_CODE = Option(
+    False,
+    "--accept-changed-code",
+    help="Go on with the present code of a task, encoder or algorithm of yours where a record was "
+    "made with another one. What comes of it is marked.",
+)
 RETRY_FAILED = Option(False, "--retry-failed", help="Retry runs that failed before.")
 LOG = Option(None, help=f"Also write rows to an experiment tracker: {', '.join(names.LOGGERS)}.")
 CHECKPOINT_EVERY = Option(

@@ -24,15 +24,18 @@ def evaluate(
     task: str | None = options.POLICY_TASK,
     target_yaw: float | None = Option(None, help="Target's yaw in degrees (default: random)."),
     threads: int = options.THREADS,
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
     **chosen: Any,
 ) -> None:
     """Run episodes of any policy and save their returns."""
     from jbench.policies.evaluate import evaluate as run_episodes
-    from jbench.policies.find import policy_code
+    from jbench.policies.evaluate import plan_evaluation
+    from jbench.policies.find import changed_code, policy_code, policy_provenance
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
+    from jbench.sources import checksum
     from jbench.task_specs import TASK_SPECS
     from jbench.tasks.find import find_task
 
@@ -50,8 +53,11 @@ def evaluate(
         policy=Path(policy).name if is_sb3_zip(policy) else policy,
         target_yaw=None if target_yaw is None else math.radians(target_yaw),
         code=policy_code(policy),
+        sources=checksum(policy_provenance(policy).get("sources", {})),
+        accepted=changed_code(database, policy) if accept_changed_code else None,
         **chosen,
     )
+    settings = plan_evaluation(settings, database, policy).settings
     before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
@@ -63,7 +69,8 @@ def evaluate(
     mean, worst = returns.to_numpy().mean(), returns.to_numpy().min()
     output.say(
         f"{task}, {policy}: median return {summary['median']:.0f}{tails}, mean {mean:.0f}, "
-        f"worst {worst:.0f}, over {counted(len(returns), 'episode')}; saved in {record.path}"
+        f"worst {worst:.0f}, over {counted(len(returns), 'episode')}{_mark(settings.accepted)}; "
+        f"saved in {record.path}"
     )
     output.document(output.described(record))
 
@@ -83,6 +90,7 @@ def render(
     seed: int = _POSE_SEED,
     steps: int = Option(names.EPISODE_STEPS, min=1, max=names.EPISODE_STEPS, help="Control steps."),
     augment: int | None = options.AUGMENT,
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
 ) -> None:
@@ -90,7 +98,7 @@ def render(
     from jbench.opengl import choose_backend
 
     choose_backend()
-    from jbench.policies.find import find_policy
+    from jbench.policies.find import changed_code, find_policy
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import default_size, render_to_file
 
@@ -99,10 +107,11 @@ def render(
     if camera is not None and task in names.TASKS:
         names.known("camera", camera, names.CAMERAS)
     scene = Scene(task, seed, camera, *default_size(out), augment)
-    runner = find_policy(database, policy, task, seed)
+    runner = find_policy(database, policy, task, seed, accept_changed_code)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
         last = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
-    output.say(f"{out}: {last.time:.1f} s, return {last.episode_return:.0f}")
+    accepted = changed_code(database, policy) if accept_changed_code else None
+    output.say(f"{out}: {last.time:.1f} s, return {last.episode_return:.0f}{_mark(accepted)}")
     output.document({"path": str(out), "episode_return": last.episode_return})
 
 
@@ -111,6 +120,7 @@ def view(
     task: str | None = options.POLICY_TASK,
     seed: int = _POSE_SEED,
     augment: int | None = options.AUGMENT,
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
 ) -> None:
     """Watch a policy in MuJoCo's interactive viewer.
@@ -123,9 +133,13 @@ def view(
 
     database, policy, task = _find(results, policy, task, augment)
     task = task or "move_to_pose"
-    runner = find_policy(database, policy, task, seed)
+    runner = find_policy(database, policy, task, seed, accept_changed_code)
     steps = open_viewer(runner, Scene(task, seed, augment=augment))
     output.say(f"Watched {steps} control steps.")
+
+
+def _mark(accepted: str | None) -> str:
+    return "" if accepted is None else ", with changed code"
 
 
 def _find(

@@ -59,9 +59,12 @@ def runs(
             "error": line["error"],
             "training return": None if line["returns"] == "evaluation" else line["last_return"],
             "evaluation return": line["evaluation_return"],
+            "at the end of training": line["evaluation_return_at_end"],
         }
         for line in lines
     ]
+    if all(line["evaluation_return"] == line["evaluation_return_at_end"] for line in lines):
+        rows = [{n: v for n, v in row.items() if n != "at the end of training"} for row in rows]
     if rows:
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
         values = ([row[name] for name in header] for row in rows)

@@ -53,6 +53,7 @@ def train(
     device: str = options.DEVICE,
     checkpoint_every: float = options.CHECKPOINT_EVERY,
     keep_state: bool = options.KEEP_STATE,
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     log: names.LoggerName | None = options.LOG,
     dry_run: bool = options.DRY_RUN,
     retry_failed: bool = options.RETRY_FAILED,
@@ -67,8 +68,9 @@ def train(
     from jbench.settings.algorithms import default_base
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local, default_jobs
+    from jbench.training.code import plan_runs
     from jbench.training.request import request_runs, training_device
-    from jbench.training.status import failures_among, run_statuses, with_kept_interval
+    from jbench.training.status import with_kept_interval
 
     if task == "all" or "," in task:
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
@@ -88,11 +90,14 @@ def train(
         seeds=names.parse_numbers(seeds),
         base=settings,
         overrides=parsing.parse_overrides(set_),
+        accept_changed=accept_changed_code,
         **chosen,
     )
+    runs, notes = plan_runs(runs, database, accept_changed_code)
     runs = runs if typed_interval else with_kept_interval(runs, database)
     training.check_runs(runs[:1], keep_state)
-    cells = [Cell(task, algo, runs[0].representation, runs, default_base(task, settings))]
+    base = default_base(task, settings)
+    cells = [Cell(task, algo, runs[0].representation, runs, base, notes=tuple(notes))]
     title = counted(len(runs), "run")
     if dry_run:
         most = min(at_once, len(runs))
@@ -104,14 +109,7 @@ def train(
     failures = training.train_cells(
         cells, database, local, log, retry_failed=retry_failed, wait=False
     )
-    statuses = run_statuses(runs, database)
-    failures |= failures_among(statuses)
-    left = [id for id, run in statuses.items() if run.state not in ("finished", "failed")]
-    training.show_runs(runs, database)
-    if len(left) + len(failures) < len(runs):
-        output.say(f"Next: {with_results('jbench report', results)}")
-    output.document({"runs": [run.id for run in runs], "left": left, "failures": failures})
-    training.check_failures(failures, len(runs))
+    training.show_outcome(runs, database, failures)
 
 
 def sweep(
@@ -162,6 +160,7 @@ def sweep(
     device: str = options.DEVICE,
     checkpoint_every: float = options.CHECKPOINT_EVERY,
     keep_state: bool = options.KEEP_STATE,
+    accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     final_episodes: int | None = options.FINAL_EPISODES,
     log: names.LoggerName | None = options.LOG,
     jobs: int = options.JOBS,
@@ -206,7 +205,7 @@ def sweep(
         device=device,
         retry_failed=retry_failed,
     )
-    cells = matrix_cells(parts, database)
+    cells = matrix_cells(parts, database, accept_changed_code)
     training.check_runs([cell.runs[0] for cell in cells], keep_state)
     if until_decided:
         more = None if dry_run else train

@@ -20,8 +20,15 @@ from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
 from jbench.training.events import Event
-from jbench.training.status import State, check_state_can_be_kept, new_beginnings, run_status
-from jbench.wording import counted, duration
+from jbench.training.status import (
+    State,
+    check_state_can_be_kept,
+    failures_among,
+    new_beginnings,
+    run_status,
+    run_statuses,
+)
+from jbench.wording import counted, duration, with_results
 
 
 def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
@@ -97,6 +104,7 @@ _FINAL_RETURNS = (
 def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     """Prints the final returns of each run in the results."""
     rows = []
+    differs = False
     added, problems = added_returns(results, {run.id: run.model_dump() for run in runs})
     for problem in problems:
         output.warn(problem)
@@ -107,12 +115,27 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
                 more = added.get(run.id, ())
                 line = record.reading(partial(line_with_returns, record, more))
                 status = "" if line["status"] == "finished" else f" ({line['status']})"
-                finals = line["last_return"], line["evaluation_return"]
-                means = ("" if mean is None else f"{mean:.0f}" for mean in finals)
-                rows.append((record.id + status, line["episodes"], *means))
+                names = ("last_return", "evaluation_return", "evaluation_return_at_end")
+                means = ["" if line[name] is None else f"{line[name]:.0f}" for name in names]
+                differs = differs or means[1] != means[2]
+                rows.append([record.id + status, line["episodes"], *means])
         except WorkError as error:
             output.warn(str(error))
-    output.table(_FINAL_RETURNS, ("run", "episodes", "training return", "evaluation return"), rows)
+    header = ["run", "episodes", "training return", "evaluation return", "at the end of training"]
+    shown = len(header) if differs else len(header) - 1  # jbench evaluate adds episodes
+    output.table(_FINAL_RETURNS, header[:shown], [row[:shown] for row in rows])
+
+
+def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[str, str]) -> None:
+    """Prints the final returns of runs and what to type next; raises a WorkError for failures."""
+    statuses = run_statuses(runs, results)
+    failures = failures | failures_among(statuses)
+    left = [id for id, run in statuses.items() if run.state not in ("finished", "failed")]
+    show_runs(runs, results)
+    if len(left) + len(failures) < len(runs):
+        output.say(f"Next: {with_results('jbench report', results.name)}")
+    output.document({"runs": [run.id for run in runs], "left": left, "failures": failures})
+    check_failures(failures, len(runs))
 
 
 def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:

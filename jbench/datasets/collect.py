@@ -16,8 +16,10 @@ from jbench.datasets import layout
 from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.store import Record, Results
+from jbench.store.code import check_code
+from jbench.store.planned import Planned, planned
 from jbench.store.schema import DATASET_EPISODES
-from jbench.tasks.find import check_specs, find_task
+from jbench.tasks.find import check_specs, code_provenance, find_task
 from jbench.tasks.jitterbug import resets
 from jbench.tasks.jitterbug.geometry import State
 from jbench.tasks.jitterbug.robots import load_model
@@ -27,6 +29,14 @@ from jbench.tasks.task import episode_generator
 _PART_EPISODES = 25  # per file and commit
 
 _Simulate = Callable[[range], dict[str, pa.Table]]
+
+
+def plan_dataset(settings: DatasetSettings, results: Results) -> Planned:
+    """Returns settings with the id of a recorded dataset of the same code, if there is one."""
+    if settings.robot == JITTERBUG:
+        return Planned(settings, [])
+    now = code_provenance(settings.robot)
+    return planned(settings, results.scan("dataset")[0], now, ("seed", "steps"))
 
 
 def collect(
@@ -46,7 +56,10 @@ def collect(
     with results.locked("dataset", settings.id) as existing:
         if existing is not None and existing.status == "finished":
             return existing
-        record = existing or results.create("dataset", settings.id, settings.model_dump())
+        code = {} if settings.robot == JITTERBUG else code_provenance(settings.robot)
+        if existing is not None:
+            check_code(existing, code)
+        record = existing or results.create("dataset", settings.id, settings.model_dump(), code)
         total = settings.steps // EPISODE_STEPS
         _, episodes = layout.tables(settings.robot)
         first = record.rows(episodes)

@@ -14,9 +14,10 @@ from jbench.names import EPISODE_STEPS, TASKS
 from jbench.settings.base import validated
 from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.store import Record, Results, schema
+from jbench.store.code import ChangedCodeError, changed_files, since_recorded
 from jbench.store.manifest import FileEntry
 from jbench.store.shipped import results_to_read
-from jbench.tasks.find import check_specs, dataset_robot, find_task
+from jbench.tasks.find import check_specs, code_provenance, dataset_robot, find_task
 from jbench.tasks.jitterbug import features, rewards
 from jbench.wording import with_results
 
@@ -117,7 +118,8 @@ def find_dataset(
 ) -> Dataset:
     """Returns a dataset by its id, or the newest finished one of a robot that is not augmented.
 
-    Raises a RequestError if there is none, or it is not finished.
+    Raises a RequestError if there is none, it is not finished, or, without an id, the code of its
+    task has changed.
     """
     results = results_to_read(results)
     robot = dataset_robot(find_task(task)).get("robot", JITTERBUG)
@@ -151,4 +153,14 @@ def find_dataset(
             f"Every finished dataset in {results.name} is of an augmented robot; name one with "
             f"--dataset: {', '.join(record.id for record in finished)}."
         )
-    return Dataset(max(plain, key=lambda record: record.manifest.updated))
+    if robot == JITTERBUG:
+        return Dataset(max(plain, key=lambda record: record.manifest.updated))
+    now = code_provenance(robot)
+    changed = {record.id: changed_files(record.manifest.provenance, now) for record in plain}
+    newest = max(plain, key=lambda record: (not changed[record.id], record.manifest.updated))
+    if files := changed[newest.id]:
+        raise ChangedCodeError(
+            f"{since_recorded(newest, files)}; run {collect}, or take it by --dataset {newest.id}.",
+            files,
+        )
+    return Dataset(newest)

@@ -28,6 +28,7 @@ from jbench.settings.base import (
     settings_with,
     validated,
 )
+from jbench.sources import checksum
 
 _WHAT = "kind of encoder"
 
@@ -46,7 +47,7 @@ With 20,000 control steps, `dae12` then explains 0.88 of the variance on held-ou
 
 def kind_names() -> list[str]:
     """Returns the names of all kinds, built-in ones first."""
-    return [*ENCODER_KINDS, *sorted(_offered())]
+    return [*ENCODER_KINDS, *sorted(offered_kinds())]
 
 
 def find_kind(name: str) -> type[Kind]:
@@ -61,7 +62,9 @@ def find_kind(name: str) -> type[Kind]:
     elif plugins.is_imported(name):
         kind = plugins.imported(_WHAT, name)
     else:
-        kind = plugins.load(_WHAT, _offered()[known(_WHAT, name, (*kind_names(), "MODULE:CLASS"))])
+        kind = plugins.load(
+            _WHAT, offered_kinds()[known(_WHAT, name, (*kind_names(), "MODULE:CLASS"))]
+        )
     if not (isinstance(kind, type) and issubclass(kind, (Fitted, Learned))):
         raise WorkError(
             f"The kind of encoder {name} is no subclass of Learned or Fitted of "
@@ -75,9 +78,14 @@ def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
     return settings_with(find_kind(name), name, options, "option")
 
 
-def code_provenance(kind: str) -> dict[str, str | None]:
+def code_provenance(kind: str) -> dict[str, Any]:
     """Returns provenance of the code of a kind; none for those of jbench."""
-    return {} if kind in ENCODER_KINDS else plugins.provenance(_WHAT, kind, _offered())
+    return {} if kind in ENCODER_KINDS else plugins.provenance(_WHAT, kind, offered_kinds())
+
+
+def kind_sources(kind: str) -> str | None:
+    """Returns the checksum of the code of a kind; None for those of jbench."""
+    return checksum(code_provenance(kind).get("sources", {}))
 
 
 def latent_sizes(kind: str, task: str, features: Sequence[str] | None = None) -> range:
@@ -102,6 +110,9 @@ class EncoderSettings(Settings):
     seed: Seed = 0
     options: dict[str, Any] = Field(default_factory=dict, description="every option of the kind")
     base: EncoderBase | None = omissible(None, description="source of the options, if in the name")
+    sources: str | None = omissible(
+        None, description="checksum of the code of a kind that is not jbench's"
+    )
 
     @model_validator(mode="after")
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
@@ -196,6 +207,7 @@ def encoder_settings(
         (name for name, some in found.bases.items() if some.items() <= full.items()), None
     )
     about = {"kind": kind, "task": task, "options": full, "base": source}
+    about["sources"] = kind_sources(kind)
     return validated(EncoderSettings, "the encoder", **about, **values)
 
 
@@ -282,5 +294,6 @@ def _wrong_size(kind: str, task: str, latents: int, features: Sequence[str] | No
     return f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents"
 
 
-def _offered() -> dict[str, EntryPoint]:
+def offered_kinds() -> dict[str, EntryPoint]:
+    """Returns the entry points of the kinds of other packages by name."""
     return plugins.offered("jbench.encoders", _NAME, {*ENCODER_KINDS, OFE})

@@ -13,11 +13,12 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from jbench.encoders.kind import Kind, Weights
-from jbench.encoders.registry import EncoderSettings, make_kind, named_encoder
+from jbench.encoders.registry import EncoderSettings, code_provenance, make_kind, named_encoder
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
 from jbench.names import in_prose
-from jbench.store import Results
+from jbench.store import Record, Results
+from jbench.store.code import ACCEPT, ChangedCodeError, changed_files, check_code, since_recorded
 from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
 from jbench.tasks.find import find_task
@@ -116,8 +117,12 @@ class SavedEncoder:
         return batch.index_select(-1, self._columns[batch.device])
 
 
-def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
+def find_encoder(
+    results: Results | Path | str, name: str, task: str, accept_changed: bool = False
+) -> str:
     """Returns the id of an encoder for a task.
+
+    A representation means one whose code is the present one, if its kind is of a user.
 
     Args:
         name: a representation (see `named_encoder`) for its newest encoder trained on this task
@@ -125,8 +130,8 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
             encoder, or the beginning of a single one.
 
     Raises:
-        RequestError: if there is none that is finished, or it encodes the observations of another
-            task.
+        RequestError: if there is none that is finished, it encodes the observations of another
+            task, or the code of its kind has changed, unless that is accepted.
     """
     results = results_to_read(results)
     find_task(task)
@@ -143,7 +148,19 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
         and str(record.settings.get("dataset")) not in augmented
     ]
     if matches:
-        newest = max(matches, key=lambda r: (r.status == "finished", r.manifest.updated))
+        changed = {record.id: _changed_files(record) for record in matches}
+
+        def usefulness(record: Record) -> tuple[bool, bool, str]:
+            return record.status == "finished", not changed[record.id], record.manifest.updated
+
+        newest = max(matches, key=usefulness)
+        if newest.status == "finished" and changed[newest.id] and not accept_changed:
+            raise ChangedCodeError(
+                f"{since_recorded(newest, changed[newest.id])}; type "
+                f"{with_results(_command(newest), results.name)} to make one of the present code, "
+                f"or {ACCEPT}.",
+                changed[newest.id],
+            )
         if newest.status == "finished":
             return newest.id
         name = newest.id
@@ -153,7 +170,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
             f"{with_results(wanted.command, results.name)} to make one."
         )
     id = results.complete_id("encoder", name)
-    _, description = load_encoder(results, id)
+    _, description = load_encoder(results, id, accept_changed)
     if description["task"] != task:
         wanted = EncoderSettings.model_construct(**{"options": {}, **description, "task": task})
         raise RequestError(
@@ -161,6 +178,35 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
             f"{with_results(wanted.command, results.name)} to make one."
         )
     return id
+
+
+def encoder_code(results: Results, id: str | None) -> dict[str, Any]:
+    """Returns provenance of the code of an encoder's kind, under names of a run's encoder.
+
+    There is none for kinds of jbench, and for an encoder that is not in the results.
+    """
+    record = None if id is None else results.find("encoder", id)
+    if record is None:
+        return {}
+    made = code_provenance(str(record.settings.get("kind")))
+    return {f"encoder_{key}": value for key, value in made.items()}
+
+
+def _changed_files(record: Record) -> list[str]:
+    """Returns what has changed of the code of an encoder; [] if nothing, or it is not at hand."""
+    try:
+        now = code_provenance(str(record.settings.get("kind")))
+    except (RequestError, WorkError):
+        return []
+    return changed_files(record.manifest.provenance, now)
+
+
+def _command(record: Record) -> str:
+    """Returns the command that makes an encoder with the settings of a recorded one."""
+    try:
+        return EncoderSettings(**record.settings).command
+    except ValueError:
+        return shell_command(record.manifest.provenance)
 
 
 def find_draws(
@@ -187,11 +233,14 @@ def find_draws(
     return settings.draws, ids
 
 
-def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[str, Any]]:
+def load_encoder(
+    results: Results | Path | str, id: str, accept_changed: bool = False
+) -> tuple[Encoder, dict[str, Any]]:
     """Returns a finished encoder and its description.
 
     Raises:
-        RequestError: if the encoder does not exist or is unfinished.
+        RequestError: if the encoder does not exist or is unfinished, or the code of its kind has
+            changed, unless that is accepted.
         WorkError: if its files are damaged or invalid.
     """
     results = results_to_read(results)
@@ -217,9 +266,13 @@ def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[
             raise ValueError("a scaling of another size")
         # Version 1 did not save options, which affected only the training.
         kind = make_kind(description["kind"], description.get("options", {}))
+        if not accept_changed:
+            check_code(record, code_provenance(description["kind"]))
         weights = {name: np.asarray(value, np.float32) for name, value in arrays}
         scaling, latents = Scaling(*extremes), description["latents"]
         encoder = SavedEncoder(kind, weights, scaling, latents, description.get("is_observed"))
+    except ChangedCodeError:
+        raise
     except (SafetensorError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
     return encoder, description

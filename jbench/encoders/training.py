@@ -20,7 +20,17 @@ from jbench.encoders.states import States, state_pairs
 from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS
 from jbench.store import Record, Results
+from jbench.store.code import check_code
+from jbench.store.planned import Planned, planned
 from jbench.store.provenance import device_provenance
+
+
+def plan_encoder(settings: EncoderSettings, results: Results) -> Planned:
+    """Returns settings with the id of a recorded encoder of the same code, if there is one."""
+    if settings.kind in ENCODER_KINDS:
+        return Planned(settings, [])
+    free = ("seed", "dataset", "latents", "options")
+    return planned(settings, results.scan("encoder")[0], code_provenance(settings.kind), free)
 
 
 def train_encoder(
@@ -54,6 +64,8 @@ def train_encoder(
     with results.locked("encoder", settings.id) as record:
         if record is not None and record.status == "finished":
             return record
+        if record is not None:
+            check_code(record, code_provenance(settings.kind))
         states.read(device)
         if settings.columns is not None:
             states = states.only(settings.columns)

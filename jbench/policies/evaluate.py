@@ -1,16 +1,19 @@
 """Evaluates any policy and saves its returns, and on request every state."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS
-from jbench.policies.find import find_policy
+from jbench.policies.find import find_policy, policy_provenance
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Record, Results, schema
-from jbench.tasks.find import find_task
+from jbench.store.code import is_known
+from jbench.store.planned import Planned, planned
+from jbench.tasks.find import code_provenance, find_task
 from jbench.tasks.jitterbug.worlds import JitterbugWorlds
 from jbench.tasks.task import Act, Worlds, episode_generator, rollout
 
@@ -18,6 +21,22 @@ from jbench.tasks.task import Act, Worlds, episode_generator, rollout
 _TOGETHER = 50
 
 _Progress = Callable[[int], None]
+
+
+_FREE = ("episodes", "seed", "states", "target_yaw", "augment")
+
+
+def evaluation_code(task: str, policy: str) -> dict[str, Any]:
+    """Returns provenance of the users' code of a task and of a policy of another package."""
+    return {**policy_provenance(policy), **code_provenance(task)}
+
+
+def plan_evaluation(settings: EvaluationSettings, results: Results, name: str) -> Planned:
+    """Returns settings with the id of a recorded evaluation of the same code, if there is one."""
+    now = evaluation_code(settings.task, name)
+    if not is_known(now) or settings.accepted is not None:
+        return Planned(settings, [])
+    return planned(settings, results.scan("evaluation")[0], now, _FREE)
 
 
 def evaluate(
@@ -34,7 +53,9 @@ def evaluate(
     of the policy may be a path. Raises a RequestError if there is no such policy for this task, and
     a WorkError if another process is running this evaluation, or it can't be written.
     """
-    policy = find_policy(results, name or settings.policy, settings.task, settings.seed)
+    named, is_accepted = name or settings.policy, settings.accepted is not None
+    policy = find_policy(results, named, settings.task, settings.seed, is_accepted)
+    code = evaluation_code(settings.task, named)
     if settings.specs is not None and (settings.states or settings.target_yaw is not None):
         raise RequestError(
             f"States and targets are recorded of the Jitterbug only, not of {settings.task}: leave "
@@ -43,7 +64,7 @@ def evaluate(
     with results.locked("evaluation", settings.id) as existing:
         if existing is not None and existing.status == "finished":
             return existing
-        record = results.create("evaluation", settings.id, settings.model_dump())
+        record = results.create("evaluation", settings.id, settings.model_dump(), code)
         task = find_task(settings.task)
         for first in range(0, settings.episodes, _TOGETHER):
             episodes = range(first, min(first + _TOGETHER, settings.episodes))

@@ -20,10 +20,11 @@ from jbench import plugins
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, TASKS, closest
 from jbench.policies.actors import acting
-from jbench.policies.saved import has_policy, load_agent
+from jbench.policies.saved import agent_code, has_policy, load_agent
 from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, zip_content
 from jbench.settings.recorded import Run, read_run
 from jbench.store import Results
+from jbench.store.code import changed_files, changed_since, code_hash
 from jbench.store.files import sha256
 from jbench.store.shipped import LEFT_OUT, shipped_results
 from jbench.tasks.find import find_task
@@ -49,11 +50,14 @@ class ActingPolicy:
     reset: Callable[[int], object] = lambda robots: None
 
 
-def find_policy(results: Results, name: str, task: str, seed: int = 0) -> ActingPolicy:
+def find_policy(
+    results: Results, name: str, task: str, seed: int = 0, accept_changed: bool = False
+) -> ActingPolicy:
     """Returns a policy by its full name, see `POLICY_NAMES`; the seed is of the random policy.
 
-    Raises a RequestError if there is no such policy, or it was trained on another task, and a
-    WorkError if the policy of another package can't be imported.
+    Raises a RequestError if there is no such policy, it was trained on another task, or the code of
+    its task or encoder has changed, unless that is accepted, and a WorkError if the policy of
+    another package can't be imported.
     """
     if name == HEURISTIC:
         if task not in TASKS:
@@ -75,7 +79,7 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     if is_sb3_zip(name):
         return ActingPolicy(read_sb3_zip(name, task).act)
     located, run = locate_run(results, name)
-    agent = load_agent(located, run)
+    agent = load_agent(located, run, accept_changed)
     if agent.task != task:
         raise RequestError(
             f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
@@ -96,10 +100,11 @@ def _constant(name: str) -> float:
 def is_imported_policy(name: str) -> bool:
     """Returns whether a name is that of an installed policy, or of the form MODULE:NAME."""
     is_ours = name.partition(":")[0] in _OURS
-    return not is_ours and (plugins.is_imported(name) or name in _entry_points())
+    return not is_ours and (plugins.is_imported(name) or name in offered_policies())
 
 
-def _entry_points() -> dict[str, EntryPoint]:
+def offered_policies() -> dict[str, EntryPoint]:
+    """Returns the entry points of the policies of other packages by name."""
     return plugins.offered("jbench.policies", re.compile(r"[a-z][a-z0-9-]*"), _OURS)
 
 
@@ -119,7 +124,7 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
         except Exception as error:
             raise WorkError(f"The policy {name} failed ({sentence_of_failure(error)}).") from error
 
-    points, is_module = _entry_points(), plugins.is_imported(name)
+    points, is_module = offered_policies(), plugins.is_imported(name)
     made = plugins.imported("policy", name) if is_module else plugins.load("policy", points[name])
     if isinstance(made, type):
         made = attempt(made, task)
@@ -151,10 +156,38 @@ def full_name(results: Results, name: str) -> tuple[str, Run | None]:
     if name.startswith(_CONSTANT):
         _constant(name)
     elif not (name in (HEURISTIC, "random") or is_sb3_zip(name) or is_imported_policy(name)):
-        close = closest(name, [*POLICIES, *_entry_points()])
+        close = closest(name, [*POLICIES, *offered_policies()])
         hint = f"did you mean {close}? Choose" if close else "choose"
         raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
     return name, None
+
+
+def changed_code(results: Results, name: str) -> str | None:
+    """Returns a checksum of the present code of a run's policy if its recorded code is another.
+
+    It is None for an unchanged one, and for policies that are not of a run.
+    """
+    if "/" not in name or is_sb3_zip(name):
+        return None
+    located, id = locate_run(results, name)
+    record = located.find("run", id)
+    if record is None:
+        return None
+    now = agent_code(located, record)
+    encoder = record.settings.get("encoder")
+    kept = None if encoder is None else located.find("encoder", encoder)
+    changed = changed_since(record, now)
+    if kept is not None and not changed:
+        before = {f"encoder_{key}": value for key, value in kept.manifest.provenance.items()}
+        changed = changed_files(before, now)
+    return code_hash(now) if changed else None
+
+
+def policy_provenance(name: str) -> dict[str, Any]:
+    """Returns provenance of the code of a policy of a user; {} for the others."""
+    if not is_imported_policy(name):
+        return {}
+    return plugins.provenance("policy", name, offered_policies())
 
 
 def policy_code(name: str) -> str | None:
@@ -164,9 +197,7 @@ def policy_code(name: str) -> str | None:
     """
     if is_sb3_zip(name):
         return sha256(zip_content(name))[:16]
-    if not is_imported_policy(name):
-        return None
-    made_with = plugins.provenance("policy", name, _entry_points())
+    made_with = policy_provenance(name)
     checksum = made_with.get("source_sha256")
     return checksum[:16] if checksum else made_with.get("package")
 

@@ -15,13 +15,14 @@ import safetensors.numpy
 from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
-from jbench.encoders import Encoder, load_encoder, on_observations
+from jbench.encoders import Encoder, encoder_code, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.names import POLICY_FILES
 from jbench.settings.records import EXTERNAL, Specs
 from jbench.store import Record, Results
+from jbench.store.code import check_code
 from jbench.store.shipped import LEFT_OUT, results_to_read
-from jbench.tasks.find import check_specs, find_task
+from jbench.tasks.find import check_specs, code_provenance, find_task
 from jbench.tasks.jitterbug.geometry import Array
 from jbench.wording import with_results
 
@@ -221,11 +222,23 @@ def has_policy(record: Record) -> bool:
     return {WEIGHTS, DESCRIPTION} <= {entry.name for entry in record.manifest.files}
 
 
-def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
+def agent_code(results: Results, record: Record) -> dict[str, Any]:
+    """Returns provenance of the present users' code that runs a saved policy: task and encoder.
+
+    Its layers run without the code that has trained them.
+    """
+    task, encoder = record.settings.get("task"), record.settings.get("encoder")
+    return {**code_provenance(str(task)), **encoder_code(results, encoder)}
+
+
+def load_agent(
+    results: Results | Path | str, run: str, accept_changed: bool = False
+) -> TrainedAgent:
     """Returns the trained agent of a finished run, by its whole id; see `results_to_read`.
 
     Raises a RequestError if the run does not exist, has not finished, or was saved without its
-    policy, or its task is not installed or has changed, and a WorkError if its files are damaged.
+    policy, its task is not installed, or the code of task or encoder has changed, unless that is
+    accepted, and a WorkError if its files are damaged.
     """
     results = results_to_read(results)
     record = results.find("run", run)
@@ -247,7 +260,9 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
     task, encoder = (record.settings.get(name, 0) for name in ("task", "encoder"))
     if not isinstance(task, str) or not isinstance(encoder, str | None):
         raise WorkError(f"The settings of the run {run} lack a task or an encoder.")
+    if not accept_changed:
+        check_code(record, agent_code(results, record))
     specs = record.settings.get("specs")
-    check_specs(task, None if specs is None else Specs.model_validate(specs))
-    loaded = None if encoder is None else load_encoder(results, encoder)[0]
+    check_specs(task, None if specs is None else Specs.model_validate(specs), accept_changed)
+    loaded = None if encoder is None else load_encoder(results, encoder, accept_changed)[0]
     return TrainedAgent(task, policy, loaded)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jbench import names, plugins
-from jbench.encoders import find_encoder
+from jbench.encoders import encoder_code, find_encoder
 from jbench.errors import RequestError
 from jbench.loggers.logger import make_logger
 from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
@@ -19,9 +19,13 @@ from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
 from jbench.settings.records import ExternalSettings
 from jbench.store import files
+from jbench.store.planned import planned, say_changed
 from jbench.store.shipped import results_to_write
 from jbench.tasks.find import checked_task, code_provenance
 from jbench.training.request import read_representation
+
+_FREE = ("seed", "steps", "evaluate_every", "evaluate_episodes")
+"""Settings in which the runs of one configuration may differ."""
 
 _STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
 
@@ -94,13 +98,23 @@ def record(
         script = files.sha256(Path(sys.modules["__main__"].__file__ or "").read_bytes())
     except (AttributeError, KeyError, OSError):  # in a notebook or an interactive session
         script = None
-    made_on = {"script_sha256": script, **code_provenance(task)}
+    code = {**code_provenance(task), **encoder_code(place, settings.encoder)}
+    plan = planned(settings, place.scan("run", _folder(settings))[0], code, _FREE)
+    settings = plan.settings
+    for sentence in say_changed([plan], place.ids("run")):
+        print(sentence, file=sys.stderr, flush=True)
+    made_on: dict[str, Any] = {"script_sha256": script, **code}
     if package is not None:
         try:
             made_on |= plugins.made_with(package)
         except importlib.metadata.PackageNotFoundError:
             raise RequestError(f"package={package!r} is not an installed distribution.") from None
     return Recording(settings, place, made_on, logger)
+
+
+def _folder(settings: ExternalSettings) -> str:
+    """Returns the part of a run's id that its seeds have in common."""
+    return f"{settings.id.rpartition('/')[0]}/"
 
 
 def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:

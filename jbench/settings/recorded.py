@@ -121,6 +121,18 @@ def alike(run: Run, free: Collection[str]) -> str:
     return canonical_json(kept)
 
 
+def without_code(run: Run) -> Run:
+    """Returns settings without the checksums of users' code and of the robot."""
+    if isinstance(run, Unreadable):
+        return run
+    specs = run.specs
+    if specs is not None:
+        plain = dict.fromkeys(("model", "control_timestep", "compiled", "sources"))
+        specs = specs.model_copy(update=plain)
+    own = dict.fromkeys({"sources", "accepted"} & type(run).model_fields.keys())
+    return run.model_copy(update={**own, "specs": specs})
+
+
 def comparable(run: Run, *names: str) -> str:
     """Returns a key that is equal for comparable runs, which may differ in the named settings."""
     return alike(run, (*COMPARED, *with_implied(*names)))

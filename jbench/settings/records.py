@@ -41,6 +41,10 @@ class Specs(Settings):
     action_minimum: list[float] = Field(description="what the action -1 is for each actuator")
     action_maximum: list[float] = Field(description="what the action 1 is for each actuator")
     control_timestep: float | None = Field(None, description="s")
+    compiled: str | None = omissible(
+        None, description="SHA-256 of all of the MuJoCo model that can move the robot"
+    )
+    sources: str | None = omissible(None, description="checksum of the code of the task")
 
 
 class OFESettings(Settings):
@@ -145,6 +149,10 @@ class EvaluationSettings(Settings):
     augment: Seed | None = Field(None, description=_AUGMENT)
     code: str | None = omissible(
         None, description="package and version of an imported policy, or its file's SHA-256"
+    )
+    sources: str | None = omissible(None, description="checksum of the code of an imported policy")
+    accepted: str | None = omissible(
+        None, description="checksum of the code that ran instead of the policy's recorded one"
     )
 
     @property

@@ -30,6 +30,12 @@ class RunSettings(TrainedSettings):
     package: str | None = omissible(
         None, description="distribution of an agent or an update rule that is not jbench's"
     )
+    sources: str | None = omissible(
+        None, description="checksum of the code of an algorithm that is not jbench's"
+    )
+    accepted: str | None = omissible(
+        None, description="checksum of the code that the run went on with, after another one"
+    )
     precision: Precision = omissible(
         "float32",
         description="precision of the batched engine's matrix products: float32, bfloat16, or on a "
@@ -180,7 +186,8 @@ class RunSettings(TrainedSettings):
 
 
 _RESOLVED = """
-task specs algo package hyperparameters seed representation encoder encoder_draws ofe
+task specs algo package sources accepted hyperparameters seed representation encoder encoder_draws
+ofe
 """
 TYPED = tuple(name for name in RunSettings.model_fields if name not in _RESOLVED.split())
 """Fields that are options of `jbench train` and keys of a sweep; the others follow from these."""

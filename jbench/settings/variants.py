@@ -3,8 +3,9 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import cache
+from itertools import product
 from typing import Any
 
 from jbench.settings.algorithms import CHANGES, SETTINGS, algorithm_settings
@@ -14,6 +15,14 @@ from jbench.settings.run import RunSettings
 _TABLE = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
+_CODE_LENGTH = 6
+
+DATE = 10
+"""Characters of a date, such as 2026-11-28."""
+
+CODE_WORDS = {"sources": "code", "compiled": "robot", "accepted": "changed code"}
+"""Settings that are checksums of users' code, and what names call them."""
+
 # Settings that a name on all tasks leaves out.
 _SAME_NAME = (*COMPARED, "task", "specs", "encoder", "encoder_draws")
 _ENCODER = ("encoder",)
@@ -38,34 +47,66 @@ def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str,
     return _labels(settings, lambda name, value: f"{name}={_text(value)}")
 
 
-def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
+def variant_words(
+    settings: Mapping[str, Run], dates: Mapping[str, str] | None = None
+) -> dict[str, str]:
     """Returns the names of variants of one algorithm and representation in legends.
 
     A name is relative to the variants on all tasks, so that it means the same settings on each. It
     has no defaults, so that of the variant with all defaults is empty. A setting with a name of its
-    own is called by it, `stable-baselines3` instead of `engine=sb3`, and is always named.
+    own is called by it, `stable-baselines3` instead of `engine=sb3`, and is always named. Users'
+    code is called by the beginning of its checksum and by its date, `code 3f2a91 of 2026-11-28`.
+
+    Args:
+        settings: by variant.
+        dates: of checksums of code.
     """
+
+    def word(name: str, value: Any) -> str:
+        return _word(name, value, dates or {})
+
     jitterbug = {v: run for v, run in settings.items() if getattr(run, "specs", None) is None}
     if jitterbug and len(jitterbug) < len(settings):  # their defaults are others
         others = {v: run for v, run in settings.items() if v not in jitterbug}
-        return variant_words(jitterbug) | variant_words(others)
+        return variant_words(jitterbug, dates) | variant_words(others, dates)
     groups: dict[str, dict[str, Run]] = {}
     for variant, run in settings.items():
         groups.setdefault(alike(run, _SAME_NAME), {})[variant] = run
     first = dict(next(iter(group.items())) for group in groups.values())
-    words = _labels(first, _word, (*_SAME_NAME, _WHOSE), always_named=True)
+    words = _labels(first, word, (*_SAME_NAME, _WHOSE), in_words=True, always_named=True)
     named: dict[str, str] = {}
     for variant, group in zip(first, groups.values(), strict=True):
         for task in dict.fromkeys(run.task for run in group.values()):
             # Those of one task differ in their evaluations or encoders.
-            more = _labels({v: run for v, run in group.items() if run.task == task}, _word)
+            same_task = {v: run for v, run in group.items() if run.task == task}
+            more = _labels(same_task, word, in_words=True)
             named |= {
                 v: ", ".join(filter(None, (words[variant], text))) for v, text in more.items()
             }
     return named
 
 
-def _word(name: str, value: Any) -> str:
+def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
+    """Returns the date of the first run with each checksum of code; runs come with when they began.
+
+    The dates are those of manifests, to the day.
+    """
+    dates = dict[str, str]()
+    for run, created in runs:
+        specs = getattr(run, "specs", None)
+        date = str(created)[:DATE]
+        for holder, name in product((run, specs), CODE_WORDS):
+            value = getattr(holder, name, None)
+            if isinstance(value, str):
+                dates[value] = min(date, dates.get(value, date))
+    return dates
+
+
+def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
+    kind = CODE_WORDS.get(name.rpartition(".")[2])
+    if kind is not None and isinstance(value, str):
+        date = f" of {dates[value]}" if value in dates else ""
+        return f"{kind} {value[:_CODE_LENGTH]}{date}"
     field = RunSettings.model_fields.get(name)
     if value is ... or (field and not field.is_required() and value == field.default):
         return ""
@@ -83,14 +124,16 @@ def _labels(
     form: Callable[[str, Any], str],
     left_out: Collection[str] = VARIANT,
     *,
+    in_words: bool = False,
     always_named: bool = False,
 ) -> dict[str, str]:
     """Returns the labels of variants, made by a form of names and values.
 
-    If `always_named`, settings with a name of their own are in them even if all variants agree.
+    If `in_words`, options of ours at their default are left out. If `always_named`, settings with a
+    name of their own are in them even if all variants agree.
     """
-    flat = {v: _with_base(flatten(values), form is _word) for v, values in settings.items()}
-    if form is _word:
+    flat = {v: _with_base(flatten(values), in_words) for v, values in settings.items()}
+    if in_words:
         flat = _with_encoders(flat)
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [

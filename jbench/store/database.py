@@ -109,6 +109,10 @@ class Results:
                 problems.append(str(error))
         return sorted(records, key=lambda record: (record.manifest.created, record.id)), problems
 
+    def ids(self, kind: Kind) -> set[str]:
+        """Returns the ids of the readable records of a kind."""
+        return {record.id for record in self.scan(kind)[0]}
+
     def walk(self, kind: Kind, id: str = "") -> Iterator[Record]:
         """Yields a folder of a kind and all folders below it, sorted; nothing if it does not exist.
 

@@ -15,6 +15,9 @@ from jbench.store.record import Record
 if TYPE_CHECKING:  # jbench runs does without pandas
     import pandas as pd
 
+ADDED = 1_000_000
+"""Number of the first episode that `jbench evaluate` adds: never the first of an evaluation."""
+
 Recorded = Mapping[str, Any]
 """Settings from a manifest: untrusted."""
 
@@ -24,8 +27,8 @@ def joined_runs(
 ) -> dict[str, str]:
     """Returns, by evaluation, the run whose last evaluation its episodes join.
 
-    They are on the run's task and its last robot, with random targets. Of several evaluations with
-    one seed, whose episodes are the same, the longest joins.
+    They are on the run's task and its last robot, with random targets and the run's own code. Of
+    several evaluations with one seed, whose episodes are the same, the longest joins.
 
     Args:
         runs: settings by id.
@@ -34,7 +37,7 @@ def joined_runs(
     longest: dict[tuple[str, str], tuple[int, str]] = {}
     for name, status, settings in evaluations:
         run = runs.get(policy := str(settings.get("policy")))
-        if run is None or status != "finished":
+        if run is None or status != "finished" or settings.get("accepted") is not None:
             continue
         where = tuple(settings.get(key) for key in ("task", "augment", "target_yaw"))
         episodes = settings.get("episodes")
@@ -100,6 +103,6 @@ def with_added_episodes(
     more = added[["run", "episode_return"]].merge(last, on="run")
     if more.empty:
         return evaluations
-    more = more.assign(episode=np.arange(len(more)) + 1_000_000)  # never the first of an evaluation
+    more = more.assign(episode=np.arange(len(more)) + ADDED)
     rows = pa.Table.from_pandas(more[evaluations.column_names], preserve_index=False)
     return pa.concat_tables([evaluations, rows.cast(evaluations.schema)])

@@ -14,7 +14,7 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.returns import evaluation_means, final_return
 from jbench.settings.recorded import Run, Unreadable, read_run, variant
-from jbench.settings.variants import variant_words
+from jbench.settings.variants import code_dates, variant_words
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.evaluations import added_returns, evaluation_returns
@@ -125,7 +125,9 @@ def list_runs(
         run = read_run(record.settings)
         if not isinstance(run, Unreadable):
             variants.setdefault((line["algo"], line["representation"]), {})[line["variant"]] = run
-    words = {names: variant_words(runs) for names, runs in variants.items()}
+    begun = ((read_run(record.settings), record.manifest.created) for record, _ in chosen)
+    dates = code_dates(begun)
+    words = {names: variant_words(runs, dates) for names, runs in variants.items()}
     for line in lines:
         named = words.get((line["algo"], line["representation"]), {})
         line["variant"] = named.get(line["variant"], "")
@@ -138,8 +140,9 @@ def make_line(record: Record) -> Row:
     Its fields are columns of the table `runs` and: `steps_done`, control steps of the committed
     episodes, or of the finished run; `returns`, the kind of return of an import, whose points are
     its `episodes`; `error`, why a failed run failed; and, null until they are read, the final
-    returns `last_return`, that of training or of an import's kind, and `evaluation_return`. Raises
-    as `make_row`.
+    returns `last_return`, that of training or of an import's kind, `evaluation_return`, with the
+    episodes of `jbench evaluate` that have joined the last evaluation, and
+    `evaluation_return_at_end`, without them. Raises as `make_row`.
     """
     row, is_import = make_row(record), record.kind == "import"
     episodes = (row["points"] or 0) if is_import else row["episodes"]
@@ -154,7 +157,7 @@ def make_line(record: Record) -> Row:
         **{n: row.get(n) for n in ("steps", "wall_time", "created", "updated", "returns")},
         "error": record.error,
         "variant": row.get("variant"),
-        **dict.fromkeys(("last_return", "evaluation_return")),
+        **dict.fromkeys(("last_return", "evaluation_return", "evaluation_return_at_end")),
     }
     return finite(line)
 
@@ -169,15 +172,18 @@ def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> R
         points = record.read("import_points").to_pandas()
         returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
         if line["returns"] == "evaluation":
-            line["last_return"] = line["evaluation_return"] = final_return(returns, "evaluation")
+            line["last_return"] = final_return(returns, "evaluation")
+            line["evaluation_return"] = line["last_return"]
+            line["evaluation_return_at_end"] = line["last_return"]
         else:
             line["last_return"] = final_return(returns)
         return line
     rows = record.read("episodes")
     if len(rows):
         line["last_return"] = final_return(rows["episode_return"].to_numpy())
-        evaluations = evaluation_means(*evaluation_returns(record, added))
-        line["evaluation_return"] = final_return(evaluations, "evaluation")
+        for name, more in (("evaluation_return", added), ("evaluation_return_at_end", ())):
+            evaluations = evaluation_means(*evaluation_returns(record, more))
+            line[name] = final_return(evaluations, "evaluation")
         if line["wall_time"] is None:
             line["wall_time"] = rows["wall_time"][-1].as_py()
     return finite(line)

@@ -28,14 +28,10 @@ _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKA
 
 def provenance() -> dict[str, Any]:
     """Returns versions, processor, threads, git revision and command, as JSON values."""
-    versions = {}
-    for name in _PACKAGES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            versions[name] = importlib.metadata.version(name)
     return {
         "jbench": importlib.metadata.version("jbench"),
         "python": platform.python_version(),
-        "packages": versions,
+        "packages": package_versions(),
         "system": platform.platform(),
         "processor": processor(),
         "cores": cores(),
@@ -46,6 +42,15 @@ def provenance() -> dict[str, Any]:
             for word in (Path(sys.argv[0]).name, *sys.argv[1:])
         ],
     }
+
+
+def package_versions() -> dict[str, str]:
+    """Returns the versions of the installed packages that numbers depend on."""
+    versions = {}
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    return versions
 
 
 def device_provenance(device: "torch.device") -> dict[str, str | None]:

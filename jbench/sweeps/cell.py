@@ -11,7 +11,7 @@ from functools import partial
 from itertools import count, groupby
 
 from jbench.cores import cores
-from jbench.datasets import collect, find_dataset
+from jbench.datasets import collect, find_dataset, plan_dataset
 from jbench.devices import find_device
 from jbench.encoders.registry import (
     EncoderSettings,
@@ -21,7 +21,7 @@ from jbench.encoders.registry import (
     named_encoder,
 )
 from jbench.encoders.states import Scale, States
-from jbench.encoders.training import train_encoder
+from jbench.encoders.training import plan_encoder, train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import FULL, OFE, Base, known
 from jbench.settings.base import validated
@@ -35,6 +35,7 @@ from jbench.studies.arms import Arm, arms
 from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
 from jbench.tasks.find import dataset_robot, find_task
+from jbench.training.code import plan_runs
 from jbench.training.events import Event, Report
 from jbench.training.request import make_runs, read_representation
 from jbench.training.status import with_kept_interval
@@ -49,6 +50,7 @@ class Cell:
         encoders: settings of the runs' encoders, which are trained on the dataset if they are
             missing; empty for the full observation, and for an encoder given by its id.
         arm: the arm of a study whose runs these are, if any.
+        notes: sentences on recorded runs of other code.
     """
 
     task: str
@@ -59,6 +61,7 @@ class Cell:
     encoders: tuple[EncoderSettings, ...] = ()
     dataset: DatasetSettings | None = None
     arm: Arm | None = field(default=None, compare=False)
+    notes: tuple[str, ...] = ()
 
 
 def all_runs(cells: Sequence[Cell]) -> list[RunSettings]:
@@ -72,11 +75,11 @@ def with_runs(cells: Iterable[Cell], ids: Collection[str]) -> list[Cell]:
     return [cell for cell in chosen if cell.runs]
 
 
-def matrix_cells(parts: Parts, results: Results) -> list[Cell]:
+def matrix_cells(parts: Parts, results: Results, accept_changed: bool = False) -> list[Cell]:
     """Returns the cells of the parts of a matrix in the order of the file, grouped by task.
 
-    The results contain the encoders given by id. Raises a RequestError if the settings of a run or
-    an encoder are invalid.
+    The results contain the encoders given by id; see `plan_runs` for `accept_changed`. Raises a
+    RequestError if the settings of a run or an encoder are invalid.
     """
     for where, part in parts.items():
         with named(where):
@@ -87,12 +90,12 @@ def matrix_cells(parts: Parts, results: Results) -> list[Cell]:
     different: dict[tuple[str, ...], Cell] = {}
     for arm in arms(parts):
         with named(arm.where):
-            cell = _cell(arm, results)
+            cell = _cell(arm, results, accept_changed)
         different.setdefault(tuple(run.id for run in cell.runs), cell)
     return list(different.values())
 
 
-def _cell(arm: Arm, results: Results) -> Cell:
+def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
     matrix, task, name = arm.part, arm.task, arm.representation
     fields = dict(arm.fields)
     dataset: DatasetSettings | None = None
@@ -102,11 +105,12 @@ def _cell(arm: Arm, results: Results) -> Cell:
         fields["representation"] = fields["ofe"].representation
     elif "/" in name:
         fields["encoder"] = name
-        fields["representation"] = read_representation(results, name)
+        fields["representation"] = read_representation(results, name, accept_changed)
     elif name != FULL:
         robot = dataset_robot(find_task(task))
         dataset = validated(DatasetSettings, "[dataset]", **dict(matrix.dataset), **robot)
-        encoder = _encoder(matrix, task, name, dataset)
+        dataset = plan_dataset(dataset, results).settings
+        encoder = _encoder(matrix, task, name, dataset, results)
         seeds = matrix.seeds if drawn else (encoder.seed,)
         encoders = {seed: encoder.model_copy(update={"seed": seed}) for seed in seeds}
         fields["encoder"] = encoder.id
@@ -115,16 +119,20 @@ def _cell(arm: Arm, results: Results) -> Cell:
 
     ids = {seed: encoder.id for seed, encoder in encoders.items()} if drawn else None
     runs = make_runs(matrix.seeds, ids, **fields)
+    runs, notes = plan_runs(runs, results, accept_changed)
     if not matrix.model_dump()["evaluation"]["every"]:
         runs = with_kept_interval(runs, results)
-    return Cell(task, arm.algo, name, runs, arm.settings, tuple(encoders.values()), dataset, arm)
+    made = tuple(encoders.values())
+    return Cell(task, arm.algo, name, runs, arm.settings, made, dataset, arm, tuple(notes))
 
 
-def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> EncoderSettings:
+def _encoder(
+    matrix: Matrix, task: str, name: str, dataset: DatasetSettings, results: Results
+) -> EncoderSettings:
     if (wanted := named_encoder(name, task)) is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
     assert wanted is not None
-    return encoder_settings(
+    present = encoder_settings(
         wanted.kind,
         {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options},
         task=task,
@@ -133,6 +141,8 @@ def _encoder(matrix: Matrix, task: str, name: str, dataset: DatasetSettings) -> 
         dataset=dataset.id,
         seed=0 if matrix.encoder.seed == "each" else matrix.encoder.seed,
     )
+    encoder: EncoderSettings = plan_encoder(present, results).settings
+    return encoder
 
 
 def missing_encoders(

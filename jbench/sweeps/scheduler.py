@@ -77,9 +77,10 @@ def sweep(
         results.clean("run", run.id)
     statuses = run_statuses(all_runs(cells), results)
     done = ("finished",) if retry_failed else ("finished", "failed")
+    notes = dict.fromkeys(note for cell in cells for note in cell.notes)
     cells = with_runs(cells, {id for id, run in statuses.items() if run.state not in done})
     new = [run for run in all_runs(cells) if statuses[run.id].state == "missing"]
-    for sentence in (*sentences(statuses, retry_failed), *new_beginnings(new, results)):
+    for sentence in (*notes, *sentences(statuses, retry_failed), *new_beginnings(new, results)):
         report(Event("note", text=sentence))
     if not cells:
         return {}

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS
 from jbench.settings.records import Specs
+from jbench.sources import checksum
+from jbench.tasks.robot_checksum import robot_checksum
 from jbench.tasks.task import Task, Worlds, WorldsState
 
 Make = Callable[[int], Any]  # returns a new `dm_env.Environment` with this seed
@@ -37,10 +39,19 @@ _OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
 class DmTask(Task):
     """A task that a `dm_env.Environment` implements; `reseeds`: it is not made again."""
 
-    def __init__(self, name: str, make: Make, *, takes_random: bool = True) -> None:
+    def __init__(
+        self,
+        name: str,
+        make: Make,
+        *,
+        takes_random: bool = True,
+        files: Mapping[str, str] | None = None,
+    ) -> None:
         """Makes an environment and reads its specifications: RequestError if it is unusable.
 
-        The seed must decide about its random numbers, or `takes_random` is false.
+        The seed must decide about its random numbers, or `takes_random` is false. `files` are those
+        of a user's code, see `source_files`; None for a task of dm_control's suite, which its
+        version describes.
         """
         self.name, self._make = name, make
         environment = self.environment(0)
@@ -72,6 +83,8 @@ class DmTask(Task):
             action_minimum=self._minimum.tolist(),
             action_maximum=self._maximum.tolist(),
             control_timestep=self.control_timestep,
+            compiled=None if files is None else robot_checksum(environment),
+            sources=None if files is None else checksum(files),
         )
         _close(environment)
 

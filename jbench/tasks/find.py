@@ -4,6 +4,7 @@ import importlib.util
 import inspect
 import logging
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 from importlib.metadata import EntryPoint
 from typing import Any
@@ -12,10 +13,14 @@ from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import TASKS, closest, in_prose
 from jbench.settings.records import Specs
+from jbench.sources import source_files
 from jbench.task_specs import SUITE, SUITE_TASKS, TASK_GROUP
 from jbench.tasks.dm import DmTask
 from jbench.tasks.jitterbug.worlds import JitterbugTask
 from jbench.tasks.task import Task
+
+CODE = ("compiled", "sources")
+"""Fields of `Specs` that are of the code behind a name, and that old records lack."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 
@@ -41,9 +46,11 @@ def find_task(name: str) -> Task:
     if name.startswith(SUITE):
         return _suite_task(name)
     if plugins.is_imported(name):
-        return _made_by(name, plugins.imported("task", name))
+        factory = plugins.imported("task", name)
+        return _made_by(name, factory, source_files(name.partition(":")[0]))
     if name in (points := installed_tasks()):
-        return _made_by(name, plugins.load("task", points[name]))
+        factory = plugins.load("task", points[name])
+        return _made_by(name, factory, source_files(points[name].module))
     raise unknown_task(name)
 
 
@@ -61,24 +68,35 @@ def dataset_robot(task: Task) -> dict[str, Any]:
     return {} if task.specs is None else {"robot": task.name, "specs": task.specs}
 
 
-def check_specs(name: str, recorded: Specs | None) -> None:
-    """Raises a RequestError if a task has another robot, observation or action than recorded."""
+def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False) -> None:
+    """Raises a RequestError if a task has another robot, observation or action than recorded.
+
+    If changed code is accepted, only observation and action count. The checksums of the code are
+    compared by `jbench.store.code`.
+    """
     now = find_task(name).specs
-    if now == recorded:
+    left_out = (*CODE, "model", "control_timestep") if accept_changed else CODE
+    names = [name for name in Specs.model_fields if name not in left_out]
+    fields = [n for n in names if getattr(now, n, None) != getattr(recorded, n, None)]
+    if not fields:
         return
-    fields = [n for n in Specs.model_fields if getattr(now, n, None) != getattr(recorded, n, None)]
     raise RequestError(
         f"The task {name} has changed since it was recorded: its {in_prose(fields, 'and')} differ; "
         "use the task's code of then, or train again."
     )
 
 
-def code_provenance(name: str) -> dict[str, str | None]:
-    """Returns provenance of the code of a task, if it is that of another package."""
-    if name in TASKS or name.startswith(SUITE):
+def code_provenance(name: str) -> dict[str, Any]:
+    """Returns provenance of the code of a task, and the checksum of its robot, if it is a user's.
+
+    Raises as `find_task`.
+    """
+    specs = find_task(name).specs
+    if specs is None or name.startswith(SUITE):
         return {}
     code = plugins.provenance("task", name, installed_tasks())
-    return {f"task_{key}": value for key, value in code.items()}
+    made = {f"task_{key}": value for key, value in code.items()}
+    return made if specs.compiled is None else {**made, "task_compiled": specs.compiled}
 
 
 def unknown_task(name: str) -> RequestError:
@@ -110,7 +128,7 @@ def _suite_task(name: str) -> DmTask:
     return DmTask(name, lambda seed: suite.load(domain, task, task_kwargs={"random": seed}))
 
 
-def _made_by(name: str, factory: Any) -> DmTask:
+def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
     if not callable(factory):
         raise RequestError(
             f"{name} is of type {type(factory).__name__}; name a function that returns a "
@@ -121,4 +139,5 @@ def _made_by(name: str, factory: Any) -> DmTask:
         name,
         lambda seed: factory(random=seed) if takes_random else factory(),
         takes_random=takes_random,
+        files=files,
     )

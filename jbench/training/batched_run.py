@@ -4,18 +4,19 @@ import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
+from typing import Any
 
-from jbench.agents.algorithms import algorithm_provenance
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
+from jbench.store.code import code_of
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, device_provenance, provenance
-from jbench.tasks import find
 from jbench.training.checkpoints import copied, load
+from jbench.training.code import check_run_code, run_code
 from jbench.training.evaluation import load_run_encoder
 from jbench.training.events import Event, Report, ignore
 from jbench.training.group import Member, TrainingGroup
@@ -58,14 +59,14 @@ def run_batch(
     """
     if runs[0].engine == "sb3":
         device = "cpu"
-    task_code = find.code_provenance(runs[0].task)
-    algorithm = algorithm_provenance(runs[0].algo)
-    made_on = {**device_provenance(find_device(device)), **algorithm, **task_code}
+    code = run_code(runs[0], encoders or results)
+    made_on = {**device_provenance(find_device(device)), **code}
     end = until or math.inf
     members: list[Member] = []
     failures: dict[str, Exception] = {}
     # Runs of the same encoder share it, and may then encode all their observations at once.
-    load_encoder = cache(lambda id: load_run_encoder(id, encoders or results))
+    accepted = runs[0].accepted is not None
+    load_encoder = cache(lambda id: load_run_encoder(id, encoders or results, accepted))
     with contextlib.ExitStack() as locks:
         for run in runs:
             try:
@@ -98,12 +99,13 @@ def _begin(
     encoder: Encoder | None,
     record: Record | None,
     results: Results,
-    made_on: Mapping[str, str | None],
+    made_on: Mapping[str, Any],
     report: Report,
 ) -> Member | None:
     """Returns a run to train, from its checkpoint or that of a shorter run; None if finished."""
     if record is not None and record.status == "finished":
         return None
+    check_run_code(run, record, made_on)
     refused: list[str] = []
     shorter = kept_runs(run, results)
     for source in shorter if record is None else (record, *shorter):
@@ -128,7 +130,11 @@ def _begin(
             resumed.append(*copy)
             log = RunLog(resumed, position)
         steps = position.control_steps
-        where = {"control_steps": steps} | ({"run": continues} if continues else {})
+        where: dict[str, Any] = {"control_steps": steps}
+        if continues:
+            where["run"] = continues
+        if run.accepted is not None:
+            where["code"] = code_of(made_on)
         if changed := resumed.resume(where, made_on):
             refused.append(
                 f"Since it began, {describe_changes(changed)}: results may differ from those of "

@@ -39,7 +39,7 @@ def make_trainer(
     can't be imported, or its update rule can't be trained.
     """
     settings, seeds = runs[0], [derive_seeds(run.seed)[0] for run in runs]
-    check_specs(settings.task, settings.specs)
+    check_specs(settings.task, settings.specs, settings.accepted is not None)
     if settings.engine == "sb3":
         from jbench.training.sb3_engine import SB3Engine  # takes a second to import
 

@@ -22,9 +22,11 @@ FINAL_EPISODES = 100
 the returns of an agent's episodes vary more than the expected returns of agents."""
 
 
-def load_run_encoder(id: str | None, results: Results) -> Encoder | None:
-    """Returns the encoder of a run, or None for the full observation."""
-    return None if id is None else load_encoder(results, id)[0]
+def load_run_encoder(
+    id: str | None, results: Results, accept_changed: bool = False
+) -> Encoder | None:
+    """Returns the encoder of a run, or None for the full observation; see `load_encoder`."""
+    return None if id is None else load_encoder(results, id, accept_changed)[0]
 
 
 def make_env(

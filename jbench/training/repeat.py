@@ -19,10 +19,12 @@ from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema
+from jbench.store.code import ChangedCodeError, changed_since, check_code, code_hash, have_changed
 from jbench.store.merge import TIMES
 from jbench.store.provenance import device_provenance, differences, provenance
 from jbench.tasks.task import Act
 from jbench.training.batched_run import run_batch
+from jbench.training.code import run_code
 from jbench.training.engines import make_trainer
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import POLICY_EVALUATION
@@ -51,11 +53,23 @@ class Repeated(NamedTuple):
     computed: tuple[float, ...] = ()
 
 
-def reevaluate(results: Results, record: Record) -> Repeated:
+def changed_code(record: Record, results: Results, accept_changed: bool) -> list[str]:
+    """Returns what has changed of the users' code of a run; a ChangedCodeError unless accepted."""
+    settings = read_run(record.settings)
+    if isinstance(settings, Unreadable):
+        return []
+    now = run_code(settings, results)
+    if not accept_changed:
+        check_code(record, now)
+    return changed_since(record, now)
+
+
+def reevaluate(results: Results, record: Record, accept_changed: bool = False) -> Repeated:
     """Repeats the last evaluation of a finished run: the same initial states, with the kept policy.
 
     On the same kind of processor with the same versions, the returns are the same bits. The results
-    contain its encoder. Raises a WorkError if a file of the run is damaged.
+    contain its encoder. A run whose users' code has changed is not comparable, unless that is
+    accepted. Raises a WorkError if a file of the run is damaged.
     """
     if not has_policy(record):
         return Repeated(record.id, "no policy", "It was saved without its policy.")
@@ -67,7 +81,9 @@ def reevaluate(results: Results, record: Record) -> Repeated:
     recorded = {key: row for key, row in rows.items() if key[2] == number}
     control_steps = max(steps for steps, *_ in recorded)
     try:
-        agent = load_agent(results, record.id)
+        if changed_code(record, results, accept_changed) and isinstance(settings, RunSettings):
+            settings = settings.model_copy(update={"accepted": "repeated"})
+        agent = load_agent(results, record.id, accept_changed)
         with one_thread(), contextlib.ExitStack() as stack:
             act: Act = agent.act
             if settings.engine == "batched":
@@ -85,6 +101,8 @@ def reevaluate(results: Results, record: Record) -> Repeated:
                 control_steps=control_steps,
                 episodes=max(len(recorded), settings.evaluate_episodes),
             )
+    except ChangedCodeError as error:
+        return Repeated(record.id, "not comparable", str(error))
     except (RequestError, ValueError) as error:
         reason = f"Its policy can't be run: {str(error).rstrip('.')}."
         return Repeated(record.id, "not comparable", reason)
@@ -92,7 +110,11 @@ def reevaluate(results: Results, record: Record) -> Repeated:
         (control_steps, "evaluation", number, episode): {"episode_return": episode_return}
         for episode, episode_return in enumerate(evaluation.returns.tolist())
     }
-    return _compared(record, control_steps, recorded, computed, "evaluation")
+    repeated = _compared(record, control_steps, recorded, computed, "evaluation")
+    if files := changed_code(record, results, accept_changed):
+        reason = f"With changed code ({have_changed(files)}). {repeated.reason}".rstrip()
+        return repeated._replace(reason=reason)
+    return repeated
 
 
 def retrain(
@@ -100,6 +122,7 @@ def retrain(
     record: Record,
     episodes: int,
     progress: Callable[[int], None] = lambda control_steps: None,
+    accept_changed: bool = False,
 ) -> Repeated:
     """Trains the first episodes of a run again, in a temporary directory.
 
@@ -117,6 +140,9 @@ def retrain(
         raise RequestError(f"Another program or version wrote the settings of {record.id}.")
     if not record.rows("episodes"):
         raise RequestError(f"{record.id} is {record.status} and has no episode to compare with.")
+    if changed_code(record, results, accept_changed):
+        now = code_hash(run_code(settings, results))
+        settings = settings.model_copy(update={"accepted": now})
     rounds = math.ceil(min(episodes, record.rows("episodes")) / settings.environments)
     until = rounds * EPISODE_STEPS * settings.environments
     recorded = _rows(record, "episode", "evaluation", until=until)

@@ -31,6 +31,7 @@ def request_runs(
     overrides: Mapping[str, Any],
     engine: names.Engine | None = None,
     encoder_seeds: names.EncoderSeeds = "newest",
+    accept_changed: bool = False,
     **fields: Any,
 ) -> list[RunSettings]:
     """Returns the settings of one run per seed.
@@ -42,6 +43,7 @@ def request_runs(
         base: see `names.Base`; None for that of the task.
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         engine: None for the engine that follows from the algorithm.
+        accept_changed: whether the encoder may be one whose kind has other code now.
         fields: the other fields of `RunSettings`.
 
     Raises a RequestError if the encoder is not found or can't be mirrored, a setting is invalid, or
@@ -58,14 +60,14 @@ def request_runs(
     elif feature_changes:
         raise RequestError("--set ofe.NAME is for --encoder ofeN, such as ofe12; leave it out.")
     elif encoder not in names.NO_ENCODER:
-        fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
-        fields["representation"] = read_representation(results, encoder_id)
+        fields["encoder"] = encoder_id = find_encoder(results, encoder, task, accept_changed)
+        fields["representation"] = read_representation(results, encoder_id, accept_changed)
         if encoder_seeds == "each":
             fields["encoder_draws"], encoders = find_draws(results, encoder, task, seeds)
     fields["time_limit"] = fields.get("time_limit") or default_time_limit(base)
     algorithm = algorithm_fields(algo, engine, base, algorithm_changes, task)
     if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
-        input_mirror(task, load_encoder(results, fields["encoder"])[0])
+        input_mirror(task, load_encoder(results, fields["encoder"], accept_changed)[0])
     fields["specs"] = find_task(task).specs
     return make_runs(seeds, encoders, task=task, **algorithm, **fields)
 
@@ -108,9 +110,9 @@ def make_runs(
     return runs
 
 
-def read_representation(results: Results, encoder: str) -> str:
-    """Returns an encoder's representation, such as dae12; raises a RequestError without one."""
-    load_encoder(results, encoder)
+def read_representation(results: Results, encoder: str, accept_changed: bool = False) -> str:
+    """Returns an encoder's representation, such as dae12; raises as `load_encoder`."""
+    load_encoder(results, encoder, accept_changed)
     return encoder.split("/")[1]
 
 

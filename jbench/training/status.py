@@ -39,11 +39,16 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
         return RunStatus("failed", run.steps, f"{error} {repair_hint(results.name)}")
     if record is None:
         kept = kept_runs(run, results)
-        return RunStatus("missing", run.steps - (kept[0].settings["steps"] if kept else 0))
+        return RunStatus("missing", max(0, run.steps - (_done(kept[0]) if kept else 0)))
     if record.status == "finished":
         return RunStatus("finished", 0)
-    done = record.rows("episodes") * EPISODE_STEPS if record.roles() else 0
+    done = _done(record) if record.roles() else 0
     return RunStatus(record.status, max(0, run.steps - done), record.error or "")
+
+
+def _done(record: Record) -> int:
+    """Returns the control steps up to the last committed episode."""
+    return record.rows("episodes") * EPISODE_STEPS
 
 
 def run_statuses(runs: Iterable[RunSettings], results: Results) -> dict[str, RunStatus]:
@@ -87,10 +92,18 @@ def failures_among(statuses: Mapping[str, RunStatus]) -> dict[str, str]:
 
 
 def kept_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:
-    """Returns the finished runs that a run can continue, as `shorter_runs` does."""
-    if run.robots > 1:
-        return []
-    return [record for record in shorter_runs(run, results, *free) if record.roles()]
+    """Returns the runs whose state a run can continue: finished ones, as `shorter_runs` does.
+
+    A run that goes on with changed code also continues the run of the code before.
+    """
+    origins = list[Record]()
+    if run.accepted is not None:
+        run = run.model_copy(update={"accepted": None})
+        with contextlib.suppress(WorkError):
+            before = results.find("run", run.id)
+            origins += [] if before is None else [before]
+    shorter = shorter_runs(run, results, *free) if run.robots == 1 else []
+    return [record for record in (*origins, *shorter) if record.roles()]
 
 
 def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]:

@@ -58,6 +58,7 @@ def main() -> int:
 def _ended(run: "RunSettings", results: "Results", failure: Exception | None) -> "Event":
     """Returns the last event of a run; records a failure that is not recorded yet."""
     from jbench.errors import RequestError, WorkError, sentence_of_failure
+    from jbench.store.code import ChangedCodeError
     from jbench.store.locks import HeldError
     from jbench.training.events import Event
     from jbench.training.status import record_failure, run_status
@@ -68,7 +69,8 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
     if isinstance(failure, HeldError):
         return Event("held", run.id)
     reason = sentence_of_failure(failure)
-    record_failure(run, results, reason)
+    if not isinstance(failure, ChangedCodeError):  # the run itself has not failed
+        record_failure(run, results, reason)
     # A sentence of jbench needs no traceback, but that of its cause.
     error = failure.__cause__ if isinstance(failure, RequestError | WorkError) else failure
     lines = [] if error is None else traceback.format_exception(error)

@@ -13,11 +13,12 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import ReturnsName
+from jbench.report.data.code import note_changes, recorded_code, split_by_code
 from jbench.report.data.configuration import KEY, OWN, Configuration, paper_order
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.settings.recorded import comparable, parse_run
-from jbench.settings.variants import variant_words
+from jbench.settings.variants import code_dates, variant_words
 from jbench.statistics import FloatArray, IntArray
 from jbench.statistics.bootstrap import MIN_SEEDS
 from jbench.wording import are, counted
@@ -68,8 +69,10 @@ def build(
     known = points[EVALUATION] | points[TRAINING]
     recorded = [len(known.get(run, NOTHING)) for run in runs["run"]]
     ends = [divergence(text) for text in runs["diverged"]]
+    provenance = runs["provenance"] if "provenance" in runs else [None] * len(runs)
+    begun = dict(zip(runs["run"], runs["created"].astype(str), strict=True))
     # Other columns are left out, since their texts are long.
-    runs = runs[[*KEY, "run", "seed", "steps", "status", "encoder"]].assign(
+    runs = runs[[*KEY, "run", "seed", "steps", "status", "encoder", "created"]].assign(
         recorded=recorded,
         diverged=[at for at, _ in ends],
         divergence=[words for _, words in ends],
@@ -78,6 +81,11 @@ def build(
     # Evaluation does not affect training, so runs that differ only in it are one configuration.
     alike = runs["typed"].map(comparable)
     runs["variant"] = runs.groupby(alike)["variant"].transform("min")
+    runs["code"] = pd.Series([recorded_code(text) for text in provenance], runs.index, object)
+    codes = split_by_code(runs, alike)
+    runs["settings_variant"] = runs["variant"]
+    runs["variant"] += codes.where(codes == "", "-" + codes.str.replace(" ", "-"))
+    dates = code_dates(zip(runs["typed"], runs["created"], strict=True))
     idle = (runs["recorded"] == 0) & runs["diverged"].isna()
     notes = [
         f"The run {run} ({status}) has no episodes yet."
@@ -85,15 +93,19 @@ def build(
     ]
     built: list[Configuration] = []
     for _, group in runs[~idle].groupby(["algo", "representation"]):
-        words = variant_words(dict(zip(group["variant"], group["typed"], strict=True)))
+        words = variant_words(
+            dict(zip(group["settings_variant"], group["typed"], strict=True)), dates
+        )
         for _, same in group.groupby(["task", "variant"]):
             same = same.sort_values(_ORDER, ascending=_ASCENDING)
-            built += _build(same, points, source, words[same["variant"].iloc[0]])
+            parts = words[same["settings_variant"].iloc[0]], codes[same.index[0]]
+            built += _build(same, points, source, ", ".join(filter(None, parts)))
     built.sort(key=lambda config: (*paper_order(config), config.words))
+    note_changes(built, dict(zip(runs["run"], runs["code"], strict=True)), begun)
     # Recorded settings may differ in nothing that has a name: then a hash tells them apart.
-    named: dict[str, str] = {}
+    known_names: dict[str, str] = {}
     for config in built:
-        if named.setdefault(config.configuration, config.variant) != config.variant:
+        if known_names.setdefault(config.configuration, config.variant) != config.variant:
             config.set_words(", ".join(filter(None, (config.words, config.variant))))
     return built, notes
 

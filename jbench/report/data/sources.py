@@ -1,26 +1,29 @@
 """Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from jbench.errors import NothingYetError, RequestError
 from jbench.importing.curves import as_imports, as_runs, read_curves
-from jbench.names import REFERENCE, shown_representation
+from jbench.names import REFERENCE, in_prose, shown_representation
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
-from jbench.report.data.returns import FILE
+from jbench.report.data.returns import EVALUATION, FILE
 from jbench.report.request import Request, setting, settings_typed
 from jbench.settings.recorded import flatten, parse_run
 from jbench.settings.variants import value_text
 from jbench.statistics import BoolArray
 from jbench.store import Results, query, schema
-from jbench.store.evaluations import with_added_episodes
+from jbench.store.evaluations import ADDED, with_added_episodes
 from jbench.wording import are, counted
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
@@ -158,7 +161,21 @@ def _source(
     paths = run_paths(read.tables.get("paths"), evaluations).assign(source=name)
     episodes, runs = read.tables["episodes"], runs.assign(source=name)
     built, more = build(runs, episodes, evaluations, name) if len(runs) else ([], [])
+    _note_added_episodes(built, evaluations)
     return Source(built, runs, notes + more, [*read.problems, *unusable], tables, paths)
+
+
+def _note_added_episodes(built: Sequence[Configuration], evaluations: pa.Table) -> None:
+    """Adds a note to configurations with returns that were not recorded at the end of training."""
+    added = evaluations.filter(pc.field("episode") >= ADDED)["run"].to_pylist()
+    counts = Counter(added)
+    for config in built:
+        seeds = [str(s) for s, run in zip(config.seeds, config.runs, strict=True) if counts[run]]
+        if config.kind == EVALUATION and seeds:
+            episodes = counted(sum(counts[run] for run in config.runs), "episode")
+            which = f"{'seed' if len(seeds) == 1 else 'seeds'} {in_prose(seeds, 'and')}"
+            note = f"jbench evaluate added {episodes} to the last evaluations of {which}"
+            config.notes = (*config.notes, note)
 
 
 def _have_settings(text: str, recorded: pd.Series) -> BoolArray:

@@ -1,0 +1,141 @@
+"""Settings of new records whose code a user writes: as those of the records with the same code.
+
+The checksum of users' code is part of an id, so that another code makes another record. Records of
+older versions lack it. New ones take its place beside them, without it, as long as no file is known
+to have changed; so old runs are not trained again, and more seeds join them.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+from pydantic import ValidationError
+
+from jbench.settings.base import Settings, canonical_json
+from jbench.store.code import ROBOT_NAME, Code, changed_files, date_of, have_changed
+from jbench.store.record import Record
+from jbench.wording import counted
+
+_Settings = TypeVar("_Settings", bound=Settings)
+
+_CODE = ("sources", "compiled")
+_ROBOT = ("model", "control_timestep")
+
+
+class Changed(NamedTuple):
+    """A record whose settings are the planned ones, and what has changed of its code since."""
+
+    record: Record
+    files: tuple[str, ...]
+
+
+class Planned(NamedTuple):
+    """The settings of a new or existing record, and the records of changed code, oldest first."""
+
+    settings: Any
+    changed: list[Changed]
+
+
+def planned(
+    settings: _Settings, records: Iterable[Record], now: Code, free: Collection[str] = ()
+) -> Planned:
+    """Returns settings with the checksums of code that the records of the same code have.
+
+    Args:
+        settings: with the checksums of the present code.
+        records: those of their kind, oldest first.
+        now: provenance of the present code.
+        free: names of settings in which records may differ and still be of one configuration.
+    """
+    groups = dict[str, list[Record]]()
+    changed = list[Changed]()
+    codes = dict[str, dict[str, Any]]()
+    mine = _configuration(settings, free)
+    for record in records:
+        other = _read(settings, record)
+        if other is None or _configuration(other, free) != mine or _accepted(record.settings):
+            continue
+        files = changed_files(record.manifest.provenance, now)
+        if not files and _parts(other, _ROBOT) != _parts(settings, _ROBOT):
+            files = [ROBOT_NAME]
+        if files:
+            changed.append(Changed(record, tuple(files)))
+        code = _parts(other, _CODE)
+        codes[canonical_json(code)] = code
+        groups.setdefault(canonical_json(code), []).append(record)
+    different = {entry.record.id for entry in changed}
+    for key, members in reversed(groups.items()):
+        candidate = _with_code(settings, codes[key])
+        exists = any(record.id == candidate.id for record in members)  # type: ignore[attr-defined]
+        same = [record.id not in different for record in members]
+        is_own = exists and candidate.id not in different  # type: ignore[attr-defined]
+        if is_own or all(same):
+            return Planned(candidate, changed)
+    return Planned(settings, changed)
+
+
+def say_changed(plans: Iterable[Planned], existing: Collection[str]) -> Iterator[str]:
+    """Yields `sentences` for those plans whose records do not exist yet."""
+    new = [plan for plan in plans if plan.settings.id not in existing]
+    yield from sentences([*{c.record.id: c for plan in new for c in plan.changed}.values()])
+
+
+def sentences(changed: Sequence[Changed]) -> Iterator[str]:
+    """Yields a sentence for the records before each change, on what becomes of them."""
+    by_files = dict[tuple[str, ...], list[Record]]()
+    for entry in changed:
+        by_files.setdefault(entry.files, []).append(entry.record)
+    for files, records in by_files.items():
+        last = records[-1]
+        if len(records) == 1:
+            which = f"the {last.kind} {last.id} was recorded ({date_of(last)})"
+            stays = "it stays as it is"
+        else:
+            which = (
+                f"{counted(len(records), last.kind)} were recorded, the last of them {last.id} "
+                f"({date_of(last)})"
+            )
+            stays = "they stay as they are"
+        yield f"{have_changed(files)} since {which}: what is made now has another id, and {stays}."
+
+
+def _read(settings: _Settings, record: Record) -> _Settings | None:
+    try:
+        return type(settings).model_validate(record.settings)
+    except ValidationError:  # of another version
+        return None
+
+
+def _accepted(values: Mapping[str, Any]) -> bool:
+    return values.get("accepted") is not None
+
+
+def _parts(settings: Settings, names: Collection[str]) -> dict[str, Any]:
+    """Returns some of the settings and some of the task's specifications, by name."""
+    specs = getattr(settings, "specs", None)
+    return {
+        "settings": {name: getattr(settings, name, None) for name in names},
+        "specs": {name: getattr(specs, name, None) for name in names},
+    }
+
+
+def _with_code(settings: _Settings, code: Mapping[str, Mapping[str, Any]]) -> _Settings:
+    changes = {
+        n: value for n, value in code["settings"].items() if n in type(settings).model_fields
+    }
+    specs = getattr(settings, "specs", None)
+    if specs is not None:
+        changes["specs"] = specs.model_copy(update=dict(code["specs"]))
+    return settings.model_copy(update=changes)
+
+
+def _configuration(settings: Settings, free: Collection[str]) -> str:
+    """Returns a key that is equal for settings that differ only in code and in free settings."""
+    values = {
+        name: value
+        for name, value in settings.values.items()
+        if name not in (*free, *_CODE, "accepted")
+    }
+    if isinstance(specs := values.get("specs"), Mapping):
+        left_out = (*_CODE, *_ROBOT)
+        values["specs"] = {name: value for name, value in specs.items() if name not in left_out}
+    return canonical_json(values)

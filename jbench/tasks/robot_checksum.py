@@ -1,0 +1,103 @@
+"""The checksum of a robot: MuJoCo's compiled model without what only draws.
+
+Two robots are the same if everything that can move them, or that a sensor measures, is the same.
+The whole model counts, rather than a list of fields, so that fields of later versions of MuJoCo
+count, too. Fields that are empty or zero are left out, since such versions add them.
+"""
+
+import hashlib
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_DRAWN = re.compile(
+    r"""
+      (cam | light | mat | tex | skin)_.*          # cameras, lights, surfaces
+    | n (cam | light | mat | tex(data)? | skin.* | user_cam) | vis
+    | (geom | site | tendon | flex | jnt)_group    # but that of an actuator can disable it
+    | .*_(rgba | matid) | tendon_width             # looks of parts
+    | mesh_ (face)? (normal | texcoord) (adr | num)?
+    | flex_ (elem)? texcoord (adr)? | flex_flatskin
+    | n (meshnormal | meshtexcoord | flextexcoord)
+    """,
+    re.VERBOSE,
+)
+_NOT_PHYSICAL = re.compile(
+    r"""
+      names(_map)? | name_.*adr | nnames(_map)? | .*pathadr | n?paths      # names and places
+    | n (arena | buffer | conmax | jmax | userdata | pluginstate)          # memory
+    | signature | stat
+    """,
+    re.VERBOSE,
+)
+_DIGITS = 6  # other versions and processors round differently when they compile a model
+
+
+def robot_checksum(environment: Any) -> str | None:
+    """Returns the SHA-256 of the MuJoCo model of an environment, if it has one.
+
+    Numbers are rounded to six digits.
+    """
+    model = getattr(getattr(environment, "physics", None), "model", None)
+    if model is None:
+        return None
+    digest = hashlib.sha256()
+    for name, value in physical_fields(getattr(model, "ptr", model)):
+        texts = (f"{number:.{_DIGITS}g}" for number in value.ravel())
+        digest.update(f"{name} {value.shape} {' '.join(texts)}\n".encode())
+    return digest.hexdigest()
+
+
+def physical_fields(model: Any) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yields name and values of each field of a compiled model that is part of its robot.
+
+    Those with zeros alone are left out.
+    """
+    holders = {"": model, "opt.": model.opt, "stat.": model.stat}
+    for prefix, holder in holders.items():
+        for name in sorted(dir(holder)):
+            if name.startswith("_") or (not prefix and _is_left_out(name)):
+                continue
+            if prefix == "stat." and name != "meaninertia":  # by which the solver scales
+                continue
+            numbers = _numbers(getattr(holder, name))
+            if numbers is not None and numbers.any():
+                yield f"{prefix}{name}", numbers
+    # A rangefinder does not see what is transparent.
+    yield "invisible geoms", np.flatnonzero(_alpha(model) == 0).astype(np.float64)
+    if _has_camera_sensor(model):
+        for name in sorted(name for name in dir(model) if name.startswith("cam_")):
+            numbers = _numbers(getattr(model, name))
+            if numbers is not None:
+                yield name, numbers
+
+
+def _is_left_out(name: str) -> bool:
+    return bool(_DRAWN.fullmatch(name) or _NOT_PHYSICAL.fullmatch(name))
+
+
+def _numbers(value: object) -> NDArray[np.float64] | None:
+    if isinstance(value, bytes):  # texts of the XML, which code may read
+        return np.frombuffer(value, np.uint8).astype(np.float64)
+    if isinstance(value, bool | int | float | np.ndarray | np.number):
+        array = np.asarray(value)
+        if array.dtype.kind in "biuf":
+            return np.atleast_1d(array).astype(np.float64) + 0.0  # without negative zeros
+    return None
+
+
+def _alpha(model: Any) -> NDArray[np.float64]:
+    alpha = np.array(model.geom_rgba[:, 3], np.float64)
+    of_material = model.geom_matid >= 0
+    alpha[of_material] = model.mat_rgba[model.geom_matid[of_material], 3]
+    return alpha
+
+
+def _has_camera_sensor(model: Any) -> bool:
+    import mujoco
+
+    camera = int(mujoco.mjtObj.mjOBJ_CAMERA)
+    return bool((model.sensor_objtype == camera).any() or (model.sensor_reftype == camera).any())

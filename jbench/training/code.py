@@ -1,0 +1,138 @@
+"""The users' code behind runs: what is present, and which recorded runs a new one joins."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from jbench.agents.algorithms import algorithm_provenance
+from jbench.encoders import encoder_code
+from jbench.encoders.registry import code_provenance
+from jbench.settings.records import ExternalSettings
+from jbench.settings.run import RunSettings
+from jbench.sources import checksum
+from jbench.store import Record, Results
+from jbench.store.code import (
+    ACCEPT,
+    ChangedCodeError,
+    Code,
+    changed_files,
+    check_code,
+    code_hash,
+    is_known,
+    since_recorded,
+)
+from jbench.store.planned import Changed, planned, sentences
+from jbench.tasks import find
+
+_FREE = ("seed", "steps", "evaluate_every", "evaluate_episodes")
+
+
+class PlannedRuns(NamedTuple):
+    """Settings of runs, and sentences on recorded runs of other code."""
+
+    runs: list[RunSettings]
+    notes: list[str]
+
+
+def run_code(run: RunSettings | ExternalSettings, encoders: Results) -> dict[str, Any]:
+    """Returns provenance of the users' code that a run executes; {} if all of it is jbench's.
+
+    The training loop of a recorded run is not known.
+    """
+    algorithm = algorithm_provenance(run.algo) if isinstance(run, RunSettings) else {}
+    return {
+        **algorithm,
+        **find.code_provenance(run.task),
+        **encoder_code(encoders, run.encoder),
+    }
+
+
+def plan_runs(
+    runs: Sequence[RunSettings], results: Results, accept_changed: bool = False
+) -> PlannedRuns:
+    """Returns runs of one configuration with the ids of the recorded runs of the same code.
+
+    If `accept_changed`, unfinished runs of other code are resumed, and shorter ones whose state was
+    kept are continued, as variants of their own. Raises as `find_task` and `find_class`.
+    """
+    now = run_code(runs[0], results)
+    if not is_known(now):
+        return PlannedRuns(list(runs), [])
+    if runs[0].encoder is not None and accept_changed and _encoder_has_changed(runs[0], results):
+        runs = [run.model_copy(update={"accepted": code_hash(now)}) for run in runs]
+        return PlannedRuns(list(runs), [])
+    folder = runs[0].id.rpartition("/")[0]
+    records, _ = results.scan("run", f"{folder}/")
+    free = _FREE if runs[0].encoder_draws is None else (*_FREE, "encoder")
+    chosen = list[RunSettings]()
+    notes = list[str]()
+    others = dict[str, Changed]()
+    for run in runs:
+        found = planned(run, records, now, free)
+        settings: RunSettings = found.settings
+        if not any(record.id == settings.id for record in records):
+            others |= {entry.record.id: entry for entry in found.changed}
+            origin = _origin(run, found.changed)
+            if origin is not None and accept_changed:
+                settings = _going_on(run, origin.record, code_hash(now))
+                others.pop(origin.record.id)
+            elif origin is not None:
+                others.pop(origin.record.id)
+                notes.append(_left_alone(origin))
+        chosen.append(settings)
+    return PlannedRuns(chosen, [*sentences(list(others.values())), *dict.fromkeys(notes)])
+
+
+def check_run_code(run: RunSettings, record: Record | None, now: Code) -> None:
+    """Raises a ChangedCodeError if a run is not of the present code.
+
+    Its file may have been edited since the run was planned, or since its record was begun.
+    """
+    if run.accepted is not None:
+        known = run.accepted == code_hash(now)
+    else:
+        specs = run.specs
+        expected = {
+            "sources": run.sources,
+            "task_sources": None if specs is None else specs.sources,
+        }
+        known = all(value in (None, checksum(now.get(key, {}))) for key, value in expected.items())
+    if not known:
+        raise ChangedCodeError(
+            f"The code of the run {run.id} was edited while it waited to begin; type the command "
+            "again."
+        )
+    if record is not None and run.accepted is None:
+        check_code(record, now)
+
+
+def _encoder_has_changed(run: RunSettings, results: Results) -> bool:
+    record = None if run.encoder is None else results.find("encoder", run.encoder)
+    code = code_provenance(str(record.settings.get("kind"))) if record is not None else {}
+    return record is not None and bool(changed_files(record.manifest.provenance, code))
+
+
+def _origin(run: RunSettings, changed: Sequence[Changed]) -> Changed | None:
+    """Returns the run of other code that this one would resume or continue, if there is one."""
+    for entry in reversed(changed):
+        settings = entry.record.settings
+        if settings.get("seed") != run.seed or not entry.record.roles():
+            continue
+        steps = settings.get("steps")
+        if entry.record.status == "finished":
+            if isinstance(steps, int) and steps < run.steps and run.robots == 1:
+                return entry
+        elif steps == run.steps:
+            return entry
+    return None
+
+
+def _going_on(run: RunSettings, origin: Record, accepted: str) -> RunSettings:
+    return RunSettings(**{**origin.settings, "steps": run.steps, "accepted": accepted})
+
+
+def _left_alone(origin: Changed) -> str:
+    verb = "continues" if origin.record.status == "finished" else "resumes"
+    return (
+        f"{since_recorded(origin.record, origin.files)}, so its seed trains from the beginning "
+        f"under another id; {ACCEPT} {verb} it with the present code."
+    )

@@ -1,0 +1,77 @@
+"""Records whose code is not the present one, as `jbench verify` lists them.
+
+Modules are found and read, but not imported: anyone may have recorded their names. Only a task
+whose files are the recorded ones is made, to compare its robot.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+from jbench import plugins
+from jbench.agents import algorithms
+from jbench.encoders.registry import offered_kinds
+from jbench.errors import RequestError, WorkError
+from jbench.policies.find import offered_policies
+from jbench.store import Record
+from jbench.store.code import MODULES, changed_files, changed_since, code_of
+from jbench.store.manifest import Kind
+from jbench.tasks import find
+
+_TASKS = {"dataset": "robot", "run": "task", "evaluation": "task"}
+"""The setting that names the task, by kind of record."""
+
+
+class OtherCode(NamedTuple):
+    """A record whose code has changed, or is not at hand; `files` are the names of what changed."""
+
+    kind: Kind
+    id: str
+    created: str
+    files: tuple[str, ...]
+
+
+def other_code(records: Iterable[Record]) -> Iterator[OtherCode]:
+    """Yields the records with users' code that is not the present one."""
+    for record in records:
+        recorded = code_of(record.manifest.provenance)
+        if not recorded:
+            continue
+        now = _at_hand(record)
+        files = changed_since(record, now)
+        missing = any(
+            not now.get(key) and not now.get(module) and (recorded.get(key) or recorded.get(module))
+            for key, module in MODULES.items()
+            if key != "encoder_sources"  # the encoder's own record has them
+        )
+        if not files and not missing:
+            files = changed_files(recorded, _robot(record))
+        if files or missing:
+            created = record.manifest.created
+            yield OtherCode(record.kind, record.id, created, tuple(files))
+
+
+def _at_hand(record: Record) -> dict[str, Any]:
+    settings = record.settings
+    found = dict[str, Any]()
+    task = str(settings.get(_TASKS.get(record.kind, "")))
+    for key, value in plugins.files_at_hand(task, find.installed_tasks()).items():
+        found[f"task_{key}"] = value
+    if record.kind == "run":
+        found |= plugins.files_at_hand(str(settings.get("algo")), algorithms.installed())
+    elif record.kind == "encoder":
+        found |= plugins.files_at_hand(str(settings.get("kind")), offered_kinds())
+    elif record.kind == "evaluation":
+        found |= plugins.files_at_hand(str(settings.get("policy")), offered_policies())
+    return found
+
+
+def _robot(record: Record) -> dict[str, Any]:
+    """Returns the checksum of the robot of a task, whose files are the recorded ones."""
+    if not record.manifest.provenance.get("task_compiled"):
+        return {}
+    if not record.manifest.provenance.get("task_sources"):
+        return {}
+    try:
+        return find.code_provenance(str(record.settings.get(_TASKS[record.kind])))
+    except (RequestError, WorkError):
+        return {}

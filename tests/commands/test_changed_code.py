@@ -1,0 +1,206 @@
+"""Users' code that changes: another experiment in every verb, by whichever of its files."""
+
+import re
+from functools import cache
+
+import pytest
+
+from jbench.store import Results
+from tests.user_code import EDITS, KINDS, Project, words
+
+DATE = r"\(\d{4}-\d\d-\d\d \d\d:\d\d UTC\)"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Returns a function that returns a project of a kind with two runs, which is made once."""
+    return cache(lambda kind: Project.new(tmp_path_factory.mktemp("made") / kind, kind))
+
+
+def check_train(project, edited):
+    before, manifests = set(project.runs()), project.manifests()
+    printed = words(project.make())
+    after = set(project.runs())
+    assert before < after
+    assert len(after) == 4
+    assert f"{edited} has changed since" in printed
+    assert "already finished" not in printed
+    assert manifests.items() <= project.manifests().items()  # what was there stays as it was
+    assert "already finished" in words(project.make()) or project.kind == "loop"
+    assert set(project.runs()) == after
+
+
+def check_resume(project, edited):
+    """A run whose state was kept is not continued, unless the changed code is accepted."""
+    if project.kind in ("loop", "encoder"):  # the one starts over, the other has a new encoder
+        return
+    (project.folder / f"{project.owner}.py").touch()
+    longer = project.training("--seeds", "0", "--steps", "400")
+    before = set(project.runs())
+    run = next(id for id in before if "/s00-" in id)
+    printed = words(project.succeed(*longer).stdout)
+    assert re.search(f"{edited} has changed since the run {run} was recorded {DATE}", printed)
+    assert "so its seed trains from the beginning under another id" in printed
+    (new,) = project.runs().keys() - before
+    assert "continued" not in project.runs()[new].manifest.provenance
+    printed = words(project.succeed(*longer, "--accept-changed-code").stdout)
+    assert "already finished" in printed  # a run of the present code exists
+    assert set(project.runs()) == before | {new}
+
+
+def check_accepted(project, edited):
+    """A run that goes on with changed code holds both checksums, and has a curve of its own."""
+    if project.kind in ("loop", "encoder"):
+        return
+    before = project.runs()
+    longer = project.training("--seeds", "0", "--steps", "400", "--accept-changed-code")
+    project.succeed(*longer)
+    (new,) = project.runs().keys() - before.keys()
+    run, origin = project.runs()[new], next(r for id, r in before.items() if "/s00-" in id)
+    settings = dict(run.settings)
+    accepted = settings.pop("accepted")
+    assert settings == {**origin.settings, "steps": 400}
+    (continued,) = run.manifest.provenance["continued"]
+    assert (continued["run"], continued["control_steps"]) == (origin.id, 200)
+    key = "task_sources" if project.kind == "task" else "sources"
+    then, now = run.manifest.provenance[key], continued["code"][key]
+    assert [name for name in now if now[name] != then[name]] == [edited]
+    assert "already finished" in words(project.succeed(*longer).stdout)
+    rows = project.document("report", "--format", "svg")["configurations"]
+    assert {row["configuration"] for row in rows if accepted[:6] in row["configuration"]}
+    assert f"run {new}" not in project.succeed("verify").stdout
+    returns = {run["run"]: run["variant"] for run in project.document("runs")["runs"]}
+    assert f"changed code {accepted[:6]}" in returns[new]
+
+
+def check_evaluate(project, edited):
+    run = min(project.runs())
+    returns = project.document("runs", "--returns")["runs"]
+    done = project.type("evaluate", run, "--episodes", "2")
+    if project.kind in ("rule", "agent"):  # a saved policy runs without their code
+        assert done.returncode == 0, done.stderr
+        return
+    assert done.returncode == 2
+    assert re.search(f"{edited} has changed since the run {run} was recorded {DATE}", done.stderr)
+    assert done.stderr.count("\n") == 1
+    accepted = project.succeed("evaluate", run, "--episodes", "2", "--accept-changed-code")
+    assert "with changed code" in accepted.stdout
+    assert project.document("runs", "--returns")["runs"] == returns
+
+
+def check_reproduce(project, edited):
+    run = min(project.runs())
+    episodes = ("--episodes", "0") if project.kind == "loop" else ("--episodes", "1")
+    done = project.type("reproduce", run, *episodes)
+    assert done.returncode == 2
+    assert re.search(f"{edited} has changed since the run {run} was recorded {DATE}", done.stderr)
+    done = project.type("reproduce", run, *episodes, "--accept-changed-code")
+    printed = words(done.stdout + done.stderr)
+    assert f"The code has changed: {edited} has changed" in printed
+    assert "altered" not in printed
+
+
+def check_report(project, edited):
+    project.make()
+    document = project.document("report", "--format", "svg")
+    rows = [row for row in document["configurations"] if row["returns"] == "evaluation"]
+    assert [row["seeds"] for row in rows] == [2, 2]
+    names = [row["configuration"] for row in rows]
+    assert len(set(names)) == 2
+    if project.kind != "encoder":  # each curve has its encoder
+        assert all(re.search(r"code [0-9a-f]{6} of \d{4}-\d\d-\d\d", name) for name in names)
+        assert all(f"{edited} has changed between these runs" in row["note"] for row in rows)
+
+
+def check_verify(project, edited):
+    run = min(project.runs())
+    done = project.succeed("verify")
+    if project.kind == "encoder":
+        (encoder,) = Results(project.results).scan("encoder")[0]
+        assert f"encoder {encoder.id}, of" in done.stdout
+    else:
+        assert f"run {run}, of" in done.stdout
+    assert f"{edited} has changed since then." in words(done.stdout)
+    assert "all of them intact" in words(done.stdout)
+    repeated = words(project.type("verify", "--reevaluate").stdout)
+    if project.kind != "agent":
+        assert "not comparable: The code has changed" in repeated
+
+
+def check_merge(project, edited):
+    other = Project(project.folder.with_name("other"), project.kind)
+    other.folder.mkdir()
+    for path in project.folder.glob("*.*"):
+        (other.folder / path.name).write_bytes(path.read_bytes())
+    other.make()
+    project.succeed("merge", other.results)
+    assert len(project.runs()) == 4
+    project.succeed("merge", other.results)
+    (other.folder / f"{project.owner}.py").unlink()
+    assert "its code is not at hand" in words(other.succeed("verify").stdout)
+
+
+def check_sweep(project, edited):
+    if project.kind in ("loop", "encoder"):  # only encoders with an entry point are in a matrix
+        return
+    algo = {"rule": "rule:Rule", "agent": "agent:Agent"}.get(project.kind, "td3")
+    small = '"hidden_layers" = [8]\n' if algo == "td3" else ""
+    learning = "batch_size = 8\nlearning_starts = 20\ntrain_freq = 20\ngradient_steps = 1\n"
+    table = f'[hyperparameters."{algo}"]\n{small}{learning}' if algo != "agent:Agent" else ""
+    (project.folder / "own.toml").write_text(
+        f'tasks = ["robot:Robot"]\nalgos = ["{algo}"]\nrepresentations = ["full"]\n'
+        f"seeds = [0, 1]\nsteps = 200\n{table}[evaluation]\nepisodes = 1\nevery = 100\n"
+    )
+    printed = words(project.succeed("sweep", "own.toml").stdout)
+    assert f"{edited} has changed since" in printed
+    assert len(project.runs()) == 4
+    assert "2 of 2 runs are already finished" in words(project.succeed("sweep", "own.toml").stdout)
+
+
+VERBS = {
+    "train": check_train,
+    "resume": check_resume,
+    "accept": check_accepted,
+    "evaluate": check_evaluate,
+    "reproduce": check_reproduce,
+    "report": check_report,
+    "verify": check_verify,
+    "merge": check_merge,
+    "sweep": check_sweep,
+}
+
+DIAGONAL = (
+    ("task", "import", "train"),
+    ("task", "module", "evaluate"),
+    ("encoder", "data", "evaluate"),
+    ("rule", "module", "report"),
+    ("agent", "data", "accept"),
+    ("loop", "import", "verify"),
+)
+
+
+@pytest.mark.parametrize(("kind", "edit", "verb"), DIAGONAL)
+def test_changed_code_is_another_experiment(made, kind, edit, verb, tmp_path):
+    project = made(kind).copy(tmp_path / "project")
+    VERBS[verb](project, project.edit(edit))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("edit", EDITS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_changed_code_is_another_experiment_in_every_verb(made, kind, edit, verb, tmp_path):
+    project = made(kind).copy(tmp_path / "project")
+    VERBS[verb](project, project.edit(edit))
+
+
+@pytest.mark.parametrize(
+    "kind", ["task", *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS[1:])]
+)
+def test_comments_and_formatting_are_no_change(made, kind, tmp_path):
+    project = made(kind).copy(tmp_path / "project")
+    before = set(project.runs())
+    project.comment()
+    assert "has changed" not in project.make()
+    assert set(project.runs()) == before
+    assert "not the present one" not in project.succeed("verify").stdout

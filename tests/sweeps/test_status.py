@@ -1,5 +1,7 @@
 """Tests of the status of a matrix and its time left, against hand-computed numbers."""
 
+from dataclasses import replace
+
 import pytest
 
 from jbench.store import Results, locks
@@ -81,7 +83,8 @@ def test_runs_of_other_robots_and_machines_give_no_estimate(results, cell):
     record = finish(results, cell.runs[0], 40.0)
     task = "dmc:cheetah-run"
     run = cell.runs[1].model_copy(update={"task": task, "specs": find_task(task).specs})
-    (line,) = cell_statuses([cell._replace(task=task, runs=[run])], results, jobs=1, quick=False)
+    other = replace(cell, task=task, runs=[run])
+    (line,) = cell_statuses([other], results, jobs=1, quick=False)
     assert (line.seconds_left, line.estimate) == (None, "unknown")
     alter_manifest(record, provenance={**record.manifest.provenance, "processor": "another"})
     (line,) = cell_statuses([cell], results, jobs=2, quick=False)

@@ -56,9 +56,15 @@ class Planned:
         return None
 
 
-def planned_comparisons(configurations: Sequence[Configuration]) -> list[list[Planned]]:
-    """Returns the comparisons of each shipped study, once for each source of runs."""
-    studies = shipped_studies()
+def planned_comparisons(
+    configurations: Sequence[Configuration],
+    studies: Mapping[str, Sequence[PlannedComparison]] | None = None,
+) -> list[list[Planned]]:
+    """Returns the comparisons of studies by name, once for each source of runs.
+
+    Without studies, they are the shipped ones.
+    """
+    studies = shipped_studies() if studies is None else studies
     found = []
     for source in dict.fromkeys(config.source for config in configurations):
         by_key = _by_key([config for config in configurations if config.source == source])

@@ -1,0 +1,122 @@
+"""Sweep and report decide a comparison alike: from the same runs, by the same returns."""
+
+import numpy as np
+import pytest
+
+from jbench.report.analysis.decisions import decision_frame, planned_comparisons
+from jbench.studies.deciding import decide
+from jbench.studies.matrix import read_matrix
+from jbench.studies.study import PlannedComparison, planned, read_entries
+from jbench.sweeps import deciding
+from jbench.sweeps.cell import matrix_cells
+from tests.report.conftest import FabricatedResults, evaluations
+from tests.report.conftest import episodes as training_episodes
+
+STUDY = """
+tasks = ["face_direction"]
+algos = ["td3"]
+representations = ["full", "planar"]
+steps = 40_000
+seeds = "0-9"
+
+[evaluation]
+every = 10_000
+
+[[comparison]]
+task = "face_direction"
+algo = "td3"
+first = "planar"
+second = "full"
+claim = "{claim}"
+max_seeds = 10
+"""
+
+TRAINED = np.linspace(0, 390, 40)  # training returns; the mean of the last quarter is 345
+RISING = {10_000: 100.0, 20_000: 200.0, 30_000: 300.0, 40_000: 400.0}
+
+
+@pytest.fixture
+def decided(tmp_path):
+    """Returns a function: what sweep and report decide on the comparison of a study.
+
+    `fill` adds the runs of a cell: it takes the record, its settings, and whether it is `planar`.
+    """
+
+    def both(claim, fill):
+        fabric = FabricatedResults(tmp_path / "results")
+        file = tmp_path / "study.toml"
+        file.write_text(STUDY.format(claim=claim))
+        parts = read_matrix(str(file))
+        comparisons = planned(parts, read_entries(str(file)))
+        cells = matrix_cells(parts, fabric.results)
+        for cell in cells:
+            for run in cell.runs:
+                fill(fabric.results, run, cell.representation == "planar")
+        (outcome,) = deciding.outcomes(comparisons, cells, fabric.results)
+        configurations = [c for kind in ("training", "evaluation") for c in _all(fabric, kind)]
+        rows = decision_frame(planned_comparisons(configurations, {"study": comparisons}))
+        return outcome, rows.to_dict("records")
+
+    return both
+
+
+def _all(fabric, kind):
+    return fabric.configurations(kind)[0]
+
+
+def finish(results, run, evaluated, trained=TRAINED):
+    record = results.create("run", run.id, run.model_dump(mode="json"))
+    tables = {"episodes": training_episodes(run.id, trained)}
+    if evaluated:
+        tables["evaluations"] = evaluations(run.id, evaluated)
+    record.append(tables)
+    record.finish({"wall_time": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("claim", "difference", "word", "larger"),
+    [("a", 100 + 4.5, "higher", "larger"), ("c", 25 + 4.5, "faster", "larger")],
+)
+def test_final_returns_or_means_over_the_run_are_decided(claim, difference, word, larger, decided):
+    def fill(results, run, is_planar):
+        end = 500.0 + run.seed if is_planar else 400.0
+        more = run.seed if is_planar else 0
+        by_step = {step: value + more for step, value in RISING.items()}
+        finish(results, run, {**by_step, 40_000: end})
+
+    outcome, (row,) = decided(claim, fill)
+    assert outcome.decision.difference == pytest.approx(difference)
+    assert (outcome.decision.verdict, outcome.decision.seeds) == (larger, 10)
+    numbers = ("seeds", "difference", "low", "high", "spent")
+    assert [row[name] for name in numbers] == [getattr(outcome.decision, name) for name in numbers]
+    assert (row["verdict"], row["claim"], row["returns"]) == (word, claim, "evaluation")
+
+
+def test_runs_without_evaluations_are_decided_by_their_training_returns(decided):
+    def fill(results, run, is_planar):
+        finish(results, run, {}, TRAINED + run.seed + (300 if is_planar else 0))
+
+    outcome, (row,) = decided("a", fill)
+    assert outcome.decision.difference == row["difference"] == pytest.approx(300)
+    assert (row["verdict"], row["returns"]) == ("higher", "training")
+
+
+@pytest.mark.parametrize("claim", ["a", "c"])
+def test_returns_that_are_not_finite_are_left_out_and_a_run_without_others_stops(claim, decided):
+    def fill(results, run, is_planar):
+        missing = is_planar and run.seed == 7
+        finish(results, run, dict.fromkeys(RISING, np.nan) if missing else RISING)
+
+    outcome, (row,) = decided(claim, fill)
+    assert outcome.decision.seeds == row["seeds"] == 5
+    assert "planar12/s07" in outcome.unknown
+    assert deciding.next_cells([outcome], ()) == []
+
+
+def test_first_seeds_end_at_the_first_gap():
+    name = PlannedComparison(None, None, ("first", "second"), share=0.05, max_seeds=10)
+    known = {seed: float(seed) for seed in range(10)}
+    gap = {seed: value for seed, value in known.items() if seed != 6}
+    unknown = {**known, 4: None}
+    seeds = [decide([name], [(known, other)])[0].seeds for other in (known, gap, unknown, {})]
+    assert seeds == [10, 5, 0, 0]

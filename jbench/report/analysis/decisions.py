@@ -135,15 +135,16 @@ def _decided(study: Sequence[Planned]) -> Iterator[dict[str, Any]]:
             }
 
 
-def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float]:
+def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float | None]:
     """Returns the returns of finished runs by seed: of evaluations, or without any of training."""
-    returns: dict[int, float] = {}
+    returns: dict[int, float | None] = {}
     for kind in (TRAINING, EVALUATION):
         if kind in by_kind:
             config = by_kind[kind]
             scores = seed_scores(config)
-            usable = (config.finished & (config.steps == arm.run.steps))[scores.known]
             values = scores.final if claim == "a" else scores.area
-            seeds = config.seeds[scores.known]
-            returns |= dict(zip(seeds[usable].tolist(), values[usable].tolist(), strict=True))
+            known = dict(zip(config.seeds[scores.known].tolist(), values.tolist(), strict=True))
+            usable = config.finished & (config.steps == arm.run.steps)
+            for seed in config.seeds[usable].tolist():
+                returns[seed] = known.get(seed)
     return returns

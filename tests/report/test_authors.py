@@ -1,0 +1,58 @@
+"""The report on agents of the matrix `authors`: their baseline raw, and two designs of encoders."""
+
+import numpy as np
+import pytest
+
+from jbench.report.frames import Frames
+from jbench.report.request import Request
+from jbench.settings.algorithms import algorithm_settings
+
+ENCODER = "face_direction/dae12-script/s0{}-{:08d}"
+
+
+@pytest.fixture
+def frames(fabric):
+    """Returns the frames of ten seeds of each design of Figure 7, evaluated once, at the end."""
+    settings = algorithm_settings("ddpg", "figure8").model_dump(mode="json")
+    common = {
+        "algo": "ddpg",
+        "engine": "batched",
+        "time_limit": "terminal",
+        "hyperparameters": settings,
+        "steps": 300_000,
+        "evaluate_every": 20_000,
+        "evaluate_episodes": 10,
+    }
+    spread = 10 * np.arange(10.0)
+    for seed in range(10):
+        own_encoder = ENCODER.format(seed, 2)
+        designs = {
+            "raw": (300 + 5 * spread[seed], {"representation": "raw16"}),
+            "one": (600 + spread[seed], {"encoder": ENCODER.format(0, 1)}),
+            "each": (500 + spread[seed], {"encoder": own_encoder, "encoder_draws": "ab"}),
+        }
+        for final, own in designs.values():
+            more = {"representation": "dae12-script", **common, **own}
+            fabric.run([final] * 300, seed, evaluated={300_000: final}, **more)
+    return Frames(fabric.results, Request(claims=True))
+
+
+def test_both_designs_are_compared_with_the_observation_in_si_units(frames):
+    shown = frames.verdicts.query("returns == 'evaluation' and claim == 'a'")
+    by_design = shown.set_index("words")
+    assert {*shown["against"]} == {"raw"}
+    assert by_design["value"].round().to_dict() == {"an encoder per agent": 20, "one encoder": 120}
+    assert {*shown["corrected_by"]} == {"sequential test"}
+    decided = frames.decisions.query("study == 'authors' and claim == 'a'").set_index("words")
+    # Of means: 500 and 600 plus 45, and 300 plus 225.
+    assert decided["difference"].to_dict() == {"an encoder per agent": 20, "one encoder": 120}
+    assert {*frames.decisions["claim"]} == {"a", "c"}
+
+
+def test_variability_is_judged_in_both_designs(frames):
+    (text,) = {*frames.claims.query("claim == 'b' and source == 'own'")["verdict"]}
+    assert text == "supported"  # a fifth of the standard deviation of raw
+    compared = frames.claims.query("claim == 'b' and source == 'own'")["compared"]
+    designs = ("an encoder per agent", "one encoder")
+    names = {f"face_direction DDPG dae12-script, {design} against raw" for design in designs}
+    assert {*compared} == names

@@ -1,5 +1,6 @@
 """Users' code that changes: another experiment in every verb, by whichever of its files."""
 
+import json
 import re
 from functools import cache
 
@@ -102,8 +103,7 @@ def check_reproduce(project, edited):
 
 def check_report(project, edited):
     project.make()
-    document = project.document("report", "--format", "svg")
-    rows = [row for row in document["configurations"] if row["returns"] == "evaluation"]
+    rows = evaluations_of(project)
     assert [row["seeds"] for row in rows] == [2, 2]
     names = [row["configuration"] for row in rows]
     assert len(set(names)) == 2
@@ -204,3 +204,60 @@ def test_comments_and_formatting_are_no_change(made, kind, tmp_path):
     assert "has changed" not in project.make()
     assert set(project.runs()) == before
     assert "not the present one" not in project.succeed("verify").stdout
+
+
+def test_runs_of_older_versions_keep_their_ids_and_are_joined_by_more_seeds(made, tmp_path):
+    project = made("task").copy(tmp_path / "project")
+    project.age()
+    old = set(project.runs())
+    assert not any("sources" in run.settings["specs"] for run in project.runs().values())
+    assert "2 of 2 runs are already finished; nothing to do" in words(project.make())
+    printed = words(project.succeed(*project.training("--seeds", "0-2")).stdout)
+    assert "has changed" not in printed
+    (new,) = project.runs().keys() - old
+    assert "sources" not in project.runs()[new].settings["specs"]
+    assert project.runs()[new].manifest.provenance["task_sources"]
+    assert "not the present one" not in project.succeed("verify").stdout
+    (row,) = evaluations_of(project)
+    assert row["seeds"] == 3
+
+    project.edit("module")
+    printed = words(project.make())
+    assert "robot.py has changed since 3 runs were recorded" in printed
+    assert len(project.runs()) == 5
+    assert sorted(row["seeds"] for row in evaluations_of(project)) == [2, 3]
+
+
+def test_runs_that_an_older_version_pooled_are_two_curves(made, tmp_path):
+    project = made("task").copy(tmp_path / "project")
+    project.age()
+    run = max(project.runs().values(), key=lambda record: record.id)
+    path = run.path / "manifest.json"
+    text = path.read_text()
+    (checksum,) = {json.loads(text)["provenance"]["task_source_sha256"]}
+    path.write_text(text.replace(checksum, "0" * 64))
+    rows = evaluations_of(project)
+    assert [row["seeds"] for row in rows] == [1, 1]
+    assert all("code of " in row["configuration"] for row in rows)
+    # A seed that is new can't be said to join either.
+    project.succeed(*project.training("--seeds", "5"))
+    assert len(evaluations_of(project)) == 3
+
+
+def evaluations_of(project):
+    """Returns the rows of the report's configurations with evaluation returns."""
+    rows = project.document("report", "--format", "svg")["configurations"]
+    return [row for row in rows if row["returns"] == "evaluation"]
+
+
+@pytest.mark.slow
+def test_keys_of_a_newer_version_refuse_nothing(made, tmp_path):
+    project = made("task").copy(tmp_path / "project")
+    for record in project.runs().values():
+        path = record.path / "manifest.json"
+        manifest = json.loads(path.read_text())
+        manifest["provenance"] |= {"task_colors": {"a": 1}, "task_sources": "of another kind"}
+        path.write_text(json.dumps(manifest))
+    assert "already finished" in words(project.make())
+    project.succeed("evaluate", min(project.runs()), "--episodes", "1")
+    project.succeed("verify")

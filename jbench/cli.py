@@ -16,6 +16,7 @@ from jbench.commands import (
     catalog,
     checking,
     demo,
+    diagnosis,
     encoders,
     export,
     output,
@@ -23,6 +24,7 @@ from jbench.commands import (
     report,
     results,
     runs,
+    schemas,
     train,
 )
 from jbench.errors import RequestError, WorkError
@@ -108,6 +110,11 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "reproduce reference/face_direction/td3/dae12/s00 --episodes 1": checking.reproduce,
         "verify --results reference": checking.verify,
         "repair --dry-run": results.repair,
+    },
+    "Help": {
+        "doctor": diagnosis.doctor,
+        "check random_search:RandomSearch": diagnosis.check,
+        "schema train": schemas.schema,
     },
 }
 """Each command by an example, which begins with its name, by the headings of the help."""

@@ -58,7 +58,7 @@ def choose_backend() -> str:
                 "unset it."
             )
     for backend in tried:
-        if _draws(backend):
+        if draws(backend):
             os.environ["MUJOCO_GL"] = backend
             if backend != "glfw":
                 # Another library may import PyOpenGL before MuJoCo does.
@@ -85,7 +85,8 @@ def open_display() -> bool:
 
 
 @cache
-def _draws(backend: str) -> bool:
+def draws(backend: str) -> bool:
+    """Returns whether a process can draw a picture by a backend, one of `BACKENDS`."""
     probe, env = [sys.executable, "-c", _PROBE], {**os.environ, "MUJOCO_GL": backend}
     try:
         answer = subprocess.run(

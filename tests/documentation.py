@@ -14,7 +14,12 @@ import duckdb
 from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "jbench" / "SKILL.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 
 MARK = re.compile(r"<!-- illustration: (\S.*) -->\n?")
 PROGRAMS = ("jbench", "make", "pip", "python", "ray")

@@ -9,6 +9,9 @@ import json
 
 from tests.command_line import SHORT, train
 
+WITHOUT_RESULTS = {"algorithms", "tasks", "leaderboard", "check", "schema"}
+"""Commands without --results."""
+
 TESTED_ELSEWHERE = {"demo", "render", "view"}
 
 # One process runs all commands, so that it imports the libraries once.
@@ -46,6 +49,9 @@ _VERBS = (
     (["algorithms"], "td3"),
     (["tasks"], "face_direction"),
     (["leaderboard"], "face_direction"),
+    (["doctor"], "no record is being written"),
+    (["schema"], "manifest"),
+    (["check", "pca", "--latent", "2"], "the same seed gives the same weights"),
 )
 PRINTED = {verb[0]: printed for verb, printed in _VERBS}
 """A text that the output of each command contains."""
@@ -69,9 +75,7 @@ def command_lines(place):
     lines = []
     for verb, _ in _VERBS:
         arguments = [*verb, *more.get(verb[0], [])]
-        lines.append(
-            arguments if verb[0] in ("algorithms", "tasks", "leaderboard") else arguments + where
-        )
+        lines.append(arguments if verb[0] in WITHOUT_RESULTS else arguments + where)
     return json.dumps(lines)
 
 

@@ -23,7 +23,7 @@ class Case(NamedTuple):
     printed: tuple[str, ...]
 
 
-SHARES = (r"\| share of training \(%\) \| TD3 \|", r"\| updates \| [1-9]", r"\| rest \|")
+SHARES = (r"\| share of training \(%\) \| DDPG \|", r"\| updates \| [1-9]", r"\| rest \|")
 CASES = (
     Case("agents_variance", "--repetitions 2", (r"\| case ", r"unequal variance \| \d")),
     Case("augmented", "--seeds 2", ("2 seeds, 0 of them without a robot", "upright reward")),
@@ -69,17 +69,17 @@ CASES = (
         "--repetitions 50 --max-seeds 10 --comparisons 1 --relabelings 50",
         ("shifts of comparisons", "1 comparisons, at most 10 seeds", "no shift, margin"),
     ),
-    Case("shares", "--algos td3 --steps 1000", SHARES),
+    Case("shares", "--algos ddpg --steps 1000", SHARES),
     Case("ship_reference", "results --out shipped", ("0 runs; 0.0 MB in a wheel",)),
     Case(
         "train",
-        "--algos td3 --rounds 1 --seconds 0.3 --bursts 1 --share-steps 1000",
-        ("td3   batched, 10 seeds .* x stable-baselines3", "DDPG's update in float32", *SHARES),
+        "--algos ddpg --rounds 1 --seconds 0.3 --bursts 1 --share-steps 1000",
+        ("ddpg  batched, 10 seeds .* x stable-baselines3", "DDPG's update in float32", *SHARES),
     ),
     Case(
         "train",
-        "--algos td3 --steps 5000 --seconds 20",
-        ("td3   batched .* 5,000 control steps .* returns",),
+        "--algos ppo --steps 5000 --seconds 2",
+        ("ppo   batched .* 5,000 control steps .* returns",),
     ),
     Case(
         "train",

@@ -78,7 +78,7 @@ def output(pages):
 
 SLOW = {
     *("agents.md", "curves.md", "encoders.md", "export.md"),
-    *("import.md", "recording.md", "report.md", "submit.md"),
+    *("import.md", "recording.md", "report.md", "submit.md", "SKILL.md"),
 }
 """Pages whose blocks take more than about five seconds."""
 
@@ -193,3 +193,12 @@ def test_citation_file_cites_paper():
         assert tuple(names) == paper.AUTHORS
         assert (work["title"], work["year"]) == (paper.TITLE, paper.YEAR)
         assert work["collection-title"] == paper.VENUE
+
+
+def test_pages_for_language_models_exist():
+    """Those that `docs/llms.txt` links to are pages of the site, of which some are generated."""
+    text = (ROOT / "docs" / "llms.txt").read_text()
+    linked = re.findall(r"\]\(([\w-]+)\.html\)", text)
+    assert len(linked) > 10
+    for name in {*linked} - {"commands"}:
+        assert (ROOT / "docs" / f"{name}.md").is_file(), name

@@ -45,7 +45,7 @@ def fake_machine(monkeypatch):
             monkeypatch.setenv(name, "")
         monkeypatch.setenv("MUJOCO_GL", mujoco_gl)
         monkeypatch.setenv("DISPLAY", display)
-        monkeypatch.setattr(opengl, "_draws", lambda name: (tried.append(name), name in works)[1])
+        monkeypatch.setattr(opengl, "draws", lambda name: (tried.append(name), name in works)[1])
         return tried
 
     return fake
@@ -102,4 +102,4 @@ def test_first_working_backend_is_used(fake_machine, works, mujoco_gl, display, 
 def test_driver_that_crashes_hangs_or_draws_nothing_is_rejected(monkeypatch, probe, draws):
     monkeypatch.setattr(opengl, "_PROBE", probe)
     monkeypatch.setattr(opengl, "_PROBE_SECONDS", 3)
-    assert opengl._draws.__wrapped__("egl") is draws
+    assert opengl.draws.__wrapped__("egl") is draws

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 _MAX_TERMINAL_LINES = 3  # of a row whose words don't fit side by side
 _NUMBER = re.compile(r"[-+]?[\d,.]+(e[-+]?\d+)?|nan|[-+]?inf|")
 
+DOCUMENT_VERSION = 1
+"""Of the form of all documents; see `documents.py`."""
+
 is_json = False
 """Whether `--json` was typed, so that what people read is printed to standard error."""
 
@@ -109,9 +112,9 @@ def warn_of_damage(problems: Sequence[str], advice: str = "") -> None:
 
 
 def document(content: dict[str, Any]) -> None:
-    """Prints the JSON document if `--json` was typed; see `json_text`."""
+    """Prints the JSON document if `--json` was typed; see `documents.py` and `json_text`."""
     if is_json:
-        raw(f"{json_text(content)}\n")
+        raw(f"{json_text({'version': DOCUMENT_VERSION, **content})}\n")
 
 
 @_writing()

@@ -190,7 +190,7 @@ def test_json_of_failed_command_is_its_error(arguments, message, tmp_path, capsy
     assert main([*arguments, "--json", "--results", str(tmp_path)]) == 2
     printed = capsys.readouterr()
     document = json.loads(printed.out)
-    assert list(document) == ["error"]
+    assert list(document) == ["version", "error"]
     assert message in document["error"]
     assert printed.err == f"Error: {document['error']}\n"
 

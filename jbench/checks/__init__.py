@@ -1,0 +1,1 @@
+"""What jbench checks on demand: this machine, and code of others."""

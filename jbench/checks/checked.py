@@ -1,0 +1,31 @@
+"""A line of a check."""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+from jbench.errors import sentence_of_failure
+
+State = Literal["ok", "note", "fails"]
+"""`note`: it works, but some command can do less; `fails`: commands will fail."""
+
+
+class Checked(NamedTuple):
+    """What was looked at, how it is, and one sentence on it."""
+
+    name: str
+    state: State
+    text: str
+
+
+class NotableError(Exception):
+    """Ends a check with a note."""
+
+
+def attempt(name: str, check: Callable[[], str]) -> Checked:
+    """Returns the line of a check, which returns its text, or raises an error that says why not."""
+    try:
+        return Checked(name, "ok", check())
+    except NotableError as note:
+        return Checked(name, "note", str(note))
+    except Exception as error:  # of any type, since the code is that of others
+        return Checked(name, "fails", sentence_of_failure(error))

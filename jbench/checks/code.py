@@ -1,0 +1,116 @@
+"""What `jbench check` does with a task, an agent, an update rule, an encoder or a policy of others.
+
+Each is run through what jbench will demand of it, with short episodes.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from jbench import plugins
+from jbench.agents.algorithms import installed
+from jbench.agents.batched.rule import Rule
+from jbench.agents.plugin import Agent
+from jbench.checks import agents, encoders, policies, tasks
+from jbench.checks.checked import Checked, attempt
+from jbench.cores import one_thread
+from jbench.encoders.kind import Kind
+from jbench.encoders.registry import kind_names
+from jbench.errors import RequestError
+from jbench.names import in_prose, known
+from jbench.settings.algorithms import SETTINGS
+from jbench.tasks.find import installed_tasks
+
+What = Literal["task", "agent", "rule", "encoder", "policy"]
+WHATS: tuple[What, ...] = get_args(What)
+
+Check = tuple[str, Callable[[], str]]
+"""A name, and a function that returns a sentence, or raises an error that is one."""
+
+
+_ESSENTIAL = ("class", "made", "actions", "learning", "episode", "training", "acts")
+"""Checks without which the later ones would fail for the same reason."""
+
+
+_ENVIRONMENT = ("reset", "step", "observation_spec", "action_spec")
+"""Methods of a `dm_env.Environment`."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to check, and on which task with which settings."""
+
+    name: str
+    task: str
+    settings: Mapping[str, Any]
+    latents: int | None = None
+
+
+def check_code(what: What, request: Request) -> Iterator[Checked]:
+    """Yields a line for each check."""
+    with one_thread():
+        for name, check in _checks(what, request):
+            line = attempt(name, check)
+            yield line
+            if line.state == "fails" and name in _ESSENTIAL:
+                return
+
+
+def _checks(what: What, request: Request) -> Iterator[Check]:
+    """Returns the checks of a kind of code."""
+    name, task, settings = request.name, request.task, request.settings
+    if what == "task":
+        return tasks.checks(name)
+    if what == "agent":
+        return agents.agent_checks(name, task, settings)
+    if what == "rule":
+        return agents.rule_checks(name, task, settings)
+    if what == "encoder":
+        return encoders.checks(name, task, settings, request.latents)
+    return policies.checks(name, task)
+
+
+def find_what(name: str) -> What:
+    """Returns what MODULE:NAME or an installed name is.
+
+    Raises a RequestError if there is none of that name, and a WorkError if it can't be imported.
+    """
+    if not plugins.is_imported(name):
+        return _installed(name)
+    found = plugins.imported("class", name)
+    bases: dict[What, type] = {"agent": Agent, "rule": Rule, "encoder": Kind}
+    if isinstance(found, type):
+        for what, base in bases.items():
+            if issubclass(found, base):
+                return what
+        if all(hasattr(found, method) for method in _ENVIRONMENT):
+            return "task"
+    if callable(found) and not hasattr(found, "act") and _is_factory(found):
+        return "task"
+    return "policy"
+
+
+def _is_factory(found: Callable[..., Any]) -> bool:
+    """Returns whether a function can be called without arguments, or with a seed `random` only."""
+    parameters = inspect.signature(found).parameters.values()
+    needed = [each.name for each in parameters if each.default is inspect.Parameter.empty]
+    return not {*needed} - {"random"}
+
+
+def _installed(name: str) -> What:
+    points = installed()
+    by_what: dict[What, list[str]] = {
+        "agent": [each for each, point in points.items() if point.group == "jbench.agents"],
+        "rule": [each for each, point in points.items() if point.group == "jbench.rules"],
+        "encoder": kind_names(),
+        "task": list(installed_tasks()),
+    }
+    for what, names in by_what.items():
+        if name in names:
+            return what
+    if name in SETTINGS:
+        raise RequestError(f"{name} is jbench's own; type MODULE:CLASS of an algorithm of yours.")
+    every = [each for names in by_what.values() for each in names]
+    known("class", name, [*every, "MODULE:CLASS"])
+    raise AssertionError(in_prose(every))

@@ -1,0 +1,140 @@
+"""Checks of kinds of encoders: training, seeds, both array types, shapes, loading."""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+import torch
+
+from jbench.checks.checked import NotableError
+from jbench.datasets import collect, find_dataset
+from jbench.encoders import load_encoder
+from jbench.encoders.kind import Learned
+from jbench.encoders.registry import encoder_settings, find_kind, latent_sizes, make_kind
+from jbench.encoders.saved import WEIGHTS
+from jbench.encoders.states import States
+from jbench.encoders.training import train_encoder
+from jbench.errors import WorkError
+from jbench.settings.records import DatasetSettings
+from jbench.store import Record, Results
+from jbench.tasks.find import dataset_robot, find_task
+
+_STEPS = 5000
+"""Control steps of a random policy that encoders are trained on: a fifth is held out."""
+
+
+def checks(
+    name: str, task: str, options: Mapping[str, Any], latents: int | None
+) -> Iterator[tuple[str, Callable[[], str]]]:
+    """Yields the checks of a kind of encoder, and removes what they write."""
+    yield "class", partial(_class, name, task, options)
+    with tempfile.TemporaryDirectory(prefix="jbench-check-") as folder:
+        trial = _Trial(name, task, options, latents, Path(folder))
+        yield "options", trial.options_described
+        yield "training", trial.training
+        yield "seeds", trial.seeds
+        yield "shapes", trial.shapes
+        yield "torch and numpy", trial.array_types
+
+
+def _class(name: str, task: str, options: Mapping[str, Any]) -> str:
+    base = "Learned" if issubclass(find_kind(name), Learned) else "Fitted"
+    make_kind(name, options)
+    sizes = latent_sizes(name, task)
+    return f"a subclass of {base}; {sizes[0]} to {sizes[-1]} latents on {task}"
+
+
+class _Trial:
+    """Encoders of a kind, trained for an epoch on a small dataset in a folder."""
+
+    def __init__(
+        self,
+        name: str,
+        task: str,
+        options: Mapping[str, Any],
+        latents: int | None,
+        folder: Path,
+    ) -> None:
+        self._name, self._task, self._folder = name, task, folder
+        quick = {"epochs": 1, "batch": 512} if issubclass(find_kind(name), Learned) else {}
+        self._options = {**quick, **options}
+        sizes = latent_sizes(name, task)
+        self._latents = min(12, sizes[-1]) if latents is None else latents
+        self._trained = cache(self._train)
+
+    def options_described(self) -> str:
+        fields = find_kind(self._name).model_fields
+        silent = [name for name, field in fields.items() if not field.description]
+        if silent:
+            raise NotableError(
+                f"no description of {', '.join(silent)}: give Field a description, which the help "
+                "shows"
+            )
+        return f"{', '.join(fields)}"
+
+    def training(self) -> str:
+        record = self._trained("first", 0)
+        summary = record.manifest.summary
+        explained = summary.get("test_explained")
+        return f"{self._latents} latents of {_STEPS:,} control steps explain {explained:.2f}"
+
+    def seeds(self) -> str:
+        first, again = (
+            safetensors.numpy.load(self._trained(place, 0).read_file(WEIGHTS))
+            for place in ("first", "again")
+        )
+        different = [name for name in first if not np.array_equal(first[name], again[name])]
+        if different:
+            raise WorkError(
+                f"training again with the same seed gives other weights ({', '.join(different)}): "
+                "draw random numbers from the generators that the methods are given."
+            )
+        return "the same seed gives the same weights"
+
+    def shapes(self) -> str:
+        encoder, size = self._encoder(), find_task(self._task).observation_size
+        for shape in ((), (4,), (2, 3)):
+            latents = encoder.encode(np.zeros((*shape, size), np.float32))
+            if latents.shape != (*shape, self._latents):
+                raise WorkError(
+                    f"encode returns the shape {latents.shape} for states {(*shape, size)}; it "
+                    f"must return {(*shape, self._latents)}."
+                )
+        return f"(..., {size}) to (..., {self._latents})"
+
+    def array_types(self) -> str:
+        encoder, size = self._encoder(), find_task(self._task).observation_size
+        states = np.random.default_rng(0).normal(size=(5, size)).astype(np.float32)
+        by_numpy = encoder.encode(states)
+        by_torch = encoder.encode(torch.from_numpy(states))
+        if not isinstance(by_numpy, np.ndarray) or not isinstance(by_torch, torch.Tensor):
+            raise WorkError("encode must return an array of the type that it is given.")
+        difference = float(np.abs(by_numpy - by_torch.numpy()).max())
+        if not difference < 1e-4:
+            raise WorkError(f"encode differs between numpy and torch, by {difference:.2g}.")
+        return f"the same latents within {difference:.1g}"
+
+    def _encoder(self) -> Any:
+        record = self._trained("first", 0)
+        return load_encoder(Results(self._folder / "first"), record.id)[0]
+
+    def _train(self, place: str, seed: int) -> Record:
+        results = Results(self._folder / place)
+        robot = dataset_robot(find_task(self._task))
+        collect(DatasetSettings(steps=_STEPS, **robot), results, 1)
+        dataset = find_dataset(results, None, self._task)
+        settings = encoder_settings(
+            self._name,
+            self._options,
+            task=self._task,
+            dataset=dataset.id,
+            latents=self._latents,
+            seed=seed,
+        )
+        scale = make_kind(self._name, self._options).scale
+        states = States(dataset, self._task, seed, scale=scale)
+        return train_encoder(settings, states, results)

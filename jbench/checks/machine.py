@@ -1,0 +1,206 @@
+"""What `jbench doctor` looks at: whether this machine can do what the commands do, and how fast."""
+
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import torch
+from packaging.requirements import Requirement
+
+from jbench.checks.checked import Checked
+from jbench.cores import cores
+from jbench.errors import WorkError
+from jbench.names import ONE_THREAD, PHYSICS_STEPS, SHIPPED_RESULTS
+from jbench.opengl import BACKENDS, draws, has_display
+from jbench.revision import git_revision
+from jbench.store import Results, files, locks
+from jbench.store.manifest import KINDS
+from jbench.store.provenance import processor
+from jbench.tasks.jitterbug.robots import load_model
+
+DOCUMENTED_STEP = 11.0
+"""Microseconds of the processor for a physics step of the robot on an AMD EPYC; docs/speed.md."""
+
+_SLOW = 3.0  # times the documented step
+_CONTROL_STEPS = 20  # of a measurement
+_MEASUREMENTS = 10
+_LITTLE_ROOM = 1e9  # bytes free
+
+
+def check_machine(results: Results) -> Iterator[Checked]:
+    """Yields a line for each check; the slow ones come last. Writes nothing that stays."""
+    checks: list[Callable[[], Checked]] = [
+        _versions,
+        _dependencies,
+        _cores,
+        _threads,
+        _gpu,
+        _ffmpeg,
+        lambda: _directory(results),
+        lambda: _locks(results),
+        _physics,
+        _opengl,
+    ]
+    for check in checks:
+        yield check()
+
+
+def _versions() -> Checked:
+    names = ("mujoco", "dm-control", "gymnasium", "numpy", "torch", "stable-baselines3", "duckdb")
+    there = {name: _version(name) for name in names}
+    listed = ", ".join(f"{name} {version}" for name, version in there.items() if version)
+    revision = git_revision()
+    jbench = f"jbench {_version('jbench')}" + (f" ({revision})" if revision else "")
+    return Checked("versions", "ok", f"{jbench}, Python {platform.python_version()}, {listed}")
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _dependencies() -> Checked:
+    wrong = []
+    for text in importlib.metadata.requires("jbench") or []:
+        requirement = Requirement(text)
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        version = _version(requirement.name)
+        if version is None:
+            wrong.append(f"{requirement.name} is missing")
+        elif not requirement.specifier.contains(version, prereleases=True):
+            wrong.append(f"{requirement.name} is {version}, not {requirement.specifier}")
+    if wrong:
+        return Checked("dependencies", "fails", f"{'; '.join(wrong)}: type pip install jbench")
+    return Checked("dependencies", "ok", "all installed, in versions that jbench permits")
+
+
+def _cores() -> Checked:
+    usable, whole = cores(), os.cpu_count() or 1
+    limited = "" if usable == whole else f" of {whole}: affinity or a quota leaves no more"
+    load = f"; load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    return Checked("cores", "ok", f"{usable}{limited}{load}; {processor()}, {platform.machine()}")
+
+
+def _threads() -> Checked:
+    configuration = np.show_config(mode="dicts")
+    built = configuration["Build Dependencies"] if isinstance(configuration, dict) else {}
+    blas = built.get("blas", {}).get("name", "unknown")
+    typed = [f"{name}={os.environ[name]}" for name in ONE_THREAD if name in os.environ]
+    products = "MKL" if torch.backends.mkl.is_available() else "no MKL"
+    text = f"torch has {torch.get_num_threads()} ({products}), numpy {blas}"
+    return Checked("threads", "ok", f"{text}; {', '.join(typed) or 'no *_NUM_THREADS is set'}")
+
+
+def _gpu() -> Checked:
+    if not torch.cuda.is_available():
+        built = "for CPUs only" if torch.version.cuda is None else f"for CUDA {torch.version.cuda}"
+        return Checked("GPU", "ok", f"none that torch can use (torch is built {built})")
+    try:
+        names = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
+        torch.ones(2, device="cuda").sum().item()
+    except RuntimeError as error:
+        reason = str(error).splitlines()[0]
+        return Checked("GPU", "fails", f"it does not compute ({reason}): type --device cpu")
+    return Checked("GPU", "ok", f"{', '.join(names)}; torch is built for CUDA {torch.version.cuda}")
+
+
+def _ffmpeg() -> Checked:
+    if importlib.util.find_spec("imageio_ffmpeg") is None:
+        return Checked("ffmpeg", "note", "no videos: type pip install 'jbench[render]'")
+    import imageio_ffmpeg
+
+    try:
+        return Checked("ffmpeg", "ok", str(imageio_ffmpeg.get_ffmpeg_exe()))
+    except RuntimeError:
+        return Checked(
+            "ffmpeg", "note", "no videos: install ffmpeg; pictures as .gif and .png work"
+        )
+
+
+def _directory(results: Results) -> Checked:
+    place = _existing(results.path)
+    name = "results"
+    if results.path.resolve() == SHIPPED_RESULTS.resolve():
+        return Checked(name, "ok", f"{results.name}: shipped with jbench, read-only")
+    try:
+        with tempfile.TemporaryDirectory(prefix=".doctor-", dir=place) as folder:
+            files.write_atomic(Path(folder) / "written", b"")
+            with locks.hold(Path(folder), folder):
+                locked = locks.is_held(Path(folder))
+    except (OSError, WorkError) as error:
+        reason = getattr(error, "strerror", None) or error
+        return Checked(name, "fails", f"{results.name} can't be written and locked ({reason})")
+    if not locked:
+        text = f"{results.name} is on a file system without locks: run one command at a time there"
+        return Checked(name, "note", text)
+    free = shutil.disk_usage(place).free
+    there = "" if results.path.exists() else " (does not exist yet)"
+    text = f"{results.name}{there}: writable, lockable, {free / 1e9:,.1f} GB free"
+    return Checked(name, "note" if free < _LITTLE_ROOM else "ok", text)
+
+
+def _existing(path: Path) -> Path:
+    path = path.absolute()
+    return next(parent for parent in (path, *path.parents) if parent.is_dir())
+
+
+def _locks(results: Results) -> Checked:
+    held = [
+        f"{record.kind} {record.id}"
+        for kind in KINDS
+        for record in results.walk(kind)
+        if locks.LOCK in record.names and locks.is_held(record.path)
+    ]
+    text = f"being written now: {', '.join(held)}" if held else "no record is being written"
+    return Checked("locks", "ok", text)
+
+
+def _physics() -> Checked:
+    microseconds = physics_step()
+    ratio = microseconds / DOCUMENTED_STEP
+    text = (
+        f"{microseconds:.1f} us of the processor per step, {ratio:.1f} times the documented "
+        f"{DOCUMENTED_STEP:g} us"
+    )
+    return Checked("physics", "note" if ratio > _SLOW else "ok", text)
+
+
+def physics_step() -> float:
+    """Returns the microseconds of the processor for a physics step: the least of some rounds."""
+    model = load_model()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=1000)  # falls to the floor
+    controls = np.random.default_rng(0).uniform(-1, 1, (_MEASUREMENTS, _CONTROL_STEPS))
+    seconds = []
+    for commands in controls:
+        began = time.process_time()
+        for command in commands:
+            data.ctrl[0] = command
+            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS)
+        seconds.append(time.process_time() - began)
+    return 1e6 * min(seconds) / (_CONTROL_STEPS * PHYSICS_STEPS)
+
+
+def _opengl() -> Checked:
+    tried = [backend for backend in BACKENDS if backend != "glfw" or has_display()]
+    working = [backend for backend in tried if draws(backend)]
+    if not working:
+        hint = "type apt install libosmesa6, or see docs/environments.md"
+        return Checked(
+            "OpenGL", "note", f"nothing draws pictures (tried {', '.join(tried)}): {hint}"
+        )
+    display = "a display" if has_display() else "no display"
+    return Checked(
+        "OpenGL", "ok", f"{', '.join(working)} draw{'s' * (len(working) == 1)}; {display}"
+    )

@@ -1,0 +1,57 @@
+"""Checks of policies of others."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from jbench.checks.checked import NotableError
+from jbench.errors import WorkError
+from jbench.policies.find import ActingPolicy, find_policy
+from jbench.store import Results
+from jbench.tasks.find import find_task
+
+_EPISODES = 3
+
+
+def checks(name: str, task: str) -> Iterator[tuple[str, Callable[[], str]]]:
+    """Yields the checks of a policy."""
+    yield "acts", partial(_acts, name, task)
+    yield "episodes", partial(_episodes, name, task)
+
+
+def _find(name: str, task: str) -> ActingPolicy:
+    return find_policy(Results("results"), name, task)
+
+
+def _acts(name: str, task: str) -> str:
+    policy, size = _find(name, task), find_task(task)
+    for count in (1, 5):
+        policy.reset(count)
+        actions = policy.act(np.zeros((count, size.observation_size), np.float32))
+        if actions.shape != (count, size.action_size):
+            raise WorkError(f"it returns the shape {actions.shape} for {count} observations.")
+    return f"on {task}, for any number of robots"
+
+
+def _episodes(name: str, task: str) -> str:
+    returns, again = _returns(name, task), _returns(name, task)
+    if not np.array_equal(returns, again):
+        raise NotableError(
+            "the same initial states give other returns: its evaluations can't be repeated"
+        )
+    mean = returns.mean()
+    return f"the same initial states give the same returns; {mean:.0f} per 1000 steps"
+
+
+def _returns(name: str, task: str, steps: int = 100) -> np.ndarray:
+    policy, made = _find(name, task), find_task(task)
+    generators = [np.random.default_rng(seed) for seed in range(_EPISODES)]
+    total = np.zeros(_EPISODES)
+    with made.worlds(_EPISODES) as worlds:
+        observations = worlds.reset(generators)
+        policy.reset(_EPISODES)
+        for _ in range(steps):
+            observations, rewards = worlds.step(policy.act(observations))
+            total += rewards
+    return total * (1000 / steps)

@@ -1,0 +1,77 @@
+"""Commands that look at this machine and at code of others: doctor, check."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from typer import Argument, Option
+
+from jbench import names
+from jbench.commands import options, output, parsing
+from jbench.errors import WorkError
+from jbench.wording import are, counted
+
+if TYPE_CHECKING:
+    from jbench.checks.checked import Checked
+
+
+def doctor(
+    results: Path = options.READ_RESULTS,
+    json: bool = options.JSON,
+) -> None:
+    """Check that jbench works on this machine: versions, cores, drivers, results directory.
+
+    A line for each check. Nothing stays written. The exit code is 1 if something will fail.
+    """
+    from jbench.checks.machine import check_machine
+    from jbench.store import Results
+
+    there = results.exists() or names.is_reference(results)
+    database = parsing.results_to_read(results) if there else Results(results)
+    _show(check_machine(database), {})
+
+
+def check(
+    name: str = Argument(
+        ...,
+        metavar="MODULE:CLASS",
+        help="A task, agent, update rule, kind of encoder or policy of yours, in a module of the "
+        "working directory or of an installed package, or by the name of its entry point.",
+    ),
+    what: str | None = Option(
+        None,
+        "--as",
+        metavar="WHAT",
+        help="What it is: task, agent, rule, encoder or policy (default: found out).",
+    ),
+    task: str = options.some_task("face_direction", help="Task to check it on."),
+    latents: int | None = Option(
+        None, "--latent", min=1, help="Latents of an encoder (default: 12, or the most it has)."
+    ),
+    set_: list[str] = options.SET,
+    json: bool = options.JSON,
+) -> None:
+    """Check code of yours: what jbench will demand of a task, an agent, a rule or an encoder.
+
+    It runs short episodes, in seconds, and writes nothing. A line for each check says what is
+    missing; the exit code is 1 if something is.
+    """
+    from jbench.checks.code import WHATS, Request, check_code, find_what
+
+    kind = find_what(name) if what is None else names.known("kind of code", what, WHATS)
+    request = Request(name, task, parsing.parse_overrides(set_), latents)
+    output.say(f"{name} is checked as {'an' if kind[0] in 'ae' else 'a'} {kind}.")
+    _show(check_code(kind, request), {"name": name, "what": kind})
+
+
+def _show(lines: Iterable["Checked"], about: dict[str, Any]) -> None:
+    """Prints checks as they are made; raises a WorkError if one fails."""
+    checked = []
+    for line in lines:
+        output.say(f"{line.state:5}  {line.name}: {line.text}")
+        checked.append(line)
+    failing = [line.name for line in checked if line.state == "fails"]
+    output.document({**about, "ok": not failing, "checks": [line._asdict() for line in checked]})
+    if failing:
+        count = counted(len(failing), "check")
+        raise WorkError(f"{count} {are(len(failing))} not passed: {', '.join(failing)}; see above.")

@@ -1,0 +1,317 @@
+"""The documents that `--json` prints, as pydantic models: what `jbench schema` describes.
+
+A document has the number of its form, `version`, which is incremented when a field goes or changes
+its meaning; new fields may come at any time.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
+
+from jbench.checks.checked import Checked
+from jbench.importing.importer import Imported
+from jbench.settings.algorithms import SETTINGS
+from jbench.settings.records import (
+    DatasetSettings,
+    EvaluationSettings,
+    ExternalSettings,
+    ImportSettings,
+)
+from jbench.settings.run import RunSettings
+from jbench.store.manifest import Manifest
+from jbench.store.merge import Merged
+from jbench.store.verify import Flaw
+from jbench.sweeps.matrix import Matrix
+from jbench.training.repeat import Repeated
+
+Row = dict[str, Any]
+"""A row of a table; `jbench query "DESCRIBE runs"` and docs/database.md list its columns."""
+
+
+class Document(BaseModel):
+    """What every document has."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    version: Literal[1] = Field(1, description="of the form of the documents")
+
+
+def _object(kind: type) -> WithJsonSchema:
+    """Returns the schema of a named tuple, which a document has as an object."""
+    strict = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+    fields: dict[str, Any] = {name: (hint, ...) for name, hint in get_type_hints(kind).items()}
+    model = create_model(kind.__name__, __config__=strict, __doc__=kind.__doc__, **fields)
+    return WithJsonSchema(model.model_json_schema())
+
+
+class Error(Document):
+    """Instead of any other document: what is wrong, and what to type instead."""
+
+    error: str
+
+
+class RecordEntry(BaseModel):
+    """A dataset, an encoder or an evaluation."""
+
+    model_config = ConfigDict(extra="allow")
+
+    id: str
+    path: str
+    settings: Row
+    summary: Row
+
+
+class RecordDocument(Document):
+    """`collect` and `evaluate`: the record that was made, or was there."""
+
+    id: str
+    path: str
+    settings: Row
+    summary: Row
+    bytes: int | None = Field(None, description="of the files of a dataset")
+
+
+class Datasets(Document):
+    """`datasets`."""
+
+    datasets: list[RecordEntry]
+    problems: list[str]
+
+
+class Encoders(Document):
+    """`train-dae` and `train-encoder`."""
+
+    encoders: list[RecordEntry]
+
+
+class Algorithms(Document):
+    """`algorithms`."""
+
+    algorithms: list[Row]
+    broken: list[Row]
+
+
+class Tasks(Document):
+    """`tasks`."""
+
+    tasks: list[Row]
+    broken: list[Row]
+
+
+class Runs(Document):
+    """`runs`; with `--imports`, of imported curves."""
+
+    runs: list[Row] | None = None
+    imports: list[Row] | None = None
+    problems: list[str]
+
+
+class Leaderboard(Document):
+    """`leaderboard`."""
+
+    entries: list[Row]
+    problems: list[str]
+
+
+class Train(Document):
+    """`train`: the ids of all runs, of those that were left, and a sentence for each failed one."""
+
+    runs: list[str]
+    left: list[str]
+    failures: dict[str, str]
+
+
+class DryRun(Document):
+    """`train --dry-run`: numbers of runs by status, and the seconds left."""
+
+    configurations: list[Row]
+    seconds_left: float | None
+
+
+class Sweep(Document):
+    """`sweep`."""
+
+    matrix: str
+    configurations: list[Row]
+    seconds_left: float | None
+    made_first: list[str] = Field(description="datasets and encoders")
+    failures: dict[str, str]
+
+
+class UntilDecided(Document):
+    """`sweep --until-decided`."""
+
+    matrix: str
+    comparisons: list[Row]
+    needed: list[str] = Field(description="runs of the next analysis")
+    failures: dict[str, str]
+
+
+class Report(Document):
+    """`report`."""
+
+    headline: str
+    configurations: list[Row]
+    verdicts: list[Row]
+    comparisons: list[Row]
+    claims: list[Row] | None = None
+    files: list[str]
+    notes: list[str]
+    problems: list[str]
+
+
+class Verify(Document):
+    """`verify`."""
+
+    records: int
+    files: int
+    bytes: int
+    findings: list[Annotated[Any, _object(Flaw)]]
+    left_out: int = Field(description="runs whose policy is not in an installed package")
+    reevaluations: list[Annotated[Any, _object(Repeated)]] | None = None
+
+
+class Reproduce(Document):
+    """`reproduce`: the evaluation and the episodes that were computed again."""
+
+    run: str
+    equal: bool
+    evaluation: Annotated[Any, _object(Repeated)] | None
+    episodes: Annotated[Any, _object(Repeated)] | None
+    changed: dict[str, list[Any]]
+
+
+class Move(BaseModel):
+    """A file that `repair` moved."""
+
+    from_: str = Field(alias="from")
+    to: str
+
+
+class Repair(Document):
+    """`repair`."""
+
+    dry_run: bool
+    moved: list[Move]
+    left: list[str]
+    commands: list[str]
+
+
+class Merge(Document):
+    """`merge`."""
+
+    records: list[Annotated[Any, _object(Merged)]]
+
+
+class Import(Document):
+    """`import`."""
+
+    imports: list[Annotated[Any, _object(Imported)]]
+
+
+class Render(Document):
+    """`render`."""
+
+    path: str
+    episode_return: float
+
+
+class ExportPolicy(Document):
+    """`export RUN`."""
+
+    run: str
+    task: str
+    path: str
+    bytes: int
+    difference: float = Field(description="largest of the model's actions from the policy's")
+
+
+class ExportDataset(Document):
+    """`export --format minari`."""
+
+    dataset: str
+    task: str
+    path: str
+    minari_id: str
+
+
+class ExportCurves(Document):
+    """`export --curves`."""
+
+    path: str
+    returns: str
+    runs: int
+    points: int
+
+
+class Doctor(Document):
+    """`doctor`."""
+
+    ok: bool
+    checks: list[Annotated[Any, _object(Checked)]]
+
+
+class Check(Document):
+    """`check`."""
+
+    name: str
+    what: str
+    ok: bool
+    checks: list[Annotated[Any, _object(Checked)]]
+
+
+class Schemas(Document):
+    """`schema` without a name."""
+
+    schemas: dict[str, Row]
+
+
+DOCUMENTS: Mapping[str, type[Document]] = {
+    "error": Error,
+    "algorithms": Algorithms,
+    "check": Check,
+    "collect": RecordDocument,
+    "datasets": Datasets,
+    "doctor": Doctor,
+    "evaluate": RecordDocument,
+    "export-curves": ExportCurves,
+    "export-dataset": ExportDataset,
+    "export-policy": ExportPolicy,
+    "import": Import,
+    "leaderboard": Leaderboard,
+    "merge": Merge,
+    "render": Render,
+    "repair": Repair,
+    "report": Report,
+    "reproduce": Reproduce,
+    "runs": Runs,
+    "schema": Schemas,
+    "sweep": Sweep,
+    "sweep-until-decided": UntilDecided,
+    "tasks": Tasks,
+    "train": Train,
+    "train-dry-run": DryRun,
+    "train-encoder": Encoders,
+    "verify": Verify,
+}
+"""The document of each command that prints one; `query` and `tail` print rows of tables."""
+
+FILES: Mapping[str, type[BaseModel]] = {
+    "manifest": Manifest,
+    "matrix": Matrix,
+    "settings-run": RunSettings,
+    "settings-recording": ExternalSettings,
+    "settings-dataset": DatasetSettings,
+    "settings-evaluation": EvaluationSettings,
+    "settings-import": ImportSettings,
+    **{f"hyperparameters-{algo}": kind for algo, kind in SETTINGS.items()},
+}
+"""The files that jbench reads and writes, and the settings in them."""
+
+
+def schema_of(name: str) -> dict[str, Any]:
+    """Returns the JSON schema of a document or of a file, one of `DOCUMENTS` and `FILES`."""
+    kind = DOCUMENTS[name] if name in DOCUMENTS else FILES[name]
+    schema = kind.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,0 +1,34 @@
+"""The schema command."""
+
+from typer import Argument
+
+from jbench import names
+from jbench.commands import options, output
+from jbench.wording import json_text
+
+
+def schema(
+    name: str | None = Argument(
+        None, help="Document of a command, such as train, or a file: manifest, matrix, …"
+    ),
+    json: bool = options.JSON,
+) -> None:
+    """Print the JSON schema of a document that --json prints, or of a file.
+
+    Without a name, it lists them; with --json, it prints all schemas.
+    """
+    from jbench.commands.documents import DOCUMENTS, FILES, schema_of
+
+    if name is not None:
+        known = names.known("schema", name, [*DOCUMENTS, *FILES])
+        output.raw(f"{json_text(schema_of(known))}\n")
+        return
+    if json:
+        output.document({"schemas": {each: schema_of(each) for each in (*DOCUMENTS, *FILES)}})
+        return
+    rows = []
+    for each, kind in {**DOCUMENTS, **FILES}.items():
+        what = "--json of a command" if each in DOCUMENTS else "file"
+        rows.append((each, what, (kind.__doc__ or "").strip().partition("\n")[0]))
+    output.table("Schemas", ("name", "of", "meaning"), rows)
+    output.say("jbench schema NAME prints one as JSON.")

@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 
 from jbench import __version__, names
 from jbench.commands import (
+    archive,
     catalog,
     checking,
     demo,
@@ -107,6 +108,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
             results.import_
         ),
         "merge other-results": results.merge,
+        "archive results --out results.zip --blind": archive.archive,
         "reproduce reference/face_direction/td3/dae12/s00 --episodes 1": checking.reproduce,
         "verify --results reference": checking.verify,
         "repair --dry-run": results.repair,

@@ -22,7 +22,7 @@ from jbench.settings.run import RunSettings
 from jbench.store.manifest import Manifest
 from jbench.store.merge import Merged
 from jbench.store.verify import Flaw
-from jbench.sweeps.matrix import Matrix
+from jbench.sweeps.matrix import COMPARISON, PART, Matrix, Planned
 from jbench.training.repeat import Repeated
 
 Row = dict[str, Any]
@@ -245,6 +245,15 @@ class ExportCurves(Document):
     points: int
 
 
+class Archive(Document):
+    """`archive`."""
+
+    path: str
+    records: int
+    bytes: int
+    left_out: list[str] = Field(description="unfinished records")
+
+
 class Doctor(Document):
     """`doctor`."""
 
@@ -270,6 +279,7 @@ class Schemas(Document):
 DOCUMENTS: Mapping[str, type[Document]] = {
     "error": Error,
     "algorithms": Algorithms,
+    "archive": Archive,
     "check": Check,
     "collect": RecordDocument,
     "datasets": Datasets,
@@ -313,5 +323,20 @@ FILES: Mapping[str, type[BaseModel]] = {
 def schema_of(name: str) -> dict[str, Any]:
     """Returns the JSON schema of a document or of a file, one of `DOCUMENTS` and `FILES`."""
     kind = DOCUMENTS[name] if name in DOCUMENTS else FILES[name]
-    schema = kind.model_json_schema()
+    schema = _matrix_file() if kind is Matrix else kind.model_json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _matrix_file() -> dict[str, Any]:
+    """Returns the schema of a matrix: keys that hold for all parts, and what each part adds."""
+    schema = Matrix.model_json_schema()
+    keys = schema["properties"]
+    table = {"type": "object", "properties": keys, "additionalProperties": False}
+    schema["properties"] = {
+        **keys,
+        PART: {"type": "array", "items": table},
+        COMPARISON: {"type": "array", "items": Planned.model_json_schema()},
+    }
+    # Each key may stand above the parts or in them.
+    del schema["required"]
+    return schema

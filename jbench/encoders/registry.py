@@ -126,7 +126,7 @@ class EncoderSettings(Settings):
     @property
     def representation(self) -> str:
         """Name of its latents, such as dae12-whitened: kind, size, and what is not the default."""
-        name = f"{_short_name(self.kind)}{self.latents}"
+        name = f"{short_name(self.kind)}{self.latents}"
         features = self.options.get("features")
         endings = [] if features is None else [in_name(features)]
         if self.base is not None:
@@ -243,7 +243,7 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
         if ":" not in name:
             return None
         if plugins.is_imported(name):
-            short = f"{_short_name(name)}12"
+            short = f"{short_name(name)}12"
             raise RequestError(f"{name} is a class; type --encoder {short}, for example.")
     options: dict[str, Any] = {}
     base: EncoderBase | None = None
@@ -270,7 +270,7 @@ def named_encoder(name: str, task: str) -> EncoderSettings | None:
     raise RequestError(f"{problem}; choose {kind}{size}{endings}{more}.")
 
 
-def _short_name(kind: str) -> str:
+def short_name(kind: str) -> str:
     """Returns the name of a kind in representations: that of FirstFeatures is first-features."""
     if not plugins.is_imported(kind):
         return kind

@@ -27,7 +27,10 @@ _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 _Seeds = Annotated[
     tuple[Seed, ...],
     Field(strict=False, min_length=1),
-    BeforeValidator(lambda text: parse_numbers(text, "seeds") if isinstance(text, str) else text),
+    BeforeValidator(
+        lambda text: parse_numbers(text, "seeds") if isinstance(text, str) else text,
+        json_schema_input_type=str | tuple[Seed, ...],
+    ),
     AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds))),
 ]
 

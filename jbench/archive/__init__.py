@@ -1,0 +1,1 @@
+"""A zip file with everything that a reviewer needs to check claims, with names or blind."""

@@ -1,0 +1,218 @@
+"""Records without names: of people, machines, places, packages and modules.
+
+Provenance is cut down to what rounds numbers. A name of code that is not jbench's becomes a number
+(`agent-1`), in settings, in ids, in the rows that repeat an id, and in files that repeat a kind.
+Ids, names of files and checksums are then made again. Records that have no such name keep theirs.
+"""
+
+import getpass
+import json
+import os
+import platform
+import re
+import socket
+import subprocess
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from jbench.encoders.registry import short_name
+from jbench.names import ENCODER_KINDS, POLICIES, TASKS
+from jbench.settings.algorithms import SETTINGS
+from jbench.settings.base import in_id, settings_hash
+from jbench.settings.records import EXTERNAL, JITTERBUG
+from jbench.store import Record, listed
+from jbench.store.manifest import FileEntry, Manifest
+from jbench.task_specs import SUITE
+
+_ROUNDING = ("jbench", "python", "processor", "cores", "threads", "device", "gpu", "cuda", "driver")
+"""What of a record's provenance stays, with the versions in `packages`."""
+
+LEFT_OUT = "left-out"
+"""Stands for a text that may name somebody or something."""
+
+_SAYS_NOTHING = {"root", "user", "admin", "localhost", "home", "tmp", "results", "main"}
+_SHORTEST = 3  # letters of a word that is looked for
+_ID_COLUMNS = ("run", "encoder", "dataset", "evaluation_id")
+
+
+@dataclass
+class Blinder:
+    """Replaces names, the same name always by the same number.
+
+    `words` are all words that must not be in the archive: those of this machine, and those that
+    were replaced.
+    """
+
+    words: set[str]
+    _numbers: dict[str, dict[str, str]] = field(default_factory=dict)
+    _ids: dict[str, str] = field(default_factory=dict)
+
+    def learn(self, records: Iterable[Record]) -> None:
+        """Finds the names of code in the settings of records, before any is written."""
+        for record in records:
+            settings = record.settings
+            engine = settings.get("engine")
+            if record.kind == "run" and engine != EXTERNAL and settings.get("algo") not in SETTINGS:
+                self._number("agent", settings.get("algo"))
+            if record.kind == "encoder" and settings.get("kind") not in ENCODER_KINDS:
+                # A kind has no digits at its end.
+                self._number("kind", settings.get("kind"), "abcdefghijklmnopqrstuvwxyz")
+            if record.kind == "evaluation":
+                policy = str(settings.get("policy"))
+                is_run = "/" in policy and not policy.endswith(".zip")
+                if not is_run and policy.partition(":")[0] not in POLICIES:
+                    self._number("policy", policy)
+            for task in (settings.get("task"), settings.get("robot")):
+                if isinstance(task, str) and task not in (*TASKS, JITTERBUG):
+                    self._number("task", None if task.startswith(SUITE) else task)
+            self._number("package", settings.get("package"))
+
+    def settings(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns settings with every name replaced."""
+        kept = {name: value for name, value in settings.items() if name != "code"}
+        return {name: self._value(value) for name, value in kept.items()}
+
+    def id(self, record: Record) -> str:
+        """Returns the id of a record of these settings, which is the old one if nothing changed."""
+        settings = self.settings(record.settings)
+        if settings == record.settings:
+            return record.id
+        *parts, last = record.id.split("/")
+        seed = last.rpartition("-")[0]
+        new = "/".join([*map(self._text, parts), f"{seed}-{settings_hash(settings)}"])
+        self._ids[record.id] = new
+        return new
+
+    def manifest(self, record: Record, files: tuple[FileEntry, ...]) -> Manifest:
+        """Returns the manifest of a record without names."""
+        made = record.manifest.provenance
+        packages = made.get("packages")
+        provenance = {name: made[name] for name in _ROUNDING if name in made}
+        if isinstance(packages, Mapping):
+            provenance["packages"] = dict(packages)
+        return Manifest(
+            **{
+                **record.manifest.model_dump(exclude={"files"}),
+                "id": self.id(record),
+                "settings": self.settings(record.settings),
+                "summary": _without_texts(record.manifest.summary),
+                "provenance": provenance,
+                "files": files,
+            }
+        )
+
+    def content(self, record: Record, entry: FileEntry, content: bytes) -> bytes:
+        """Returns the content of a file of a record without names; most files have none."""
+        if entry.table is not None:
+            return self._rows(record, entry, content)
+        if entry.name.endswith(".json"):
+            text = json.loads(content)
+            return json.dumps(self._value(text), indent=1).encode()
+        return content
+
+    def _rows(self, record: Record, entry: FileEntry, content: bytes) -> bytes:
+        if not self._ids:
+            return content
+        rows = record.read_part(entry)
+        changed = rows
+        for name in rows.column_names:
+            if name in _ID_COLUMNS or name == record.kind:
+                values = [self._ids.get(value, value) for value in rows[name].to_pylist()]
+                column = pa.array(values, rows.schema.field(name).type)
+                at = rows.schema.get_field_index(name)
+                changed = changed.set_column(at, rows.schema.field(name), column)
+        return content if changed.equals(rows) else listed.to_bytes(changed)
+
+    def _number(self, what: str, name: object, letters: str = "") -> None:
+        if not isinstance(name, str):
+            return
+        known = self._numbers.setdefault(what, {})
+        number = len(known)
+        known.setdefault(name, f"{what}-{letters[number] if letters else number + 1}")
+        self.words |= {name, *(part for part in re.split(r"[:.]", name) if len(part) > _SHORTEST)}
+        if what == "kind":
+            short = short_name(name)
+            self.words.add(short)
+            known.setdefault(short, known[name])
+
+    def _value(self, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {name: self._value(item) for name, item in value.items()}
+        if isinstance(value, list | tuple):
+            return [self._value(item) for item in value]
+        return self._text(value) if isinstance(value, str) else value
+
+    def _text(self, text: str) -> str:
+        if text in self._ids:
+            return self._ids[text]
+        for old, new in self._ids.items():
+            text = text.replace(old.replace("/", "."), new.replace("/", "."))
+        for what, names in self._numbers.items():
+            for name, number in names.items():
+                if text in (name, in_id(name)):
+                    return number
+                if what == "kind" and re.fullmatch(rf"{re.escape(name)}\d+.*", text):
+                    return number + text.removeprefix(name)
+                text = text.replace(f"{in_id(name)}/", f"{number}/")
+        return LEFT_OUT if self._has_a_word(text) else text
+
+    def _has_a_word(self, text: str) -> bool:
+        return any(found_in(word, text) for word in self.words) or text.startswith(("/", "~"))
+
+
+def _without_texts(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a summary with its numbers; texts, such as errors, may name a place."""
+    kept: dict[str, Any] = {}
+    for name, value in summary.items():
+        if isinstance(value, Mapping):
+            kept[name] = {key: item for key, item in value.items() if _is_plain(key, item)}
+        elif isinstance(value, str):
+            kept[name] = value if name == "device" else LEFT_OUT
+        else:
+            kept[name] = value
+    return kept
+
+
+def _is_plain(name: str, value: Any) -> bool:
+    return name == "what" or not isinstance(value, str)
+
+
+def found_in(word: str, text: str) -> bool:
+    """Returns whether a text has a word, not as a part of a longer one."""
+    return re.search(rf"(?<![A-Za-z0-9]){re.escape(word)}(?![A-Za-z0-9])", text, re.I) is not None
+
+
+def words_of_this_machine(*places: Path) -> set[str]:
+    """Returns the words that name this machine, its user, its directories and its git remote."""
+    words = {socket.gethostname(), platform.node(), str(Path.home())}
+    words |= {_quietly(getpass.getuser), os.environ.get("USER", ""), os.environ.get("LOGNAME", "")}
+    words |= {str(place.absolute()) for place in (Path.cwd(), *places)}
+    words |= {_git("config", "user.name"), _git("config", "user.email")}
+    words |= {_git("rev-parse", "HEAD"), _git("rev-parse", "--short=12", "HEAD")}
+    for address in _git("config", "--get-regexp", r"remote\..*\.url").splitlines():
+        url = address.partition(" ")[2]
+        words |= {url, *re.split(r"[:/@]", url.removesuffix(".git"))[-2:]}
+    return {
+        word
+        for word in map(str.strip, words)
+        if len(word) >= _SHORTEST and word.lower() not in {*_SAYS_NOTHING, "jbench"}
+    }
+
+
+def _quietly(read: Callable[[], str]) -> str:
+    try:
+        return read()
+    except (OSError, KeyError):
+        return ""
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", *arguments]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.TimeoutExpired):
+        return ""

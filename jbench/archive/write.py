@@ -1,0 +1,177 @@
+"""Writing an archive: records without checkpoints, a report of them, what repeats them, one zip."""
+
+import io
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow.parquet as pq
+
+from jbench.archive import repeat
+from jbench.archive.blind import Blinder, found_in, words_of_this_machine
+from jbench.errors import RequestError, WorkError
+from jbench.report.report import write_report
+from jbench.report.request import Request
+from jbench.store import Record, Results, files
+from jbench.store.manifest import Kind
+from jbench.store.verify import verify
+
+_KINDS: tuple[Kind, ...] = ("encoder", "run", "evaluation", "import")
+"""Kinds in an archive, those that others refer to first. Datasets are left out: encoders have
+what they learned."""
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the time of every entry
+
+_README = """\
+A results directory of jbench, a report of it, and what repeats it.
+
+    pip install jbench=={version}
+    jbench verify --results results     every file against its checksum
+    jbench report --results results     the report, made again; report/index.html is the one of then
+    jbench sweep matrix.toml            trains these runs
+    requirements.txt                    the versions of all packages
+
+{runs} runs; drops: {drops}.
+"""
+
+
+class Archived(NamedTuple):
+    """What an archive has: numbers of records and bytes, and the records that are left out."""
+
+    path: Path
+    records: int
+    bytes: int
+    left_out: list[str]
+
+
+def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
+    """Writes a zip file with the finished and failed records of results; see `_README`.
+
+    If `blind`, without names; see `blind.py`.
+
+    Raises:
+        RequestError: if there are no runs, or `out` can't be written.
+        WorkError: if a record is damaged, or a name is left in a blind archive.
+    """
+    files.check_output(out)
+    records, left_out = _chosen(results)
+    if not any(record.kind in ("run", "import") for record in records):
+        raise RequestError(f"{results.name} has no finished run; train or import some first.")
+    blinder = Blinder(words_of_this_machine(results.path, out)) if blind else None
+    if blinder is not None:
+        blinder.learn(records)
+    with tempfile.TemporaryDirectory(prefix="jbench-archive-") as folder:
+        root = Path(folder)
+        target = Results(root / "results", Path("results"))
+        for record in records:
+            _copy(record, target, blinder)
+        if faults := verify(target, 1).faults:
+            raise WorkError(f"The archive would be damaged: {faults[0]}")
+        write_report(target, root / "report", Request(claims=_has_claims(records)))
+        _write_texts(root, target, left_out)
+        content = _zipped(root)
+    if blinder is not None and (leak := next(leaks(content, blinder.words), None)) is not None:
+        raise WorkError(
+            f"The archive would have the word {leak[1]!r} in {leak[0]}; nothing is written. Rename "
+            "what has it, or leave the record out."
+        )
+    files.write_atomic(out, content)
+    return Archived(out, len(records), len(content), left_out)
+
+
+def _chosen(results: Results) -> tuple[list[Record], list[str]]:
+    """Returns the records of an archive, and a line for each that is left out."""
+    chosen, left_out = list[Record](), list[str]()
+    for kind in _KINDS:
+        records, problems = results.scan(kind)
+        if problems:
+            raise WorkError(problems[0])
+        for record in records:
+            if record.status == "unfinished":
+                left_out.append(f"{kind} {record.id}: unfinished")
+            else:
+                chosen.append(record)
+    return chosen, left_out
+
+
+def _has_claims(records: list[Record]) -> bool:
+    return any(record.kind == "run" for record in records)
+
+
+def _copy(record: Record, target: Results, blinder: Blinder | None) -> None:
+    """Copies a record without its checkpoints."""
+    id = record.id if blinder is None else blinder.id(record)
+    copied = target.record(record.kind, id)
+    files.make_directory(copied.path)
+    entries = []
+    for entry in record.manifest.files:
+        if entry.role is not None:
+            continue
+        content = record.read_file(entry.name)
+        if blinder is not None:
+            content = blinder.content(record, entry, content)
+        digest = files.sha256(content)
+        name = entry.name.replace(entry.sha256[:8], digest[:8])
+        files.write_atomic(copied.path / name, content)
+        changes = {"name": name, "bytes": len(content), "sha256": digest}
+        entries.append(entry.model_copy(update=changes))
+    if blinder is None:
+        copied.begin(record.manifest.model_copy(update={"files": tuple(entries)}))
+    else:
+        copied.begin(blinder.manifest(record, tuple(entries)))
+
+
+def _write_texts(root: Path, target: Results, left_out: list[str]) -> None:
+    from jbench import __version__
+
+    runs = target.scan("run")[0]
+    encoders = {record.id: record for record in target.scan("encoder")[0]}
+    failed = [f"run {run.id}: failed" for run in runs if run.status == "failed"]
+    drops = "; ".join([*failed, *left_out]) or "none"
+    text = _README.format(version=__version__, runs=len(runs), drops=drops)
+    (root / "README.txt").write_text(text)
+    (root / "matrix.toml").write_text(repeat.matrix(runs, encoders))
+    (root / "requirements.txt").write_text(repeat.lock())
+
+
+def _zipped(root: Path) -> bytes:
+    """Returns a zip file whose entries have no time, owner or system."""
+    sink = io.BytesIO()
+    with zipfile.ZipFile(sink, "w") as archive:
+        for path in sorted(root.rglob("*")):
+            if path.is_file():
+                entry = zipfile.ZipInfo(path.relative_to(root).as_posix(), _EPOCH)
+                entry.external_attr = 0o644 << 16
+                entry.create_system = 3
+                # Parquet is compressed already.
+                stored = path.suffix == ".parquet"
+                entry.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
+                archive.writestr(entry, path.read_bytes())
+    return sink.getvalue()
+
+
+def leaks(archive: bytes, words: set[str]) -> Iterator[tuple[str, str]]:
+    """Yields entries and the words that they have, in their names, texts, columns and metadata."""
+    with zipfile.ZipFile(io.BytesIO(archive)) as content:
+        for entry in content.infolist():
+            text = "\n".join((entry.filename, *_texts(entry.filename, content.read(entry))))
+            for word in sorted(words):
+                if found_in(word, text):
+                    yield entry.filename, word
+
+
+def _texts(name: str, content: bytes) -> Iterator[str]:
+    """Yields all texts of a file, decompressed."""
+    yield content.decode("latin-1")
+    if name.endswith(".parquet"):
+        rows = pq.ParquetFile(io.BytesIO(content))
+        yield str(rows.schema_arrow.metadata)
+        yield from (str(field.metadata) for field in rows.schema_arrow)
+        yield str(rows.read(use_threads=False).to_pydict())
+    if name.endswith(".png"):
+        from PIL import Image
+
+        with Image.open(io.BytesIO(content)) as picture:
+            yield str(picture.info)

@@ -1,0 +1,188 @@
+"""Tests of archives: what they have, that it verifies elsewhere, and that no name is left."""
+
+import io
+import re
+import shutil
+import socket
+import zipfile
+
+import pytest
+
+from jbench.archive import blind
+from jbench.archive.write import leaks, write_archive
+from jbench.errors import WorkError
+from jbench.settings.base import settings_hash
+from jbench.settings.records import EvaluationSettings
+from jbench.store import Results
+from jbench.store.verify import verify
+from jbench.sweeps.cell import all_runs, matrix_cells
+from jbench.sweeps.matrix import read_matrix
+from tests.store.store_rows import RUN_SETTINGS, episodes
+
+NAMES = {
+    "host": "turing-cluster-7",
+    "user": "ada.lovelace",
+    "owner": "lovelace-lab",
+    "module": "secret_agents",
+    "class": "SecretAgent",
+    "package": "hidden-package",
+    "directory": "notebooks-of-ada",
+}
+
+
+@pytest.fixture
+def results(demo_results, tmp_path):
+    """Those of the demo, and a run of an agent of another package, made by a known person."""
+    place = tmp_path / NAMES["directory"] / "results"
+    shutil.copytree(demo_results.path, place)
+    results = Results(place)
+    name = f"{NAMES['module']}:{NAMES['class']}"
+    settings = {
+        **RUN_SETTINGS,
+        "algo": name,
+        "engine": "plugin",
+        "package": NAMES["package"],
+        "evaluate_every": 1000,
+        "evaluate_episodes": 1,
+        "hyperparameters": {"notes": f"/home/{NAMES['user']}/notes", "rate": 0.1},
+    }
+    id = f"face_direction/{name.replace(':', '.')}/full/s00-{settings_hash(settings)}"
+    made_on = {"package": f"{NAMES['package']} 1.0", "host": NAMES["host"]}
+    run = results.create("run", id, settings, made_on)
+    run.append({"episodes": episodes(id, [1.0, 2.0, 3.0])}, {"checkpoint.safetensors": b"state"})
+    run.finish({"wall_time": 6.0, "note": NAMES["user"]}, keep=["checkpoint.safetensors"])
+    evaluated = EvaluationSettings(task="face_direction", policy=id, episodes=1)
+    results.create("evaluation", evaluated.id, evaluated.model_dump()).finish({"median": 2.0})
+    return results
+
+
+@pytest.fixture
+def known_machine(monkeypatch):
+    """A machine and a user with names, and a git remote of an owner."""
+    monkeypatch.setattr(socket, "gethostname", lambda: NAMES["host"])
+    monkeypatch.setenv("USER", NAMES["user"])
+    monkeypatch.setenv("HOME", f"/home/{NAMES['user']}")
+    answers = {"config --get-regexp": f"remote.origin.url git@host.org:{NAMES['owner']}/thesis.git"}
+    monkeypatch.setattr(blind, "_git", lambda *typed: answers.get(" ".join(typed[:2]), ""))
+
+
+def opened(path, tmp_path):
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path / "elsewhere")
+        entries = archive.infolist()
+    return tmp_path / "elsewhere", entries
+
+
+def content(results):
+    """Returns the returns of each run, by task, seed and number of rows."""
+    return sorted(
+        (
+            run.settings["task"],
+            run.settings["seed"],
+            run.read("episodes")["episode_return"].to_pylist(),
+        )
+        for run in results.scan("run")[0]
+    )
+
+
+@pytest.mark.parametrize("is_blind", [False, True])
+def test_archive_verifies_and_reports_elsewhere(
+    results, is_blind, tmp_path, known_machine, monkeypatch, run_command
+):
+    arguments = ["archive", results.path, "--out", tmp_path / "a.zip"]
+    code, printed, _ = run_command(*arguments, *["--blind"] * is_blind)
+    assert (code, "without names" in printed) == (0, is_blind)
+    place, entries = opened(tmp_path / "a.zip", tmp_path)
+    # Another machine, where the first results are not.
+    monkeypatch.undo()
+    before = content(results)
+    shutil.rmtree(results.path)
+    there = Results(place / "results")
+    assert verify(there, 1).faults == []
+    assert content(there) == before
+    assert all(run.roles() == [] for run in there.scan("run")[0])
+    code, *_ = run_command("report", "--format", "svg", results=place / "results")
+    assert code == 0
+    assert (place / "report" / "index.html").stat().st_size > 10_000
+    assert "drops: none" in (place / "README.txt").read_text()
+    assert re.search(r"^mujoco==3", (place / "requirements.txt").read_text(), re.M)
+    assert {entry.date_time for entry in entries} == {(1980, 1, 1, 0, 0, 0)}
+
+
+def test_no_name_is_left_in_a_blind_archive(results, tmp_path, known_machine):
+    write_archive(results, tmp_path / "named.zip")
+    write_archive(results, tmp_path / "blind.zip", blind=True)
+    words = set(NAMES.values())
+    named = {word for _, word in leaks((tmp_path / "named.zip").read_bytes(), words)}
+    assert named >= words - {NAMES["owner"], NAMES["directory"]}
+    assert list(leaks((tmp_path / "blind.zip").read_bytes(), words)) == []
+
+
+def test_names_become_the_same_numbers_everywhere(results, tmp_path, known_machine):
+    write_archive(results, tmp_path / "blind.zip", blind=True)
+    place, _ = opened(tmp_path / "blind.zip", tmp_path)
+    there = Results(place / "results")
+    (run,) = (run for run in there.scan("run")[0] if run.settings["algo"] == "agent-1")
+    assert run.id.startswith("face_direction/agent-1/full/s00-")
+    assert run.settings["package"] == "package-1"
+    assert run.settings["hyperparameters"] == {"notes": "left-out", "rate": 0.1}
+    assert set(run.read("episodes")["run"].to_pylist()) == {run.id}
+    assert run.manifest.provenance.keys() <= {*blind._ROUNDING, "packages"}
+    (evaluation,) = there.scan("evaluation")[0]
+    assert evaluation.settings["policy"] == run.id
+    # Runs of jbench's own agents keep their ids.
+    own = {run.id for run in results.scan("run")[0] if run.settings["algo"] == "td3"}
+    assert own < {run.id for run in there.scan("run")[0]}
+
+
+def test_name_that_would_be_left_is_refused(results, tmp_path, known_machine, monkeypatch):
+    """Such as a label that is the user's name: nothing is written."""
+    monkeypatch.setenv("USER", "evaluation")
+    with pytest.raises(WorkError, match="The archive would have the word 'evaluation' in "):
+        write_archive(results, tmp_path / "a.zip", blind=True)
+    assert not (tmp_path / "a.zip").exists()
+
+
+def test_leaks_are_found_in_columns_and_pictures(tmp_path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    rows = pa.table({"x": ["ada"] * 100}, metadata={"owner": "charles"})
+    pq.write_table(rows, tmp_path / "rows.parquet", compression="zstd")
+    info = PngInfo()
+    info.add_text("Author", "byron", zip=True)
+    Image.new("L", (2, 2)).save(tmp_path / "picture.png", pnginfo=info)
+    with zipfile.ZipFile(sink := io.BytesIO(), "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(tmp_path.iterdir()):
+            archive.write(path, path.name)
+    found = set(leaks(sink.getvalue(), {"ada", "charles", "byron", "picture", "absent"}))
+    assert found == {
+        ("rows.parquet", "ada"),
+        ("rows.parquet", "charles"),
+        ("picture.png", "byron"),
+        ("picture.png", "picture"),
+    }
+
+
+def test_matrix_trains_the_runs_of_the_archive(demo_results, tmp_path):
+    write_archive(demo_results, tmp_path / "a.zip")
+    place, _ = opened(tmp_path / "a.zip", tmp_path)
+    cells = matrix_cells(read_matrix(str(place / "matrix.toml")), demo_results)
+    assert {run.id for run in all_runs(cells)} == {run.id for run in demo_results.scan("run")[0]}
+
+
+def test_unfinished_run_is_left_out_and_named(results, tmp_path):
+    settings = {**RUN_SETTINGS, "seed": 5}
+    id = f"face_direction/ddpg/full/s05-{settings_hash(settings)}"
+    results.create("run", id, settings)
+    written = write_archive(results, tmp_path / "a.zip")
+    assert written.left_out == [f"run {id}: unfinished"]
+    place, _ = opened(tmp_path / "a.zip", tmp_path)
+    assert f"drops: run {id}: unfinished." in (place / "README.txt").read_text()
+
+
+def test_results_without_runs_are_refused(tmp_path, refused):
+    (tmp_path / "empty").mkdir()
+    assert "has no finished run" in refused("archive", tmp_path / "empty", "--out", tmp_path / "a")

@@ -105,7 +105,7 @@ def linked(text: str, titles: dict[str, str]) -> str:
     """
     text = text.replace("](docs/", "](").replace("](CONTRIBUTING.md", "](contributing.md")
     # Not part of the site.
-    text = re.sub(r"\[([^\]]*)\]\(((?:examples|LICENSE|SECURITY)[^)]*)\)", r"\1", text)
+    text = re.sub(r"\[([^\]]*)\]\(((?:examples|LICENSE|SECURITY|CITATION)[^)]*)\)", r"\1", text)
 
     def link(mention: re.Match[str]) -> str:
         return f"[{titles[mention[1]]}]({mention[1]})" if mention[1] in titles else mention[0]

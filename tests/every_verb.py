@@ -9,7 +9,7 @@ import json
 
 from tests.command_line import SHORT, train
 
-WITHOUT_RESULTS = {"algorithms", "tasks", "leaderboard", "check", "schema"}
+WITHOUT_RESULTS = {"algorithms", "tasks", "leaderboard", "check", "schema", "archive"}
 """Commands without --results."""
 
 TESTED_ELSEWHERE = {"demo", "render", "view"}
@@ -51,6 +51,7 @@ _VERBS = (
     (["leaderboard"], "face_direction"),
     (["doctor"], "no record is being written"),
     (["schema"], "manifest"),
+    (["archive"], "without names"),
     (["check", "pca", "--latent", "2"], "the same seed gives the same weights"),
 )
 PRINTED = {verb[0]: printed for verb, printed in _VERBS}
@@ -68,6 +69,7 @@ def command_lines(place):
     (other / "runs").mkdir(parents=True)
     more = {
         "leaderboard": [str(place / "results")],
+        "archive": [str(place / "results"), "--out", str(place / "a.zip"), "--blind"],
         "merge": [str(other)],
         "import": ["--task", "face_direction", str(curves)],
     }

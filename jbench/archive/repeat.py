@@ -55,7 +55,7 @@ def _part(group: Sequence[RunSettings], encoders: Mapping[str, Record]) -> str:
     keys["hyperparameters"] = {run.algo: dict(run.hyperparameters)}
     if run.ofe is not None:
         keys["ofe"] = run.ofe.model_dump(mode="json")
-    if run.encoder in encoders:
+    if run.encoder is not None and run.encoder in encoders:
         settings = encoders[run.encoder].settings
         seed = "each" if run.encoder_draws else settings["seed"]
         keys["encoder"] = {"seed": seed, "options": {settings["kind"]: settings["options"]}}

@@ -1,28 +1,17 @@
-"""The documents that `--json` prints, as pydantic models: what `jbench schema` describes.
+"""The documents that `--json` prints, as pydantic models; `forms.py` has their schemas.
 
 A document has the number of its form, `version`, which is incremented when a field goes or changes
 its meaning; new fields may come at any time.
 """
 
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 
 from jbench.checks.checked import Checked
 from jbench.importing.importer import Imported
-from jbench.settings.algorithms import SETTINGS
-from jbench.settings.records import (
-    DatasetSettings,
-    EvaluationSettings,
-    ExternalSettings,
-    ImportSettings,
-)
-from jbench.settings.run import RunSettings
-from jbench.store.manifest import Manifest
 from jbench.store.merge import Merged
 from jbench.store.verify import Flaw
-from jbench.sweeps.matrix import COMPARISON, PART, Matrix, Planned
 from jbench.training.repeat import Repeated
 
 Row = dict[str, Any]
@@ -51,24 +40,24 @@ class Error(Document):
     error: str
 
 
-class RecordEntry(BaseModel):
+class _Described(BaseModel):
     """A dataset, an encoder or an evaluation."""
+
+    id: str
+    path: str
+    settings: Row
+    summary: Row
+
+
+class RecordEntry(_Described):
+    """One of several records, with more about it."""
 
     model_config = ConfigDict(extra="allow")
 
-    id: str
-    path: str
-    settings: Row
-    summary: Row
 
-
-class RecordDocument(Document):
+class RecordDocument(_Described, Document):
     """`collect` and `evaluate`: the record that was made, or was there."""
 
-    id: str
-    path: str
-    settings: Row
-    summary: Row
     bytes: int | None = Field(None, description="of the files of a dataset")
 
 
@@ -85,18 +74,20 @@ class Encoders(Document):
     encoders: list[RecordEntry]
 
 
-class Algorithms(Document):
+class _Offered(Document):
+    broken: list[Row] = Field(description="those whose package can't be used, with the reason")
+
+
+class Algorithms(_Offered):
     """`algorithms`."""
 
     algorithms: list[Row]
-    broken: list[Row]
 
 
-class Tasks(Document):
+class Tasks(_Offered):
     """`tasks`."""
 
     tasks: list[Row]
-    broken: list[Row]
 
 
 class Runs(Document):
@@ -236,6 +227,13 @@ class ExportDataset(Document):
     minari_id: str
 
 
+class ExportCroissant(Document):
+    """`export --format croissant`."""
+
+    path: str
+    files: list[str]
+
+
 class ExportCurves(Document):
     """`export --curves`."""
 
@@ -274,69 +272,3 @@ class Schemas(Document):
     """`schema` without a name."""
 
     schemas: dict[str, Row]
-
-
-DOCUMENTS: Mapping[str, type[Document]] = {
-    "error": Error,
-    "algorithms": Algorithms,
-    "archive": Archive,
-    "check": Check,
-    "collect": RecordDocument,
-    "datasets": Datasets,
-    "doctor": Doctor,
-    "evaluate": RecordDocument,
-    "export-curves": ExportCurves,
-    "export-dataset": ExportDataset,
-    "export-policy": ExportPolicy,
-    "import": Import,
-    "leaderboard": Leaderboard,
-    "merge": Merge,
-    "render": Render,
-    "repair": Repair,
-    "report": Report,
-    "reproduce": Reproduce,
-    "runs": Runs,
-    "schema": Schemas,
-    "sweep": Sweep,
-    "sweep-until-decided": UntilDecided,
-    "tasks": Tasks,
-    "train": Train,
-    "train-dry-run": DryRun,
-    "train-encoder": Encoders,
-    "verify": Verify,
-}
-"""The document of each command that prints one; `query` and `tail` print rows of tables."""
-
-FILES: Mapping[str, type[BaseModel]] = {
-    "manifest": Manifest,
-    "matrix": Matrix,
-    "settings-run": RunSettings,
-    "settings-recording": ExternalSettings,
-    "settings-dataset": DatasetSettings,
-    "settings-evaluation": EvaluationSettings,
-    "settings-import": ImportSettings,
-    **{f"hyperparameters-{algo}": kind for algo, kind in SETTINGS.items()},
-}
-"""The files that jbench reads and writes, and the settings in them."""
-
-
-def schema_of(name: str) -> dict[str, Any]:
-    """Returns the JSON schema of a document or of a file, one of `DOCUMENTS` and `FILES`."""
-    kind = DOCUMENTS[name] if name in DOCUMENTS else FILES[name]
-    schema = _matrix_file() if kind is Matrix else kind.model_json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
-
-
-def _matrix_file() -> dict[str, Any]:
-    """Returns the schema of a matrix: keys that hold for all parts, and what each part adds."""
-    schema = Matrix.model_json_schema()
-    keys = schema["properties"]
-    table = {"type": "object", "properties": keys, "additionalProperties": False}
-    schema["properties"] = {
-        **keys,
-        PART: {"type": "array", "items": table},
-        COMPARISON: {"type": "array", "items": Planned.model_json_schema()},
-    }
-    # Each key may stand above the parts or in them.
-    del schema["required"]
-    return schema

@@ -17,6 +17,7 @@ _TASK = "face_direction"
 _OPTIONS = {
     "onnx": ("RUN", "--inputs", "--format", "--out"),
     "minari": ("--dataset", "--task", "--format", "--out"),
+    "croissant": ("--dataset", "--format", "--out"),
     "--curves": ("--task", "--returns"),
 }
 
@@ -35,10 +36,10 @@ def export(
         "face_direction, or the task of another robot's --dataset), or whose curves are exported "
         "(default: all).",
     ),
-    format: Literal["onnx", "minari"] | None = Option(
+    format: Literal["onnx", "minari", "croissant"] | None = Option(
         None,
-        help="Output format: onnx (of a policy, the default with RUN) or minari (of a dataset, the "
-        "default without).",
+        help="Output format: onnx (of a policy, the default with RUN), minari (of a dataset, the "
+        "default without), or croissant (metadata and tables of the results, or of --dataset).",
     ),
     inputs: Literal["si", "observation"] | None = Option(
         None,
@@ -59,13 +60,16 @@ def export(
         None,
         parser=parsing.path,
         help="File of the policy (default: RESULTS/onnx/RUN.onnx), or directory of Minari datasets "
-        "(default: RESULTS/minari).",
+        "(default: RESULTS/minari), or of metadata and tables (default: RESULTS/croissant).",
     ),
     accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
 ) -> None:
-    """Export a policy as ONNX, a dataset for Minari, or learning curves as JSON."""
+    """Export a policy, a dataset, learning curves, or results with metadata.
+
+    Formats: ONNX, Minari, the JSON of HumanoidBench, Croissant.
+    """
     what = "--curves" if curves else format or ("minari" if run is None else "onnx")
     typed = {"RUN": run, "--dataset": dataset, "--task": task, "--format": format}
     for option, value in {**typed, "--inputs": inputs, "--returns": returns, "--out": out}.items():
@@ -74,6 +78,8 @@ def export(
             raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")
     if curves is not None:
         _curves(curves, returns or "evaluation", task, results)
+    elif what == "croissant":
+        _croissant(dataset, out, results)
     elif what == "minari":
         _dataset(dataset, task, out, results)
     elif run is None:
@@ -144,6 +150,26 @@ def _policy(
     )
     document = {"run": id, "task": agent.task, "path": path}
     output.document({**document, "bytes": size, "difference": difference})
+
+
+def _croissant(dataset: str | None, out: Path | None, results: Path) -> None:
+    if importlib.util.find_spec("mlcroissant") is None:
+        raise RequestError(
+            "--format croissant needs mlcroissant: type pip install 'jbench[croissant]'."
+        )
+    from jbench.archive.croissant import METADATA, write_croissant
+    from jbench.datasets import find_dataset
+
+    database = parsing.results_to_read(results)
+    record = None if dataset is None else find_dataset(database, dataset).record
+    there = Path("reference-croissant") if names.is_reference(results) else results / "croissant"
+    folder = out or there
+    written = write_croissant(database, folder, record)
+    output.say(
+        f"Wrote {counted(len(written) - 1, 'table')} and {METADATA} to {folder}; "
+        f"mlcroissant.Dataset(jsonld='{folder / METADATA}') reads them."
+    )
+    output.document({"path": folder / METADATA, "files": written})
 
 
 def _dataset(dataset: str | None, task: str | None, out: Path | None, results: Path) -> None:

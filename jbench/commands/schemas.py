@@ -17,7 +17,7 @@ def schema(
 
     Without a name, it lists them; with --json, it prints all schemas.
     """
-    from jbench.commands.documents import DOCUMENTS, FILES, schema_of
+    from jbench.commands.forms import DOCUMENTS, FILES, schema_of
 
     if name is not None:
         known = names.known("schema", name, [*DOCUMENTS, *FILES])

@@ -48,7 +48,7 @@ def _as_side(value: Any) -> Any:
     return {"representation": value} if isinstance(value, str) else value
 
 
-_Side = Annotated[Side, BeforeValidator(_as_side)]
+_Side = Annotated[Side, BeforeValidator(_as_side, json_schema_input_type=str | Side)]
 
 
 class Entry(Settings):

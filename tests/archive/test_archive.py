@@ -16,7 +16,7 @@ from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.verify import verify
 from jbench.sweeps.cell import all_runs, matrix_cells
-from jbench.sweeps.matrix import read_matrix
+from jbench.studies.matrix import read_matrix
 from tests.store.store_rows import RUN_SETTINGS, episodes
 
 NAMES = {

@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from jbench import names, paper
-from jbench.commands.documents import DOCUMENTS, FILES, schema_of
+from jbench.commands.forms import DOCUMENTS, FILES, schema_of
 from jbench.commands.output import DOCUMENT_VERSION
 from jbench.store import Results
 from jbench.store.shipped import shipped_results

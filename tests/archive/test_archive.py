@@ -15,8 +15,8 @@ from jbench.settings.base import settings_hash
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Results
 from jbench.store.verify import verify
-from jbench.sweeps.cell import all_runs, matrix_cells
 from jbench.studies.matrix import read_matrix
+from jbench.sweeps.cell import all_runs, matrix_cells
 from tests.store.store_rows import RUN_SETTINGS, episodes
 
 NAMES = {

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from jbench.errors import WorkError
 from jbench.settings.base import settings_hash
 from jbench.store import Results, files
 from jbench.store.merge import merge
@@ -214,7 +215,7 @@ def test_missing_sync_is_noticed(tmp_path, missing, monkeypatch):
             monkeypatch.setattr(os, "fsync", lambda handle: None)
         append(results)
         monkeypatch.setattr(os, "fsync", sync)
-    with pytest.raises(AssertionError):
+    with pytest.raises((AssertionError, WorkError)):
         check_states(states(recording), before, content(results), tmp_path)
 
 

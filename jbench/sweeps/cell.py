@@ -96,7 +96,10 @@ def matrix_cells(parts: Parts, results: Results, accept_changed: bool = False) -
 
 
 def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
-    matrix, task, name = arm.part, arm.task, arm.representation
+    matrix = arm.part
+    task = arm.task
+    name = arm.representation
+
     fields = dict(arm.fields)
     dataset: DatasetSettings | None = None
     encoders: dict[int, EncoderSettings] = {}  # by their seeds
@@ -129,7 +132,8 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
 def _encoder(
     matrix: Matrix, task: str, name: str, dataset: DatasetSettings, results: Results
 ) -> EncoderSettings:
-    if (wanted := named_encoder(name, task)) is None:
+    wanted = named_encoder(name, task)
+    if wanted is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
     assert wanted is not None
     present = encoder_settings(
@@ -176,7 +180,9 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
     def data(encoder: EncoderSettings) -> tuple[str, int, Scale]:
         return encoder.task, encoder.seed, make_kind(encoder.kind, encoder.options).scale
 
-    train_on, failures, runs = find_device(device), dict[str, str](), all_runs(cells)
+    train_on = find_device(device)
+    failures: dict[str, str] = {}  # by encoder
+    runs = all_runs(cells)
     needed = {run.encoder for run in runs}
     for dataset, encoders in missing_encoders(cells, results):
         wanted = sorted((encoder for encoder in encoders if encoder.id in needed), key=data)
@@ -186,18 +192,24 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
                 _make(partial(collect, dataset, results, cores()), begun, report)
         except (RequestError, WorkError) as error:
             reason = f"its dataset can't be collected: {error}"
-            failures |= {encoder.id: reason for encoder in wanted}
+            failures.update({encoder.id: reason for encoder in wanted})
             continue
+
         for (task, seed, scale), sharing in groupby(wanted, data):
             states = States(find_dataset(results, dataset.id), task, seed, scale=scale)  # read once
             for encoder in sharing:
-                label, epochs = f"{encoder.representation} {task}", encoder.options.get("epochs", 1)
-                begun = Event("progress", text=label, total=epochs, unit="epochs")
+                begun = Event(
+                    "progress",
+                    text=f"{encoder.representation} {task}",
+                    total=encoder.options.get("epochs", 1),
+                    unit="epochs",
+                )
                 train = partial(train_encoder, encoder, states, results, device=train_on)
                 try:
                     _make(train, begun, report)
                 except (RequestError, WorkError) as error:
                     failures[encoder.id] = f"its encoder can't be trained: {error}"
+
     for encoder_id, reason in failures.items():
         report(Event("warning", text=f"the runs on {encoder_id} are left out: {reason}"))
     return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}

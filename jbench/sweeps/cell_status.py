@@ -53,15 +53,18 @@ def cell_statuses(
     are measured, which takes seconds. `jobs` is the number of processes at a time, `device` that of
     the batched engine.
     """
-    estimates, all_statuses = _measured(results, device), []
+    estimates = _measured(results, device)
+    all_statuses = []
     for cell in cells:
         statuses = [run_status(run, results) for run in cell.runs]
         states = [status.state for status in statuses]
         left = sum(status.steps_left for status in statuses)
         processes = min(jobs, max(1, len(cell.runs) - states.count("finished")))
+
         exactly, about = (alike(cell.runs[0], free) for free in (SEED, COST))
         if left and quick and not {exactly, about} & estimates.keys():
             estimates[about] = _quick_measurement(cell.runs, device)
+
         seconds, source = estimates.get(exactly) or estimates.get(about) or (None, "unknown")
         all_statuses.append(
             CellStatus(
@@ -88,9 +91,11 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
 
 def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
     """Returns a sentence on the time left with `jobs` processes at a time, if it is known."""
-    seconds, steps = seconds_left(statuses, jobs), sum(status.steps_left for status in statuses)
+    seconds = seconds_left(statuses, jobs)
     if not seconds:
         return None
+
+    steps = sum(status.steps_left for status in statuses)
     runs = [run for status in statuses for run in status.cell.runs]
     hints = {
         "fewer --steps (such as 300000)": max(run.steps for run in runs) > 300_000,
@@ -98,6 +103,7 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
     }
     fewer = ", or ".join(hint for hint, applies in hints.items() if applies)
     less = f" For less: {fewer}." if fewer and seconds > 600 else ""
+
     parts = [(status.evaluating, status.seconds_left or 0.0) for status in statuses]
     share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
     most = " (most of the time: fewer with --evaluate-episodes, or [evaluation] of a matrix)"
@@ -114,18 +120,25 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     Each observation is stored once, in float32, with an action and a reward. An encoder reduces
     its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
     """
-    needed = most = 0
-    for run in (run for run in runs if run.engine == "batched"):
-        task, size = find_task(run.task), int(run.hyperparameters.get("buffer_size", 0))
+    needed = 0
+    most = 0
+    for run in runs:
+        if run.engine != "batched":
+            continue
+        task = find_task(run.task)
+        size = int(run.hyperparameters.get("buffer_size", 0))
         transitions = min(size, run.steps) if device == "cpu" else size
         needed += 4 * (task.observation_size + task.action_size + 1) * transitions
         most = max(most, transitions)
     if needed < _MIN_REPORTED:
         return None
-    what, free = "memory", _available()
+
+    what = "memory"
+    free = _available()
     if device != "cpu":
         what = "the GPU's memory"
         free = torch.cuda.mem_get_info(device)[0] if torch.cuda.is_available() else None
+
     text = f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of {what}"
     if free is None or needed <= _USABLE * free:
         return f"{text}."
@@ -151,11 +164,14 @@ def _measured(results: Results, device: str) -> dict[str, tuple[float | None, st
     """Returns core seconds per control step of finished runs here, by keys of SEED and COST."""
     seconds: dict[str, list[float]] = {}
     for record in results.scan("run")[0]:
-        provenance, summary = record.manifest.provenance, record.manifest.summary
+        provenance = record.manifest.provenance
+        summary = record.manifest.summary
         now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
         made_on = (provenance.get(name) for name in ("processor", "cores"))
         here = (*made_on, provenance.get("device", "cpu")) == (processor(), cores(), now)
-        time, steps = summary.get("wall_time"), summary.get("steps_done")
+
+        time = summary.get("wall_time")
+        steps = summary.get("steps_done")
         if record.status == "finished" and here and time and steps:
             run = read_run(record.settings)
             with contextlib.suppress(TypeError):  # manifests of others may hold anything

@@ -1,6 +1,6 @@
 """Planned comparisons in a sweep: what is decided so far, and which seeds the others need next."""
 
-from collections.abc import Collection, Container, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -117,25 +117,35 @@ def outcomes(
         (returns(first, comparison.claim), returns(second, comparison.claim))
         for comparison, (first, second) in zip(comparisons, pairs, strict=True)
     ]
-    reached = []
-    for comparison, pair, both, decision in zip(
-        comparisons, pairs, sides, decide(comparisons, sides), strict=True
-    ):
-        needed: list[RunSettings] = []
-        unknown = ""
-        if decision.verdict == "undecided":
-            seeds = min(decision.seeds + BLOCK, comparison.max_seeds)
-            first_runs = [run for cell in pair for run in cell.runs[:seeds]]
-            needed = [run for run in first_runs if not finished(run.id)]
-            without = [
-                run.id
-                for cell, known in zip(pair, both, strict=True)
-                for run in cell.runs[:seeds]
-                if run.seed in known and known[run.seed] is None
-            ]
-            unknown = without[0] if without else ""
-        reached.append(Outcome(comparison, pair, decision, needed, unknown))
-    return reached
+    decisions = decide(comparisons, sides)
+    return [
+        _outcome(comparison, pair, both, decision, finished)
+        for comparison, pair, both, decision in zip(
+            comparisons, pairs, sides, decisions, strict=True
+        )
+    ]
+
+
+def _outcome(
+    comparison: PlannedComparison,
+    cells: tuple[Cell, Cell],
+    returns: tuple[Returns, Returns],
+    decision: Decision,
+    finished: Callable[[str], bool],
+) -> Outcome:
+    if decision.verdict != "undecided":
+        return Outcome(comparison, cells, decision)
+
+    seeds = min(decision.seeds + BLOCK, comparison.max_seeds)
+    needed: list[RunSettings] = []
+    unknown: list[str] = []
+    for cell, known in zip(cells, returns, strict=True):
+        for run in cell.runs[:seeds]:
+            if not finished(run.id):
+                needed.append(run)
+            elif known[run.seed] is None:
+                unknown.append(run.id)
+    return Outcome(comparison, cells, decision, needed, unknown[0] if unknown else "")
 
 
 def next_cells(reached: Sequence[Outcome], tried: Container[str]) -> list[Cell]:

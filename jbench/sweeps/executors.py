@@ -99,10 +99,13 @@ class Ray:
         self.device = "cuda" if gpus_per_task else "cpu"
         self._results = Results(results.path.resolve())
         self._worker = Local(self._results, 1, self.device, **options)
-        self._stopped, self._seen = threading.Event(), dict[str, str]()
+        self._stopped = threading.Event()
+        self._seen: dict[str, str] = {}
+
         self._join(address or os.environ.get("RAY_ADDRESS"), jobs)
         resources = self._ray.cluster_resources()
-        room, gpus = int(resources.get("CPU", 0)), resources.get("GPU", 0)
+        room = int(resources.get("CPU", 0))
+        gpus = resources.get("GPU", 0)
         if gpus < gpus_per_task:
             raise RequestError(
                 f"--gpus-per-task {gpus_per_task:g}: the cluster has {gpus:g} GPUs; type less, or "
@@ -111,6 +114,7 @@ class Ray:
         if gpus_per_task:
             room = min(room, int(gpus / gpus_per_task))
         self.jobs = jobs or max(1, room)
+
         # If a node dies, Ray restarts its tasks on another one, without limit.
         node = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
         self._task = self._ray.remote(num_gpus=gpus_per_task, **node)(train_batch)
@@ -160,8 +164,12 @@ class Ray:
                 self._seen[run.id] = record.manifest.updated
                 for part in record.parts("episodes")[-1:]:
                     last = record.read_part(part, schema.EPISODES).to_pylist()[-1]
-                    steps, episode_return = last["control_steps"], last["episode_return"]
-                    yield Event("episode", run.id, steps=steps, episode_return=episode_return)
+                    yield Event(
+                        "episode",
+                        run.id,
+                        steps=last["control_steps"],
+                        episode_return=last["episode_return"],
+                    )
 
     def _outcome(self, runs: Sequence[RunSettings], task: Any) -> Iterator[Event]:
         """Yields the last events of a task; none if the task was lost."""
@@ -189,7 +197,9 @@ class Ray:
 def train_batch(request: str) -> str:
     """Trains a `Local.request` on the node where Ray calls this; returns last events as JSON."""
     content = json.loads(request)
-    path, runs = Path(content["results"]), [RunSettings(**run) for run in content["runs"]]
+    path = Path(content["results"])
+    runs = [RunSettings(**run) for run in content["runs"]]
+
     # The sweep holds a lock on the directory. A node that does not see it has another directory, or
     # could write a run at the same time as another process.
     if not locks.is_held(path, shared=True):

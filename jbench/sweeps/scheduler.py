@@ -75,6 +75,7 @@ def sweep(
         results.clean("encoder", encoder.id)
     for run in all_runs(cells):
         results.clean("run", run.id)
+
     statuses = run_statuses(all_runs(cells), results)
     done = ("finished",) if retry_failed else ("finished", "failed")
     notes = dict.fromkeys(note for cell in cells for note in cell.notes)
@@ -84,6 +85,7 @@ def sweep(
         report(Event("note", text=sentence))
     if not cells:
         return {}
+
     for run in new:
         checked_task(run.task)
     make_directory(results.record("run", cells[0].runs[0].id).path)
@@ -166,7 +168,8 @@ class _Scheduler:
 
     def _train_batch(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
         """Trains runs that need it, in a thread; returns those whose process died."""
-        left, held = dict[str, RunSettings](), []
+        left: dict[str, RunSettings] = {}
+        held: list[RunSettings] = []
         for run in batch:
             status = run_status(run, self.results)
             if status.state == "failed" and run.id not in self.retry:
@@ -177,10 +180,12 @@ class _Scheduler:
                 held.append(run)
             else:
                 left[run.id] = run
+
         if held:
             if self.elsewhere.issuperset(run.id for run in held):
                 time.sleep(POLL_SECONDS)  # another look at them
             self.events.put(Event("held", runs=held))
+
         if left:
             runs = list(left.values())
             self.events.put(Event("started", runs=runs))
@@ -227,12 +232,13 @@ class _Scheduler:
 
     def _leave(self, runs: Sequence[RunSettings]) -> None:
         """Leaves runs to the process that is training them, and looks at them again at the end."""
-        if new := [run for run in runs if run.id not in self.elsewhere]:
+        new = [run for run in runs if run.id not in self.elsewhere]
+        if new:
             then = "waited for at the end" if self.wait else "left out here"
             verb = "it is" if len(new) == 1 else "they are"
             sentence = f"Another process is training {_named(new)}; {verb} {then}."
             self.report(Event("note", text=sentence))
-            self.elsewhere |= {run.id for run in new}
+            self.elsewhere.update(run.id for run in new)
         if self.wait:
             self._submit([runs])
 

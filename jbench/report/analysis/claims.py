@@ -47,8 +47,10 @@ COLUMNS = [
     "text",
 ]
 
-_OFF_POLICY, _ON_POLICY = ("ddpg", "sac", "td3"), "ppo"
-_HARDER, _EASIER = "move_in_direction", "face_direction"  # the tasks of Figures 8 and 7
+_OFF_POLICY = ("ddpg", "sac", "td3")
+_ON_POLICY = "ppo"
+_HARDER = "move_in_direction"  # the task of Figure 8
+_EASIER = "face_direction"  # that of Figure 7
 # Median return of random actions in 100 episodes (`jbench evaluate random`).
 _RANDOM_RETURNS = {_EASIER: 220.0, _HARDER: 303.0}
 
@@ -204,10 +206,12 @@ def _common(*compared: Configuration) -> tuple[str, str, int, str]:
 def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
     sample = pair.sample(*_STATISTICS[claim])
     effect = outer = sample.estimate()
-    low, high = (1.0, np.inf) if claim in _RATIOS else (0.0, np.inf)
+    low = 1.0 if claim in _RATIOS else 0.0
+    high = np.inf
     if claim == "a":  # two one-sided tests at 5%
         effect = sample.estimate(0.9)
-        low, high = -MARGIN, MARGIN
+        low = -MARGIN
+        high = MARGIN
     decided = decide(effect, pair.seeds, low, high, outer=outer, logarithmic=claim in _RATIOS)
 
     compared = f"{pair.ours.name} against {baseline}"

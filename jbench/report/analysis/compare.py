@@ -18,9 +18,29 @@ from jbench.studies.deciding import MARGIN, WORDS
 
 PAIRS = ["task", "returns", "a", "b", "a_label", "b_label", "p", "low", "high", "decided", "steps"]
 COMPARISONS = [
-    *("task", "algo", "representation", "words", "returns", "a", "b", "seeds_a", "seeds_b"),
-    *("steps", "p", "p_low", "p_high", "difference", "low", "high", "median_difference"),
-    *("median_low", "median_high", "corrected_low", "corrected_high", "verdict", "text"),
+    "task",
+    "algo",
+    "representation",
+    "words",
+    "returns",
+    "a",
+    "b",
+    "seeds_a",
+    "seeds_b",
+    "steps",
+    "p",
+    "p_low",
+    "p_high",
+    "difference",
+    "low",
+    "high",
+    "median_difference",
+    "median_low",
+    "median_high",
+    "corrected_low",
+    "corrected_high",
+    "verdict",
+    "text",
 ]
 _NUMBERS = {
     st.probability_of_improvement: ("p", "p_low", "p_high"),
@@ -111,8 +131,10 @@ def left_out(ours: Configurations, theirs: Configurations, pairs: Sequence[Pair]
     notes = []
     for side in filter(None, left):
         names = [config.name for config in side]
-        names[_MAX_NAMED:] = [f"and {len(names) - _MAX_NAMED} more"] * (len(names) > _MAX_NAMED)
+        if len(names) > _MAX_NAMED:
+            names = [*names[:_MAX_NAMED], f"and {len(names) - _MAX_NAMED} more"]
         notes.append(f"Only in {side[0].source}: {'; '.join(names)}.")
+
     for first in left[0]:
         named = [first.task, first.algo, first.representation]
         for other in (o for o in left[1] if [o.task, o.algo, o.representation] == named):
@@ -139,9 +161,11 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
         if (pair := Pair(first, other)).decidable
     }
     level = corrected_level([sample.interval for sample in samples.values()], _excludes_half)
+
     final = verdicts[verdicts["claim"] == "a"]
     names = map(frozenset, zip(final["configuration"], final["baseline"], strict=True))
-    known = dict(zip(names, final["verdict"].isin(["higher", "lower"]), strict=True))
+    known = dict(zip(names, final["verdict"].isin(WORDS["a"]), strict=True))
+
     rows = []
     for (first, other), sample in samples.items():
         p, low, high, _ = sample.estimate()

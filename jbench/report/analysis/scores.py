@@ -62,21 +62,33 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
     known = _SCORES.setdefault(configuration, {})
     if control_steps in known:
         return known[control_steps]
+
     end = configuration.longest if control_steps is None else control_steps
     lengths = configuration.lengths_up_to(end)
     within = np.arange(configuration.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, configuration.returns, np.nan)
-    last_points = final_returns(returns, configuration.control_steps, lengths, configuration.kind)
-    final, middles, deviations, episodes = last_points
+
+    final, middles, deviations, episodes = final_returns(
+        returns, configuration.control_steps, lengths, configuration.kind
+    )
     if configuration.kind == EVALUATION:
         last = np.arange(len(lengths)), lengths - 1
-        deviations, episodes = configuration.deviations[last], configuration.counts[last]
+        deviations = configuration.deviations[last]
+        episodes = configuration.counts[last]
     elif configuration.source in (IMPORTED, FILE):  # whose points need not be episodes
         deviations = np.full(len(final), np.nan)
+
     area = _means_over_run(configuration, configuration.beside, end)
     usable = np.isfinite(final) & np.isfinite(area)
-    numbers = final[usable], area[usable], deviations[usable], episodes[usable]
-    return known.setdefault(control_steps, Scores(*numbers, usable, float(np.median(middles))))
+    known[control_steps] = Scores(
+        final=final[usable],
+        area=area[usable],
+        deviations=deviations[usable],
+        episodes=episodes[usable],
+        known=usable,
+        middle=float(np.median(middles)),
+    )
+    return known[control_steps]
 
 
 def _means_over_run(
@@ -90,7 +102,9 @@ class Pair:
     """Two configurations, with scores at the last control step that every seed has reached."""
 
     def __init__(self, ours: Configuration, theirs: Configuration) -> None:
-        self.sides = self.ours, self.theirs = ours, theirs
+        self.ours = ours
+        self.theirs = theirs
+        self.sides = (ours, theirs)
         self.control_steps = int(min(ours.last_step, theirs.last_step))
         self.scores = [self._scores(ours, theirs), self._scores(theirs, ours)]
         self.seeds = min(len(side.final) for side in self.scores)
@@ -117,11 +131,13 @@ def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
     """Returns the range of each task: of a file that of its returns, else 0 to 1000."""
     known: dict[str, Range] = {}
     for config in configurations:
-        ends = 0.0, float(EPISODE_STEPS)
+        lowest = 0.0
+        highest = float(EPISODE_STEPS)
         if config.source == FILE:
-            ends = float(np.nanmin(config.returns)), float(np.nanmax(config.returns))
-        low, high = known.get(config.task, ends)
-        known[config.task] = min(low, ends[0]), max(high, ends[1])
+            lowest = float(np.nanmin(config.returns))
+            highest = float(np.nanmax(config.returns))
+        low, high = known.get(config.task, (lowest, highest))
+        known[config.task] = (min(low, lowest), max(high, highest))
     return known
 
 
@@ -158,39 +174,59 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     the same weight. The ends are those of pointwise 95% intervals, for at least three seeds.
     Configurations are of one kind of return, in the order of tasks.
     """
-    known, parts = ranges(configurations), []
+    known = ranges(configurations)
+    parts = []
     finals = {config: seed_scores(config).final for config in configurations}
     alone = [config for config, final in finals.items() if len(final)]
     for group in [*([config] for config in alone), *on_all_tasks(configurations)]:
-        first, several = group[0], len(group) > 1
+        first = group[0]
+        several = len(group) > 1
         scores, ends = strata([finals[c] for c in group], [known[c.task] for c in group])
         if not several and first.source == FILE:
             every = np.concatenate([finals[c] for c in alone if c.task == first.task])
             ends = every.min() - 0.02 * ((every.max() - every.min()) or 1), every.max()
+
         thresholds = np.linspace(*ends, 201)
         low = high = np.full(len(thresholds), np.nan)
         if min(map(len, scores)) >= st.MIN_SEEDS:
             low, high = st.profile_interval(scores, thresholds)
+
         names = {**first.identity, "seeds": sum(map(len, scores))}
-        names |= {"task": together(known)} if several else {}
-        numbers = {"final_return": thresholds, "low": low, "high": high}
-        numbers["share"] = st.performance_profile(scores, thresholds)
+        if several:
+            names["task"] = together(known)
+        numbers = {
+            "final_return": thresholds,
+            "low": low,
+            "high": high,
+            "share": st.performance_profile(scores, thresholds),
+        }
         parts.append((names, numbers))
     return long_frame(parts, PROFILES)
 
 
 def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]) -> pd.DataFrame:
     """Adds rows to `configuration_frame`: each method of a file on all tasks together."""
-    known, rows = ranges(configurations), []
+    known = ranges(configurations)
     task = together(known)
+    rows = []
     for group in on_all_tasks(config for config in configurations if config.source == FILE):
         finals = [seed_scores(config).final for config in group]
         scores, _ = strata(finals, [known[config.task] for config in group])
-        row: dict[str, Any] = {**group[0].identity, "task": task}
-        row |= {"configuration": f"{task} {group[0].label}", "seeds": sum(map(len, scores))}
         estimate = st.estimate(st.interquartile_mean, scores)
-        row |= zip(("iqm", "iqm_low", "iqm_high"), estimate, strict=False)
         ends = [steps for config in group for steps in config.steps]
-        rows.append({**row, "draws": 0, "diverged": 0, "steps_min": min(ends), "steps": max(ends)})
+        row: dict[str, Any] = {
+            **group[0].identity,
+            "task": task,
+            "configuration": f"{task} {group[0].label}",
+            "seeds": sum(map(len, scores)),
+            "iqm": estimate.value,
+            "iqm_low": estimate.low,
+            "iqm_high": estimate.high,
+            "draws": 0,
+            "diverged": 0,
+            "steps_min": min(ends),
+            "steps": max(ends),
+        }
+        rows.append(row)
     more = pd.DataFrame(rows, columns=frame.columns).astype({"reached": "Int64"})
     return pd.concat([frame, more], ignore_index=True) if rows else frame

@@ -39,9 +39,10 @@ def decide(
     """
     chosen = deciding.comparisons(parts, read_entries(matrix), claims, max_seeds)
     shares = [comparison.share for comparison in chosen]
+    most = max(comparison.max_seeds for comparison in chosen)
     rates = dict.fromkeys(f"{share:.2%}" for share in (min(shares), max(shares)))
     output.say(
-        f"Final returns are compared after each {BLOCK} seeds, up to {max_seeds}. Of all "
+        f"Returns are compared after each {BLOCK} seeds, up to {most}. Of all "
         f"{len(chosen)} decisions together one or more are wrong with a probability of at most "
         f"{ERROR_RATE:.0%}: {' to '.join(rates)} for each comparison, and more after others have "
         "found a difference."

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from jbench.errors import RequestError
-from jbench.names import FULL, MAX_SEEDS, SWEEPS, Base, kind_in, known
+from jbench.names import FULL, MAX_SEEDS, SWEEPS, Base, features_in, kind_in, known
 from jbench.settings.base import Count, Seed, Settings, canonical_json, validated, whole
 from jbench.settings.recorded import SEED, alike, with_implied
 from jbench.statistics.sequential import BLOCK, ERROR_RATE
@@ -167,18 +167,22 @@ def planned(
 
 
 def with_baselines(parts: Parts, max_seeds: int = MAX_SEEDS) -> list[PlannedComparison]:
-    """Returns a comparison of each reduced representation with each baseline.
+    """Returns a comparison of each reduced representation with each baseline of the same features.
 
     Each has the whole error rate: whoever chooses some of them divides it; see `chosen`.
     """
     every = _different(parts)
-    baselines = {(_rest(arm), kind_in(arm.short_name)): arm for arm in every}
+
+    def observed(arm: Arm, kind: str) -> tuple[str, str, str]:
+        return _rest(arm), kind, features_in(arm.short_name)
+
+    baselines = {observed(arm, kind_in(arm.short_name)): arm for arm in every}
     return [
         PlannedComparison(arm, theirs, (arm.representation, name), max_seeds=max_seeds)
         for arm in every
         for name in BASELINES
         if kind_in(arm.short_name) not in BASELINES
-        and (theirs := baselines.get((_rest(arm), name))) is not None
+        and (theirs := baselines.get(observed(arm, name))) is not None
     ]
 
 

@@ -8,7 +8,7 @@ from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.studies.arms import arms, run_key
 from jbench.studies.matrix import only, read_matrix
-from jbench.studies.study import planned, read_entries, shipped_studies
+from jbench.studies.study import planned, read_entries, shipped_studies, with_baselines
 
 STUDY = """
 tasks = ["face_direction"]
@@ -148,3 +148,20 @@ def test_shipped_studies_spend_no_more_than_their_error_rate():
     assert {*studies} <= {*SWEEPS}
     for comparisons in studies.values():
         assert 0 < sum(comparison.share for comparison in comparisons) < 0.05 + 1e-9
+
+
+def test_without_a_list_representations_are_compared_with_baselines_of_their_features(tmp_path):
+    file = tmp_path / "study.toml"
+    names = ["full", "pca3", "pca3-without-velocity", "scaled-without-velocity", "raw"]
+    file.write_text(
+        f'tasks = ["face_direction"]\nalgos = ["td3"]\nrepresentations = {names}\nsteps = 2000\n'
+    )
+    pairs = {
+        (comparison.first.representation, comparison.second.representation)
+        for comparison in with_baselines(read_matrix(str(file)))
+    }
+    assert pairs == {
+        ("pca3", "full"),
+        ("pca3-without-velocity", "scaled-without-velocity"),
+        ("raw", "full"),
+    }

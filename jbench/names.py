@@ -49,6 +49,7 @@ MEANINGS = {
     "-observation": "inputs on the observation's scale",
     "-sd": "inputs scaled to unit variance",
     "-whitened": "latents whitened",
+    "-standardized": "latents scaled to mean 0 and standard deviation 1",
     "-extremes": "latents scaled to their extremes",
 }
 """What representations and the endings of their names mean, in a few words."""
@@ -137,14 +138,20 @@ FULL = "full"  # representation of an agent without an encoder
 NO_ENCODER = ("none", FULL)  # values of `--encoder` for such an agent
 OFE = "ofe"  # prefix of the representation if features are learned with the agent, such as ofe12
 
+_SCALES = "observation|sd"
+_RESCALES = "whitened|standardized|extremes"
+
 REPRESENTATION = re.compile(
     r"(?P<kind>[a-z][a-z0-9-]*?):?(?P<latents>[0-9]+)?(?P<endings>"
     r"(?:-(?P<features>(?:without|of)-[A-Za-z0-9_.]+|features-[0-9a-f]{8}))?"
     r"(?:-(?P<base>script))?"
-    r"(?:-(?P<scale>observation|sd))?(?:-(?P<rescale>whitened|extremes))?)"
+    # Only after a number of latents: planar-no-yaw is a kind.
+    rf"(?(latents)(?P<options>(?:-(?!(?:{_SCALES}|{_RESCALES})\b)[a-z_]+-[A-Za-z0-9_.]+)*))"
+    rf"(?:-(?P<scale>{_SCALES}))?(?:-(?P<rescale>{_RESCALES}))?)"
 )
 """A representation: a kind of encoder, its number of latents, and what is not the default: features
-of the observation, training, and scales, such as dae12 or dae12-observation-whitened."""
+of the observation, training, options and scales, such as dae12, dae12-noise-0.2 or
+dae12-observation-whitened."""
 
 
 def features_in(representation: str) -> str:

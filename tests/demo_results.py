@@ -12,7 +12,7 @@ import safetensors.numpy
 
 from jbench.datasets import collect
 from jbench.encoders import saved
-from jbench.encoders.registry import encoder_settings
+from jbench.encoders.settings import encoder_settings
 from jbench.policies.saved import SavedLayer, SavedNetwork, relu_layers
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.records import DatasetSettings
@@ -38,8 +38,9 @@ def add_demo(results):
 
 def _add_encoder(results):
     settings = encoder_settings(
-        "dae", {"epochs": 800}, task=TASK, dataset=DATASET, latents=14, seed=0
+        "dae", {}, task=TASK, dataset=DATASET, episodes=50, latents=14, seed=0
     )
+    assert settings.options["epochs"] == 800
     assert settings.id == ENCODER
     random = np.random.default_rng(0)
     shapes = {"encoder.weight": (14, 16), "encoder.bias": (14,)}

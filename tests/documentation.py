@@ -74,10 +74,11 @@ def blocks_of(page, text):
     return found
 
 
-def code_of(page, kind):
-    """Returns the text of the first block of a kind on a page of docs/."""
+def code_of(page, kind, part=""):
+    """Returns the text of the first block of a kind, with a part, on a page of docs/."""
     text = (ROOT / "docs" / page).read_text()
-    return next(block.text for block in blocks_of(page, text) if block.kind == kind)
+    blocks = (block.text for block in blocks_of(page, text) if block.kind == kind)
+    return next(block for block in blocks if part in block)
 
 
 def _kind(language, text):

@@ -31,7 +31,10 @@ _STEPS = ("--steps", str(2 * SHORT))
 _VERBS = (
     (["collect", *_STEPS], "Dataset random/s00-"),
     (["datasets"], "1 dataset in"),
-    (["train-dae", "--latent", "2", "--epochs", "1", "--batch", "64"], "face_direction/dae2/s00-"),
+    (
+        ["train-dae", "--latent", "2", "--epochs", "1", "--batch", "64"],
+        "dae2-batch-64-epochs-1/s00-",
+    ),
     (["train-encoder", "--kind", "pca", "--latent", "2"], "face_direction/pca2/s00-"),
     ([*train("td3", "none"), "--seeds", "0", *_STEPS], f"{_RUN}-"),
     (["sweep", "smoke", "--dry-run"], "face_direction"),

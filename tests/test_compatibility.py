@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from jbench.cli import main
-from jbench.encoders.registry import EncoderSettings
+from jbench.encoders.settings import EncoderSettings
 from jbench.settings.records import DatasetSettings, EvaluationSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results

@@ -14,8 +14,9 @@ from jbench.checks.checked import NotableError
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
 from jbench.encoders.kind import Learned
-from jbench.encoders.registry import encoder_settings, find_kind, latent_sizes, make_kind
+from jbench.encoders.registry import find_kind, latent_sizes, make_kind
 from jbench.encoders.saved import WEIGHTS
+from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import WorkError
@@ -44,8 +45,9 @@ def checks(
 def _class(name: str, task: str, options: Mapping[str, Any]) -> str:
     base = "Learned" if issubclass(find_kind(name), Learned) else "Fitted"
     make_kind(name, options)
-    sizes = latent_sizes(name, task)
-    return f"a subclass of {base}; {sizes[0]} to {sizes[-1]} latents on {task}"
+    sizes = latent_sizes(name, task, options)
+    latents = f"{sizes[0]}" if len(sizes) == 1 else f"{sizes[0]} to {sizes[-1]}"
+    return f"a subclass of {base}; {latents} latents on {task}"
 
 
 class _Trial:
@@ -62,7 +64,7 @@ class _Trial:
         self._name, self._task, self._folder = name, task, folder
         quick = {"epochs": 1, "batch": 512} if issubclass(find_kind(name), Learned) else {}
         self._options = {**quick, **options}
-        sizes = latent_sizes(name, task)
+        sizes = latent_sizes(name, task, options)
         self._latents = min(12, sizes[-1]) if latents is None else latents
         self._trained = cache(self._train)
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import torch
 
     from jbench.datasets import Dataset
-    from jbench.encoders.registry import EncoderSettings
+    from jbench.encoders.settings import EncoderSettings
     from jbench.encoders.states import States
     from jbench.store import Record, Results
 
@@ -78,6 +78,7 @@ def train_encoder(
     """
     from jbench.datasets import find_dataset
     from jbench.devices import find_device
+    from jbench.encoders.find import kept_settings
     from jbench.encoders.states import States
 
     database = parsing.results_to_write(results)
@@ -90,9 +91,12 @@ def train_encoder(
     # Wrong requests are refused before a dataset is missed.
     _planned(kind, given, settings, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
-    planned = _planned(kind, given, settings, latent, tasks, seeds, source)
-    planned = _with_recorded_code(planned, database)
     read = lru_cache(1)(partial(States, source, scale=given.get("scale", "dataset")))
+    planned = _planned(kind, given, settings, latent, tasks, seeds, source)
+    if latent is None:
+        planned = [_counted(encoder, read(encoder.task, encoder.seed)) for encoder in planned]
+    planned = [kept_settings(database, encoder) for encoder in planned]
+    planned = _with_recorded_code(planned, database)
     records = [
         _train_one(encoder, read(encoder.task, encoder.seed), database, train_on)
         for encoder in planned
@@ -158,6 +162,24 @@ def _train_one(
     return record
 
 
+def _counted(encoder: "EncoderSettings", states: "States") -> "EncoderSettings":
+    """Returns settings with the number of latents that a kind of another package has."""
+    import torch
+
+    from jbench.encoders.kind import Fitted
+    from jbench.encoders.registry import find_kind, latent_sizes
+    from jbench.encoders.training import counted_latents
+
+    has_several = len(latent_sizes(encoder.kind, encoder.task, encoder.options)) > 1
+    is_ours = encoder.kind in names.ENCODER_KINDS
+    if is_ours or not has_several or not issubclass(find_kind(encoder.kind), Fitted):
+        return encoder
+    states.read(torch.device("cpu"))
+    observed = states if encoder.columns is None else states.only(encoder.columns)
+    count = counted_latents(encoder.kind, encoder.options, observed, encoder.latents)
+    return encoder.model_copy(update={"latents": count})
+
+
 def _planned(
     kinds: str,
     typed: dict[str, Any],
@@ -172,12 +194,8 @@ def _planned(
     If any kind has several sizes, --latent is ignored for kinds that have only one. The dataset is
     None if it is not known yet.
     """
-    from jbench.encoders.registry import (
-        encoder_settings,
-        latent_sizes,
-        make_kind,
-        options_with_epochs,
-    )
+    from jbench.encoders.registry import latent_sizes
+    from jbench.encoders.settings import encoder_settings
 
     numbers = names.parse_numbers(latent or "12", "--latent", "12, or 2,4,8, or 1-16")
     known = dict.fromkeys(
@@ -185,17 +203,22 @@ def _planned(
     )
     planned = []
     for task in tasks:
-        features = {kind: make_kind(kind, typed).features for kind in known}
-        possible = {kind: list(latent_sizes(kind, task, features[kind])) for kind in known}
+        possible = {kind: list(latent_sizes(kind, task, typed)) for kind in known}
         only = {kind: sizes for kind, sizes in possible.items() if len(sizes) == 1}
         if latent is not None and len(only) == len(known):
             only.clear()
         for seed, kind in product(seeds, known):
-            options = options_with_epochs(kind, typed, source.episodes, seed) if source else typed
-            dataset = source.id if source else "any"
-            about = {"task": task, "dataset": dataset, "seed": seed}
             planned += [
-                encoder_settings(kind, options, base=base, latents=size, **about)
+                encoder_settings(
+                    kind,
+                    typed,
+                    task=task,
+                    seed=seed,
+                    base=base,
+                    episodes=source.episodes if source else None,
+                    latents=size,
+                    dataset=source.id if source else "any",
+                )
                 for size in only.get(kind, numbers)
             ]
     return planned

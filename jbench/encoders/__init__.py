@@ -1,6 +1,7 @@
 """Encoders: reduced-order representations of an observation, and their training."""
 
-from jbench.encoders.saved import Encoder, encoder_code, find_draws, find_encoder, load_encoder
+from jbench.encoders.find import encoder_code, find_draws, find_encoder
+from jbench.encoders.saved import Encoder, load_encoder
 from jbench.encoders.wrapper import action_signs, on_observations
 
 __all__ = [

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 from torch import Tensor
 
-from jbench.encoders.states import Scale, StatePairs, States
+from jbench.encoders.scaling import Moments
+from jbench.encoders.states import Scale, StatePairs, States, state_pairs
 from jbench.names import EncoderBase
 from jbench.settings.base import Settings, omissible
 from jbench.tasks.jitterbug.geometry import Array
@@ -49,10 +50,11 @@ class Kind(Settings):
         description="of the inputs: extremes over the dataset to [-1, 1] (authors' script), the "
         "observation as it is (authors' last environment), or unit variance",
     )
-    rescale: Literal["whitened", "extremes"] | None = omissible(
+    rescale: Literal["whitened", "standardized", "extremes"] | None = omissible(
         None,
         description="of the latents over the dataset: mean 0 and every principal direction to a "
-        "standard deviation of 1/3 (whitened), or extremes to [-1, 1]; ours",
+        "standard deviation of 1/3 (whitened), mean 0 and every latent to a standard deviation of "
+        "1 (standardized), or extremes to [-1, 1]; ours",
     )
 
     @field_validator("features", mode="before")
@@ -66,8 +68,7 @@ class Kind(Settings):
         """Control steps from `StatePairs.now` to `later`: the option `horizon`, if any, or 0."""
         return int(getattr(self, "horizon", None) or 0)
 
-    @classmethod
-    def latent_sizes(cls, task: str, features: int) -> range:
+    def latent_sizes(self, task: str, features: int) -> range:
         """Returns the allowed numbers of latents, by default 1 to the number of features.
 
         A kind whose size is determined by the task returns a range of one number.
@@ -113,11 +114,43 @@ class Kind(Settings):
 
 
 class Fitted(Kind):
-    """A kind whose weights are computed from the states, without a training loop."""
+    """A kind whose weights, if any, are computed from the states, without a training loop.
 
-    def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
+    Hand-made numbers need only `encode`. Without `decode`, states are reconstructed from latents by
+    linear regression.
+    """
+
+    def latent_sizes(self, task: str, features: int) -> range:
+        """Returns the number of latents of `encode`, or if it needs weights the default."""
+        if type(self).fit is not Fitted.fit:
+            return super().latent_sizes(task, features)
+        size = np.shape(self.encode({}, np.zeros((1, features), np.float32)))[-1]
+        return range(size, size + 1)
+
+    def fit(self, states: States, latents: int) -> dict[str, NDArray[Any]]:
         """Returns the weights; `states` have been read, and have the moments `learned`."""
-        raise NotImplementedError
+        return {}
+
+    def decode(self, weights: Weights, latents: Array) -> Array:
+        """Returns the scaled states (..., size) that linear regression predicts from latents."""
+        return latents @ weights["decoder.slopes"] + weights["decoder.offset"]
+
+    @property
+    def is_regressed(self) -> bool:
+        """Whether `decode` is the linear regression, whose weights `linear_decoder` returns."""
+        return type(self).decode is Fitted.decode
+
+    def linear_decoder(self, weights: Weights, states: States) -> dict[str, NDArray[Any]]:
+        """Returns the weights of the linear regression of the training states on the latents."""
+        moments: Moments | None = None
+        for batch in state_pairs(states.learn(), 0):
+            scaled = batch.now.cpu().numpy()
+            latents = np.asarray(self.encode(weights, scaled), np.float32)
+            some = Moments.of(np.hstack([latents, scaled]))
+            moments = some if moments is None else moments.merged(some)
+        assert moments is not None
+        slopes, offset = moments.regression(len(moments.mean) - states.size)
+        return {"decoder.slopes": slopes, "decoder.offset": offset}
 
 
 class Learned(Kind):

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import Learned
+from jbench.encoders.registry import sentence_about
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import StatePairs, States, state_pairs
-from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.errors import WorkError
 from jbench.store import Record
 from jbench.store.schema import ENCODER_TABLES
 
@@ -176,24 +177,12 @@ def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
 def check_kind(kind: Learned, name: str, states: States, latents: int) -> None:
     """Calls the methods of a kind of another package, before hours of training: WorkError."""
-    method = "initial or constants"
-    try:
+    with sentence_about(name, "initial or constants"):
         learner = EncoderLearner(kind, states, latents)
-        method = "prepare"
+    with sentence_about(name, "prepare"):
         pairs = next(state_pairs([states.sample], kind.steps_ahead, kind.uses_actions))
         pairs = kind.prepare(pairs.split(_CHECKED)[0], latents, torch.Generator())
-        method = "loss"
+    with sentence_about(name, "loss"):
         kind.gradient(learner.weights, learner.gradients, pairs)
-        method = "encode or decode of numpy arrays"
+    with sentence_about(name, "encode or decode of numpy arrays"):
         SavedEncoder(kind, learner.arrays(), states.scaling, latents)
-        return
-    except (RequestError, WorkError):
-        raise
-    except NotImplementedError:
-        reason = f"it has no method {method}"
-    except Exception as error:
-        reason = f"{method} fails ({sentence_of_failure(error)})"
-    raise WorkError(
-        f"The kind of encoder {name} can't be trained: {reason}; docs/your-own-encoder.md "
-        "describes the methods."
-    )

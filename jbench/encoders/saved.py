@@ -1,4 +1,4 @@
-"""The encoder protocol, saved encoders, and how they are found: by name, by id, or by seed."""
+"""The encoder protocol, and saved encoders."""
 
 import json
 from collections.abc import Sequence
@@ -13,15 +13,13 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from jbench.encoders.kind import Kind, Weights
-from jbench.encoders.registry import EncoderSettings, code_provenance, make_kind, named_encoder
+from jbench.encoders.registry import code_provenance, make_kind
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
-from jbench.names import in_prose
-from jbench.store import Record, Results
-from jbench.store.code import ACCEPT, ChangedCodeError, changed_files, check_code, since_recorded
+from jbench.store import Results
+from jbench.store.code import ChangedCodeError, check_code
 from jbench.store.provenance import shell_command
 from jbench.store.shipped import results_to_read
-from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.geometry import Array
 from jbench.wording import with_results
 
@@ -115,122 +113,6 @@ class SavedEncoder:
         if batch.device not in self._columns:
             self._columns[batch.device] = torch.from_numpy(columns).to(batch.device)
         return batch.index_select(-1, self._columns[batch.device])
-
-
-def find_encoder(
-    results: Results | Path | str, name: str, task: str, accept_changed: bool = False
-) -> str:
-    """Returns the id of an encoder for a task.
-
-    A representation means one whose code is the present one, if its kind is of a user.
-
-    Args:
-        name: a representation (see `named_encoder`) for its newest encoder trained on this task
-            and the plain robot; a number of latents for a denoising autoencoder; or the id of an
-            encoder, or the beginning of a single one.
-
-    Raises:
-        RequestError: if there is none that is finished, it encodes the observations of another
-            task, or the code of its kind has changed, unless that is accepted.
-    """
-    results = results_to_read(results)
-    find_task(task)
-    wanted = named_encoder(f"dae{name}" if name.isdecimal() else name, task)
-    # A kind that was given as MODULE:CLASS is known only by its name in the ids.
-    representation = name if wanted is None else wanted.representation
-    datasets = results.scan("dataset")[0]
-    augmented = {dataset.id for dataset in datasets if dataset.settings.get("augment") is not None}
-    matches = [
-        record
-        for record in results.scan("encoder")[0]
-        if record.settings.get("task") == task
-        and record.path.parent.name == representation
-        and str(record.settings.get("dataset")) not in augmented
-    ]
-    if matches:
-        changed = {record.id: _changed_files(record) for record in matches}
-
-        def usefulness(record: Record) -> tuple[bool, bool, str]:
-            return record.status == "finished", not changed[record.id], record.manifest.updated
-
-        newest = max(matches, key=usefulness)
-        if newest.status == "finished" and changed[newest.id] and not accept_changed:
-            raise ChangedCodeError(
-                f"{since_recorded(newest, changed[newest.id])}; type "
-                f"{with_results(_command(newest), results.name)} to make one of the present code, "
-                f"or {ACCEPT}.",
-                changed[newest.id],
-            )
-        if newest.status == "finished":
-            return newest.id
-        name = newest.id
-    elif wanted is not None:
-        raise RequestError(
-            f"No {representation} for {task} in {results.name}; type "
-            f"{with_results(wanted.command, results.name)} to make one."
-        )
-    id = results.complete_id("encoder", name)
-    _, description = load_encoder(results, id, accept_changed)
-    if description["task"] != task:
-        wanted = EncoderSettings.model_construct(**{"options": {}, **description, "task": task})
-        raise RequestError(
-            f"The encoder {id} is for {description['task']}, not for {task}; type "
-            f"{with_results(wanted.command, results.name)} to make one."
-        )
-    return id
-
-
-def encoder_code(results: Results, id: str | None) -> dict[str, Any]:
-    """Returns provenance of the code of an encoder's kind, under names of a run's encoder.
-
-    There is none for kinds of jbench, and for an encoder that is not in the results.
-    """
-    record = None if id is None else results.find("encoder", id)
-    if record is None:
-        return {}
-    made = code_provenance(str(record.settings.get("kind")))
-    return {f"encoder_{key}": value for key, value in made.items()}
-
-
-def _changed_files(record: Record) -> list[str]:
-    """Returns what has changed of the code of an encoder; [] if nothing, or it is not at hand."""
-    try:
-        now = code_provenance(str(record.settings.get("kind")))
-    except (RequestError, WorkError):
-        return []
-    return changed_files(record.manifest.provenance, now)
-
-
-def _command(record: Record) -> str:
-    """Returns the command that makes an encoder with the settings of a recorded one."""
-    try:
-        return EncoderSettings(**record.settings).command
-    except ValueError:
-        return shell_command(record.manifest.provenance)
-
-
-def find_draws(
-    results: Results, name: str, task: str, seeds: Sequence[int]
-) -> tuple[str, dict[int, str]]:
-    """Returns a hash of the named encoder's settings without the seed, and the ids by seed.
-
-    Raises:
-        RequestError: if there is none for one of the seeds.
-    """
-    record = results.find("encoder", find_encoder(results, name, task))
-    assert record is not None
-    settings = EncoderSettings(**record.settings)
-    ids = {seed: settings.model_copy(update={"seed": seed}).id for seed in seeds}
-    finished = {r.id for r in results.scan("encoder")[0] if r.status == "finished"}
-    missing = [str(seed) for seed, id in ids.items() if id not in finished]
-    if missing:
-        raise RequestError(
-            f"There is no encoder with the settings of {record.id} and the seed "
-            f"{in_prose(missing)} in {results.name}; type "
-            f"{with_results(settings.command, results.name)} "
-            f"--seed {','.join(missing)} to make it, with the same options."
-        )
-    return settings.draws, ids
 
 
 def load_encoder(

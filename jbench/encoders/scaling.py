@@ -131,18 +131,27 @@ def inverse(values: FloatArray) -> FloatArray:
 def rescaling(option: str, blocks: Iterable[NDArray[np.float32]]) -> dict[str, FloatArray]:
     """Returns the weights of the option `rescale` for latents, given in blocks (rows, latents).
 
-    "whitened" scales every principal direction to a standard deviation of 1/3, and "extremes" maps
-    the extremes of every latent to -1 and 1.
+    "whitened" scales every principal direction to a standard deviation of 1/3, "standardized" every
+    latent to one of 1, and "extremes" maps the extremes of every latent to -1 and 1.
     """
     if option == "extremes":
         half_width, center = reduce(Scaling.merged, map(Scaling.of, blocks)).half_width_and_center()
-        matrix, back = np.diag(inverse(half_width)), np.diag(half_width)
-    else:
-        moments = reduce(Moments.merged, map(Moments.of, blocks))
-        variance, vectors = np.linalg.eigh(moments.covariance)
-        variance, vectors = variance[::-1], with_positive_largest(vectors[:, ::-1].T).T
-        varies = variance > _MIN_VARIANCE * variance[0]
-        sd = np.sqrt(np.where(varies, variance, 1))
-        center, matrix = moments.mean, (vectors * (varies * _SD / sd)).T
-        back = vectors * (varies * sd / _SD)
+        return _rescaling(center, np.diag(inverse(half_width)), np.diag(half_width))
+
+    moments = reduce(Moments.merged, map(Moments.of, blocks))
+    if option == "standardized":
+        variance = np.diag(moments.covariance)
+        sd = np.sqrt(np.where(variance > _MIN_VARIANCE * variance.max(), variance, 0))
+        return _rescaling(moments.mean, np.diag(inverse(sd)), np.diag(sd))
+
+    ascending, vectors = np.linalg.eigh(moments.covariance)
+    variance = ascending[::-1]
+    directions = with_positive_largest(vectors[:, ::-1].T)
+    varies = variance > _MIN_VARIANCE * variance[0]
+    gain = np.where(varies, _SD / np.sqrt(np.where(varies, variance, 1)), 0)
+    return _rescaling(moments.mean, directions * gain[:, None], directions.T * inverse(gain))
+
+
+def _rescaling(center: FloatArray, matrix: FloatArray, back: FloatArray) -> dict[str, FloatArray]:
+    """Returns weights of the map of latents to matrix @ (latents - center), and of its inverse."""
     return {"rescale.center": center, "rescale.matrix": matrix, "rescale.inverse": back}

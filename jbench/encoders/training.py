@@ -13,9 +13,10 @@ from jbench.cores import one_thread
 from jbench.encoders.evaluation import errors, predictions
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.loop import CHECKPOINT, WeightArrays, check_kind, encoder_tables, learn
-from jbench.encoders.registry import EncoderSettings, code_provenance, make_kind
+from jbench.encoders.registry import code_provenance, make_kind, sentence_about
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
+from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States, state_pairs
 from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS
@@ -29,7 +30,7 @@ def plan_encoder(settings: EncoderSettings, results: Results) -> Planned:
     """Returns settings with the id of a recorded encoder of the same code, if there is one."""
     if settings.kind in ENCODER_KINDS:
         return Planned(settings, [])
-    free = ("seed", "dataset", "latents", "options")
+    free = ("seed", "dataset", "latents", "options", "base", "named")
     return planned(settings, results.scan("encoder")[0], code_provenance(settings.kind), free)
 
 
@@ -75,28 +76,7 @@ def train_encoder(
             made_on = device_provenance(device) | code_provenance(settings.kind)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
-            # The encoder without `rescale`; it is this one, unfinished, if it has no such option.
-            options = {name: value for name, value in settings.options.items() if name != "rescale"}
-            other = settings.model_copy(update={"options": options})
-            plain = None if record.rows("encoder_epochs") else results.find("encoder", other.id)
-            if plain is not None and plain.status == "finished":
-                epochs = {"encoder_epochs": plain.read("encoder_epochs").to_pylist()}
-                record.append(encoder_tables(record.id, epochs))
-                weights = safetensors.numpy.load(plain.read_file(WEIGHTS))
-            elif isinstance(kind, Learned):
-                weights = learn(kind, states, record, settings.latents, progress, commit_every)
-            else:
-                assert isinstance(kind, Fitted)
-                weights = _float32(kind.fit(states, settings.latents))
-                progress(1)
-            if kind.rescale is not None:
-                blocks = (batch.now.cpu().numpy() for batch in state_pairs(states.learn(), 0))
-                latents = (kind.encode(weights, block) for block in blocks)
-                weights |= _float32(rescaling(kind.rescale, latents))
-            try:
-                SavedEncoder(kind, weights, states.scaling, settings.latents, states.is_observed)
-            except ValueError as error:
-                raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
+            weights = _weights(settings, kind, states, results, record, progress, commit_every)
             # An interrupted process may have committed the errors already.
             if not record.rows("encoder_errors"):
                 rows = errors(kind, weights, settings.latents, states)
@@ -104,6 +84,65 @@ def train_encoder(
                 record.append(encoder_tables(record.id, rows))
         _finish(settings, kind, record, states, weights)
     return record
+
+
+def counted_latents(name: str, options: Mapping[str, Any], states: States, latents: int) -> int:
+    """Returns how many latents a fitted kind has that was asked for `latents`.
+
+    The states have been read. Raises a WorkError if a method of the kind fails.
+    """
+    kind = make_kind(name, options)
+    assert isinstance(kind, Fitted)
+    with sentence_about(name, "fit or encode"):
+        weights = _float32(kind.fit(states, latents))
+        return int(np.shape(kind.encode(weights, np.zeros((1, states.size), np.float32)))[-1])
+
+
+def _weights(
+    settings: EncoderSettings,
+    kind: Kind,
+    states: States,
+    results: Results,
+    record: Record,
+    progress: Callable[[int], None],
+    commit_every: float,
+) -> WeightArrays:
+    """Returns the weights of an encoder after training, with those of its scale of latents."""
+    # The encoder without `rescale`; it is this one, unfinished, if it has no such option.
+    options = {name: value for name, value in settings.options.items() if name != "rescale"}
+    other = settings.model_copy(update={"options": options})
+    plain = None if record.rows("encoder_epochs") else results.find("encoder", other.id)
+    if plain is not None and plain.status == "finished":
+        epochs = {"encoder_epochs": plain.read("encoder_epochs").to_pylist()}
+        record.append(encoder_tables(record.id, epochs))
+        weights: WeightArrays = safetensors.numpy.load(plain.read_file(WEIGHTS))
+    elif isinstance(kind, Learned):
+        weights = learn(kind, states, record, settings.latents, progress, commit_every)
+    else:
+        weights = _fitted(settings, kind, states)
+        progress(1)
+
+    if kind.rescale is not None:
+        blocks = (batch.now.cpu().numpy() for batch in state_pairs(states.learn(), 0))
+        latents = (kind.encode(weights, block) for block in blocks)
+        weights.update(_float32(rescaling(kind.rescale, latents)))
+    try:
+        with sentence_about(settings.kind, "encode or decode"):
+            SavedEncoder(kind, weights, states.scaling, settings.latents, states.is_observed)
+    except ValueError as error:
+        raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
+    return weights
+
+
+def _fitted(settings: EncoderSettings, kind: Kind, states: States) -> WeightArrays:
+    """Returns the weights of a kind without training loop, and of its decoder if it has none."""
+    assert isinstance(kind, Fitted)
+    with sentence_about(settings.kind, "fit"):
+        weights = _float32(kind.fit(states, settings.latents))
+    if kind.is_regressed:
+        with sentence_about(settings.kind, "encode"):
+            weights.update(_float32(kind.linear_decoder(weights, states)))
+    return weights
 
 
 def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:

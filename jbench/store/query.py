@@ -19,6 +19,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
+from jbench.store.kept import with_kept
 from jbench.store.listing import KIND_TABLES, Row, make_row
 from jbench.store.record import Record
 from jbench.wording import not_formula
@@ -50,8 +51,8 @@ def load(
         tables["published"] = published()
     for kind, (table, file_tables) in KIND_TABLES.items():
         schemas = {
-            name: _select_columns(fields, selected.get(name, fields.names), coded)
-            for name, fields in file_tables.items()
+            name: _selected_columns(name, selected.get(name), coded)
+            for name in file_tables
             if name in names
         }
         if not schemas and table not in names:
@@ -194,14 +195,23 @@ def _read(fields: Mapping[str, pa.Schema], record: Record) -> tuple[Row, dict[st
     """Returns the row and the tables of a record, or the error of a damaged one."""
     try:
         return record.reading(
-            lambda: (make_row(record), {name: record.read(name, fields[name]) for name in fields})
+            lambda: (make_row(record), {n: _rows(record, n, some) for n, some in fields.items()})
         )
     except WorkError as error:
         return str(error)
 
 
-def _select_columns(columns: pa.Schema, names: Sequence[str], coded: bool) -> pa.Schema:
+def _rows(record: Record, name: str, columns: pa.Schema) -> pa.Table:
+    """Returns columns of a record's table, those included that no file has."""
+    if schema.KEPT not in columns.names:
+        return record.read(name, columns)
+    return with_kept(record, record.read(name)).select(columns.names).cast(columns)
+
+
+def _selected_columns(table: str, names: Sequence[str] | None, coded: bool) -> pa.Schema:
+    """Returns columns of a table, by default all; ids are dictionaries if `coded`."""
+    columns = schema.TABLES[table]
     if coded:
         key = columns.field(0)
         columns = columns.set(0, key.with_type(pa.dictionary(pa.int32(), key.type)))
-    return pa.schema([columns.field(name) for name in names])
+    return pa.schema([columns.field(name) for name in names or columns.names])

@@ -72,6 +72,11 @@ _ERRORS = """test_mse test_variance pca_mse random_mse: float64, scaled features
     heuristic_mse heuristic_variance: float64, scaled features squared
     pca_heuristic_mse random_heuristic_mse: float64, scaled features squared"""
 
+KEPT = "kept"  # a column that is computed when rows are read
+
+_FEATURES = f"""encoder: string | index: int32 | feature: string
+    {_ERRORS}"""
+
 ENCODER_TABLES = {
     # On up to 128 held-out episodes. Kinds that do not corrupt their input have no
     # `test_denoising_mse`.
@@ -84,10 +89,7 @@ ENCODER_TABLES = {
     """),
     # `heuristic`: on ten episodes of the task's hand-written policy. A variance is that of the
     # target states.
-    "encoder_features": columns(f"""
-        encoder: string | index: int32 | feature: string
-        {_ERRORS}
-    """),
+    "encoder_features": columns(_FEATURES),
     # Means of the columns of `encoder_features`.
     "encoder_errors": columns(f"""
         encoder: string | test_states heuristic_states: int64
@@ -155,6 +157,10 @@ TABLES = {
         {_MANIFEST}
     """),
     **ENCODER_TABLES,
+    "encoder_features": columns(f"""
+        {_FEATURES}
+        {KEPT}: float64, fraction of the feature's direction; null for more than one layer
+    """),
     "datasets": columns(f"""
         dataset: string | seed: int64
         steps: int64, control steps asked for | steps_done: int64, control steps
@@ -194,6 +200,7 @@ TABLES = {
 
 FILES = {
     **TABLES,
+    **ENCODER_TABLES,
     "policy_states": columns("""
         episode: int32 | step: int16, control steps; the state after it
         x y z: float32, m | heading: float32, rad | upright: float32, reward

@@ -13,13 +13,9 @@ from itertools import count, groupby
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset, plan_dataset
 from jbench.devices import find_device
-from jbench.encoders.registry import (
-    EncoderSettings,
-    encoder_settings,
-    kind_names,
-    make_kind,
-    named_encoder,
-)
+from jbench.encoders.find import kept_settings
+from jbench.encoders.registry import kind_names, make_kind
+from jbench.encoders.settings import EncoderSettings, encoder_settings, named_encoder
 from jbench.encoders.states import Scale, States
 from jbench.encoders.training import plan_encoder, train_encoder
 from jbench.errors import RequestError, WorkError
@@ -113,7 +109,7 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
         robot = dataset_robot(find_task(task))
         dataset = validated(DatasetSettings, "[dataset]", **dict(matrix.dataset), **robot)
         dataset = plan_dataset(dataset, results).settings
-        encoder = _encoder(matrix, task, name, dataset, results)
+        encoder = kept_settings(results, _encoder(matrix, task, name, dataset, results))
         seeds = matrix.seeds if drawn else (encoder.seed,)
         encoders = {seed: encoder.model_copy(update={"seed": seed}) for seed in seeds}
         fields["encoder"] = encoder.id

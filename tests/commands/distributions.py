@@ -8,15 +8,16 @@ import sys
 from tests.documentation import ROOT, code_of
 
 
-def install(name, page, module, tmp_path_factory, target=None):
+def install(name, page, module, tmp_path_factory, target=None, part=""):
     """Installs a distribution whose code is on a page of docs/; returns the folder of packages.
 
     Args:
         name: folder in tests/ with the other files of the distribution.
-        page: name of the page; its first Python block becomes a module, and its TOML block must be
-            part of the distribution's pyproject.toml.
+        page: name of the page; a Python block becomes a module, and its TOML block must be part of
+            the distribution's pyproject.toml.
         module: name of the module's file.
         target: folder of packages; None for a new one.
+        part: text of the Python block; by default it is the first one.
     """
     source = tmp_path_factory.mktemp("source") / name
     shutil.copytree(ROOT / "tests" / name, source)
@@ -24,7 +25,7 @@ def install(name, page, module, tmp_path_factory, target=None):
     others = "".join(f', "{path.stem}"' for path in source.glob("*.py"))
     shown = code_of(page, "toml").replace('"]\n\n[project.entry', f'"{others}]\n\n[project.entry')
     assert shown in (source / "pyproject.toml").read_text()
-    (source / module).write_text(code_of(page, "python"))
+    (source / module).write_text(code_of(page, "python", part))
     target = target or tmp_path_factory.mktemp("site")
     options = ("--no-index", "--no-build-isolation", "--no-deps", "--target", str(target))
     subprocess.run(

@@ -56,8 +56,16 @@ def test_each_kind_and_size_has_record_with_errors(filled):
     assert set(rows["status"]) == {"finished"}
     names = sorted(id.split("/")[1] for id in rows.index)
     assert names == [
-        *("dae2", "dae3", "lld-vae2", "lld-vae3", "pca16", "pca2"),
-        *("planar12", "random16", "random2", "scaled16"),
+        "dae2-epochs-2",
+        "dae3-epochs-2",
+        "lld-vae2-epochs-2",
+        "lld-vae3-epochs-2",
+        "pca16",
+        "pca2",
+        "planar12",
+        "random16",
+        "random2",
+        "scaled16",
     ]
     errors = tables["encoder_errors"].to_pandas().set_index("encoder")
     assert rows["test_explained"].equals(errors.loc[rows.index, "test_explained"])
@@ -77,7 +85,7 @@ def test_encoders_are_reported_and_used_in_training(filled, tmp_path):
     shutil.copytree(filled, copy)
     short = ("--seeds", "0", "--steps", str(SHORT), "--evaluate-episodes", "0", "--jobs", "1")
     run = succeed(*train("td3", "lld-vae:3", *short), results=copy, short=True)
-    assert "face_direction/td3/lld-vae3/s00-" in run.stdout
+    assert "face_direction/td3/lld-vae3-epochs-2/s00-" in run.stdout
     run = succeed(*train("td3", "planar", *short), results=copy, short=True)
     assert "face_direction/td3/planar12/s00-" in run.stdout
 
@@ -111,7 +119,9 @@ def test_warning_of_encoder_that_explains_far_less_than_pca(results, run_command
     assert code == 0
     assert "measuring what the latents explain and predict: 1 of 1 epochs" in err.splitlines()[0]
     (warned,) = (line for line in err.splitlines() if line.startswith("Warning"))
-    assert re.search(r"dae12/s00-\S+ explains -?\d\.\d+ of the variance and PCA of", warned)
+    assert re.search(
+        r"dae12-epochs-1/s00-\S+ explains -?\d\.\d+ of the variance and PCA of", warned
+    )
     assert "--epochs of more than 1," in warned
     # The loss of forward models is no reconstruction error.
     code, _, err = short("--kind", "forward")
@@ -185,7 +195,8 @@ def test_killed_training_resumes_bit_for_bit(short, tmp_path, refused):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     page, module = "your-own-encoder.md", "third_party_encoder.py"
-    return install("third_party_encoder", page, module, tmp_path_factory)
+    part = "class FirstFeatures"
+    return install("third_party_encoder", page, module, tmp_path_factory, part=part)
 
 
 SHORT_TRAINING = ("--latent", "7", "--epochs", "2", "--set", "batch=500", "--json")
@@ -200,7 +211,7 @@ def test_kind_of_other_package_is_trained(short, site, monkeypatch):
     assert theirs["settings"]["options"]["strength"] == 1.0
     # The package can't override a built-in kind.
     assert "noise" in ours["settings"]["options"]
-    assert theirs["id"].startswith("face_direction/first-features7/s00-")
+    assert theirs["id"].startswith("face_direction/first-features7-batch-500-epochs-2/s00-")
     # Every weight is trained, so what keeps the first features must not be a weight.
     files = Results(short).find("encoder", theirs["id"])
     assert set(safetensors.numpy.load(files.read_file(WEIGHTS))) == {"predict"}
@@ -223,9 +234,9 @@ def test_kind_of_a_module_is_trained_and_used(short, site, tmp_path, monkeypatch
     kind = "mine:FirstFeatures"
     made = run("train-encoder", "--kind", kind, *SHORT_TRAINING)
     assert made.returncode == 0, made.stderr
-    assert "--encoder first-features7" in made.stderr
+    assert "--encoder first-features7-batch-500-epochs-2" in made.stderr
     (encoder,) = json.loads(made.stdout)["encoders"]
-    assert encoder["id"].startswith("face_direction/first-features7/s00-")
+    assert encoder["id"].startswith("face_direction/first-features7-batch-500-epochs-2/s00-")
     assert encoder["settings"]["kind"] == kind
     record = Results(short).find("encoder", encoder["id"])
     digest = hashlib.sha256(source.read_bytes()).hexdigest()

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from jbench.encoders.registry import encoder_settings
+from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.store import Results
@@ -28,6 +28,7 @@ def trained(short_encoder_evaluation, tmp_path_factory):
     dataset = make_dataset(results)
     options = {"epochs": 4, "batch": 500}
     settings = encoder_settings("dae", options, dataset=dataset.id, latents=3, seed=2)
+    settings = settings.without_names  # so it is dae3
     states = States(dataset, "face_direction", 2)
     record = train_encoder(settings, states, results)
     return SimpleNamespace(

@@ -7,9 +7,10 @@ import torch
 from jbench.datasets import Dataset, layout
 from jbench.encoders.kind import Learned
 from jbench.encoders.kinds.planar import planar_weights
-from jbench.encoders.registry import encoder_settings, find_kind
+from jbench.encoders.registry import find_kind
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.scaling import Scaling
+from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.names import TASKS
@@ -70,7 +71,7 @@ def train(states, results, kind="dae", latents=3, options=None, **more):
     cheap = CHEAP if issubclass(find_kind(kind), Learned) else {}
     about = {"dataset": states.dataset.id, "task": states.task, "seed": states.seed}
     settings = encoder_settings(kind, {**cheap, **(options or {})}, latents=latents, **about)
-    return train_encoder(settings, states, results, **more)
+    return train_encoder(settings.without_names, states, results, **more)
 
 
 def rows(record, table="encoder_epochs"):

@@ -7,9 +7,9 @@ import torch
 
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.features import columns, shortest
-from jbench.encoders.registry import encoder_settings, named_encoder
 from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.scaling import Scaling
+from jbench.encoders.settings import encoder_settings, named_encoder
 from jbench.encoders.states import States
 from jbench.errors import RequestError
 from jbench.names import features_in, kind_in

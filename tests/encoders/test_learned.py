@@ -199,13 +199,14 @@ def test_shipped_kinds_pass_the_check(trained, name):
 
 @pytest.mark.parametrize(("kind", "reason"), REFUSED)
 def test_method_that_fails_is_named(trained, kind, reason):
-    with pytest.raises(WorkError, match=f"encoder mine can't be trained: {reason}.*describes"):
+    with pytest.raises(WorkError, match=f"encoder mine can't be used: {reason}.*describes"):
         check_kind(kind(), "mine", trained.states, 5)
 
 
 def test_training_does_not_begin_if_a_method_fails(trained, results, monkeypatch):
     monkeypatch.setattr("jbench.encoders.training.make_kind", lambda name, options: OnlyTorch())
-    monkeypatch.setattr("jbench.encoders.training.ENCODER_KINDS", {})
+    for module in ("training", "registry"):
+        monkeypatch.setattr(f"jbench.encoders.{module}.ENCODER_KINDS", {})
     with pytest.raises(WorkError, match="decode of numpy arrays fails"):
         train_encoder(trained.settings, trained.states, results)
     assert results.scan("encoder")[0] == []

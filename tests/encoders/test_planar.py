@@ -234,7 +234,7 @@ def test_heading_keeps_all_features_but_sign_of_quaternion(pair, task):
     state, target = pair[0], at_origin(task, pair[1])
     physical = features_in(task, state, target)
     numbers = HeadingFrame().reduce(task, physical)
-    assert len(numbers) in HeadingFrame.latent_sizes(task, len(numbers))
+    assert len(numbers) in HeadingFrame().latent_sizes(task, len(numbers))
     np.testing.assert_array_equal(numbers[: PLANAR_SIZES[task]], KIND.reduce(task, physical))
     restored = HeadingFrame().restore(task, numbers, OFFSET)
     restored[3:7] *= np.sign(restored[3:7] @ physical[3:7])

@@ -1,13 +1,18 @@
 """Tests of the settings of encoders: their ids, sizes and options, and numbers of epochs."""
 
 import math
+import re
 
 import pytest
 
-from jbench.encoders.registry import encoder_settings, options_with_epochs
+from jbench.encoders.registry import options_with_epochs
+from jbench.encoders.settings import encoder_settings, named_encoder
 from jbench.errors import RequestError
+from jbench.names import kind_in
 from jbench.store import Results
 from jbench.store.shipped import shipped
+
+SCRIPT = {"initial_weights": "normal", "noise_per": "batch", "learning_rate": 5e-4}
 
 
 @pytest.mark.parametrize(
@@ -83,3 +88,54 @@ def test_ids_of_default_options_are_those_of_older_versions():
 def test_random_features_may_outnumber_features():
     settings = encoder_settings("random-features", {}, dataset="random/a", latents=240)
     assert settings.representation == "random-features240"
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({}, "dae12"),
+        ({"noise": 0.1, "epochs": 200, "batch": 8192}, "dae12"),  # the defaults
+        ({"noise": 0.2}, "dae12-noise-0.2"),
+        ({"learning_rate": 1e-5, "batch": 64}, "dae12-batch-64-learning_rate-0.00001"),
+        ({"initial_weights": "normal"}, "dae12-initial_weights-normal"),
+        ({"noise_per": "batch", "rescale": "whitened"}, "dae12-noise_per-batch-whitened"),
+        ({**SCRIPT, "epochs": 50}, "dae12-script-epochs-50"),
+        ({**SCRIPT, "noise": 0.15, "scale": "sd"}, "dae12-script-noise-0.15-sd"),
+    ],
+)
+def test_every_option_that_is_not_the_default_is_in_the_name(options, name):
+    settings = encoder_settings("dae", options, dataset="random/a", latents=12)
+    assert settings.representation == name
+    asked = named_encoder(name, "face_direction")
+    assert asked.representation == name
+    assert encoder_settings("dae", asked.options, base=asked.base, dataset="random/a") == settings
+    assert kind_in(name) == "dae"
+
+
+def test_epochs_that_follow_from_the_dataset_are_not_in_the_name():
+    settings = encoder_settings("dae", {}, dataset="random/a", episodes=20)
+    assert (settings.representation, settings.options["epochs"]) == ("dae12", 2000)
+    typed = encoder_settings("dae", {"epochs": 2000}, dataset="random/a", episodes=20)
+    assert typed.representation == "dae12-epochs-2000"
+
+
+def test_names_say_how_to_make_an_encoder():
+    command = named_encoder("vae8-hidden-32-sd", "face_direction").command
+    assert command == (
+        "jbench train-encoder --kind vae --task face_direction --latent 8 --set hidden=32 "
+        "--set scale=sd"
+    )
+    with pytest.raises(RequestError, match="dae has no option noize; did you mean noise"):
+        named_encoder("dae12-noize-0.2", "face_direction")
+
+
+def test_long_options_are_hashed_in_the_name():
+    options = {"initial_weights": "normal", "noise_per": "batch", "epochs": 7, "batch": 9}
+    settings = encoder_settings("dae", {**options, "noise": 0.2}, dataset="random/a", latents=3)
+    assert re.fullmatch(r"dae3-options-[0-9a-f]{8}", settings.representation)
+    assert kind_in(settings.representation) == "dae"
+
+
+@pytest.mark.parametrize("kind", ["planar-no-yaw11", "random-features240", "lld-vae3", "dae-yaw13"])
+def test_names_of_kinds_are_not_read_as_options(kind):
+    assert kind_in(kind) == kind.rstrip("0123456789")

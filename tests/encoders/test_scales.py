@@ -9,6 +9,7 @@ from jbench.encoders.kinds.autoencoders import DenoisingAutoencoder
 from jbench.encoders.kinds.linear import Raw, Scaled
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.saved import WEIGHTS
+from jbench.encoders.scaling import rescaling
 from jbench.encoders.states import StatePairs, States, split_episodes
 from jbench.errors import RequestError
 from jbench.names import TASKS
@@ -63,6 +64,25 @@ def test_rescaled_latents_have_extremes_of_one(trained, results):
     latents = latents_of(results, record, trained)
     np.testing.assert_allclose(latents.min(0), -1, atol=1e-5)
     np.testing.assert_allclose(latents.max(0), 1, atol=1e-5)
+
+
+def test_standardized_latents_have_mean_zero_and_deviations_of_one(trained, results):
+    """Each by itself: correlations of latents stay, unlike those of whitened ones."""
+    plain = latents_of(results, trained_with(trained, results), trained)
+    record = trained_with(trained, results, rescale="standardized")
+    assert record.path.parent.name == "dae3-standardized"
+    latents = latents_of(results, record, trained)
+    np.testing.assert_allclose(latents, (plain - plain.mean(0)) / plain.std(0), atol=1e-3)
+    np.testing.assert_allclose(np.corrcoef(latents.T), np.corrcoef(plain.T), atol=1e-4)
+
+
+def test_constant_latents_stay_zero_when_standardized():
+    latents = np.array([[1, 5], [3, 5]], np.float32)
+    weights = rescaling("standardized", [latents])
+    scaled = (latents - weights["rescale.center"]) @ weights["rescale.matrix"].T
+    np.testing.assert_allclose(scaled, [[-1, 0], [1, 0]])
+    back = scaled @ weights["rescale.inverse"].T + weights["rescale.center"]
+    np.testing.assert_allclose(back, latents)
 
 
 def test_rescaling_changes_neither_training_nor_reconstruction(trained, results, tmp_path):

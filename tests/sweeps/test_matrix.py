@@ -187,15 +187,15 @@ def test_equal_names_are_one_cell_with_the_size_that_follows_from_the_task(cells
 def test_encoder_uses_dataset_and_options_of_file(cells_in):
     head = 'tasks = ["face_direction"]\nalgos = ["td3"]\nrepresentations = ["dae:5", "dae5"]\n'
 
-    def encoder(more):
+    def encoder(more, name="dae5"):
         (cell,) = cells_in(head + more)
-        assert cell.runs[0].representation == "dae5"
+        assert cell.runs[0].representation == name
         (encoder,) = cell.encoders
         return encoder
 
     plain = encoder("")
     assert encoder("") == plain
-    other = encoder("[encoder.options.dae]\nepochs = 3\n")
+    other = encoder("[encoder.options.dae]\nepochs = 3\n", "dae5-epochs-3")
     assert (other.options["epochs"], other.dataset) == (3, plain.dataset)
     assert encoder("[dataset]\nsteps = 2e4\n").dataset != plain.dataset
     assert len({plain.id, other.id, encoder("[encoder]\nseed = 1\n").id}) == 3

@@ -14,7 +14,7 @@ from torch import nn
 import jbench
 from jbench.agents.environments import Environments
 from jbench.encoders.kinds.planar import HeadingFrame, PlanarMirror, PlanarReduction
-from jbench.encoders.registry import encoder_settings
+from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.encoders.wrapper import EncodedObservation

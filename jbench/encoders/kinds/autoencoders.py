@@ -104,8 +104,7 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
 
     needs_all_features = True
 
-    @classmethod
-    def latent_sizes(cls, task: str, features: int) -> range:
+    def latent_sizes(self, task: str, features: int) -> range:
         return range(2, features + 2) if task in TASKS else range(0)
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:

@@ -75,8 +75,7 @@ class RandomFeatures(Linear, Fitted):
     of the tanh has unit variance on average over the directions, and an offset between -1 and 1.
     """
 
-    @classmethod
-    def latent_sizes(cls, task: str, features: int) -> range:
+    def latent_sizes(self, task: str, features: int) -> range:
         return range(1, 4097)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
@@ -103,8 +102,7 @@ class Scaled(Fitted):
 
     is_rowwise = True
 
-    @classmethod
-    def latent_sizes(cls, task: str, features: int) -> range:
+    def latent_sizes(self, task: str, features: int) -> range:
         return range(features, features + 1)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
@@ -127,8 +125,7 @@ class Raw(Fitted):
 
     is_rowwise = True
 
-    @classmethod
-    def latent_sizes(cls, task: str, features: int) -> range:
+    def latent_sizes(self, task: str, features: int) -> range:
         # The units of other robots' observations are not known.
         return range(features, features + 1) if task in TASKS else range(0)
 

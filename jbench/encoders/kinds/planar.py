@@ -66,10 +66,9 @@ class PlanarReduction(Fitted):
         """Returns the names of the latents of a task, in order."""
         return tuple(cls().numbers(task, np.zeros(observation_size(task))))
 
-    @classmethod
-    def latent_sizes(cls, task: str, features: int) -> range:
-        size = len(cls.columns(task))
-        return range(size, size + 1)
+    def latent_sizes(self, task: str, features: int) -> range:
+        size = len(self.columns(task)) if task in TASK_SPECS else 0
+        return range(size, size + 1) if size else range(0)
 
     def numbers(self, task: str, physical: Array) -> dict[str, Array]:
         """Returns the latents before scaling, for features (..., dim(O)) in SI units."""

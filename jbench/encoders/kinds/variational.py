@@ -86,8 +86,7 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
         default=0.1, ge=0, description="weight of the divergence of the predicted latent; authors'"
     )
 
-    @classmethod
-    def latent_sizes(cls, task: str, features: int) -> range:
+    def latent_sizes(self, task: str, features: int) -> range:
         """Returns 1 to the features of a task with a single actuator; its dynamics have one."""
         if find_task(task).action_size > 1:
             return range(0)

@@ -319,3 +319,34 @@ def test_sweep_with_a_precision_that_the_device_lacks_is_refused(tmp_path, refus
     results = tmp_path / "results"
     assert "Only a GPU has" in refused("sweep", str(matrix), "--device", "cpu", results=results)
     assert not results.exists()
+
+
+PARTS = """
+tasks = ["face_direction", "move_to_pose"]
+algos = ["td3"]
+steps = 1000
+hyperparameters.td3.hidden_layers = [4]
+evaluation.episodes = 0
+
+[[part]]
+name = "usual"
+
+[[part]]
+name = "slow"
+hyperparameters.td3.tau = 0.001
+"""
+
+
+def test_sweep_of_some_parts_shows_only_their_runs(tmp_path, refused, capsys):
+    matrix = tmp_path / "parts.toml"
+    matrix.write_text(PARTS)
+    typed = ["sweep", str(matrix), "--only", "move_to_pose,slow", "--seeds", "0-1", "--status"]
+    assert main([*typed, "--json", "--results", str(tmp_path)]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["configurations"]
+    shown = (row["task"], row["part"], row["changed"], row["missing"])
+    assert shown == ("move_to_pose", "slow", "hidden_layers=[4], tau=0.001", 2)
+
+    error = refused("sweep", str(matrix), "--only", "slwo", results=tmp_path)
+    assert "Unknown part, task, algorithm or representation 'slwo'; did you mean slow?" in error
+    error = refused("sweep", "authors", "--only", "raw", "--until-decided", results=tmp_path)
+    assert "name them, without --only" in error

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from jbench.errors import WorkError
-from jbench.names import PHYSICS_STEPS
+from jbench.task_specs import PHYSICS_STEPS
 from jbench.tasks.jitterbug import model, robots
 
 CONTROL_STEPS = 100  # of random torque: 1 s

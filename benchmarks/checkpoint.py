@@ -22,10 +22,10 @@ import numpy as np
 import torch
 
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, files
+from jbench.task_specs import EPISODE_STEPS
 from jbench.training.checkpoints import save
 from jbench.training.engines import make_trainer
 from jbench.training.log import RunLog

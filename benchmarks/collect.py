@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 import jbench.tasks  # noqa: F401 - adds the domain to the suite
 from jbench.commands import output
 from jbench.datasets import collect
-from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
+from jbench.task_specs import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.tasks.jitterbug import features, geometry, model, resets, rewards
 from jbench.tasks.jitterbug.robots import load_model
 from jbench.tasks.jitterbug.worlds import Robots

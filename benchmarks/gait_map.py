@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tune_heuristics import COARSE, Robots
 
-from jbench.names import CONTROL_TIMESTEP
+from jbench.task_specs import CONTROL_TIMESTEP
 from jbench.tasks.jitterbug import geometry
 
 Array = NDArray[np.float64]

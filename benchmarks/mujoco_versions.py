@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.names import PHYSICS_STEPS
+from jbench.task_specs import PHYSICS_STEPS
 from jbench.tasks.jitterbug import model
 from jbench.tasks.jitterbug.robots import load_model
 

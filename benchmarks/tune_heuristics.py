@@ -36,7 +36,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.names import EPISODE_STEPS, PHYSICS_STEPS, TASKS
+from jbench.names import TASKS
+from jbench.task_specs import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.tasks.jitterbug import features, geometry, heuristics, model, resets, rewards
 from jbench.tasks.jitterbug.control_laws import Law
 from jbench.tasks.jitterbug.robots import load_model

@@ -57,9 +57,6 @@ MEANINGS = {
 DEVICES = ("auto", "cpu", "cuda")
 """Devices; auto is cuda if there is a GPU. `jbench.devices` also knows cuda:0, cuda:1 and so on."""
 
-CAMERAS = ("overhead", "tracking", "ego", "spectator")
-"""The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""
-
 TimeLimit = Literal["bootstrap", "terminal"]
 """Whether the value of an episode's last state is bootstrapped (truncation) or 0 (terminal)."""
 
@@ -192,15 +189,10 @@ CHECKPOINT_EVERY = 60.0
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 """Environment of a process that trains: with more threads, sums are rounded differently."""
 
-# Of all tasks of the Jitterbug (paper, section 4.1); episodes of other robots are as long.
-EPISODE_STEPS = 1000  # control steps
-CONTROL_TIMESTEP = 0.01  # simulated seconds in a control step
-PHYSICS_STEPS = 50  # in a control step, of 0.2 ms; the action is held constant
 
-
-def evaluation_interval(steps: int) -> int:
+def evaluation_interval(steps: int, episode_steps: int) -> int:
     """Returns a tenth of a run in whole episodes, at most 50,000: the steps between evaluations."""
-    return min(max(steps // (10 * EPISODE_STEPS), 1) * EPISODE_STEPS, 50_000)
+    return min(max(steps // (10 * episode_steps), 1) * episode_steps, 50_000)
 
 
 def known(what: str, value: str, names: Sequence[_Name]) -> _Name:

@@ -1,24 +1,36 @@
 """Registration of the tasks with Gymnasium; the environments are imported when they are made."""
 
+import re
+import zlib
 from typing import Any
 
 from gymnasium.envs.registration import register, registry
 
-from jbench.names import EPISODE_STEPS, TASKS
-from jbench.task_specs import SUITE_TASKS
+from jbench.names import TASKS
+from jbench.task_specs import EPISODE_STEPS, SOLVED_RETURN, SUITE_TASKS, has_specs
 
 
 def environment_id(task: str, augmented: bool = False) -> str:
     """Returns the Gymnasium id of a task, such as `Jitterbug/FaceDirection-v0`.
 
     That of another robot's task, such as `jbench/dmc-cheetah-run-v0`, is registered if it is not.
+    The registry's time limit is that of the Jitterbug and the suite: `gymnasium.make` takes that of
+    a task with episodes of another length as `max_episode_steps`.
     """
-    if task not in TASKS:
-        id = f"jbench/{task.replace(':', '-')}-v0"
+    if has_specs(task):
+        id = f"jbench/{_gymnasium_name(task)}-v0"
         _register(id, "jbench.tasks.dm_gym:SuiteEnv", {"task": task})
         return id
     domain = "AugmentedJitterbug" if augmented else "Jitterbug"
     return f"{domain}/{task.title().replace('_', '')}-v0"
+
+
+def _gymnasium_name(task: str) -> str:
+    """Returns a name of which Gymnasium's ids may consist, another one for each task."""
+    name = re.sub(r"[^\w.-]", "-", task)
+    if name == task.replace(":", "-"):
+        return name
+    return f"{name}-{zlib.crc32(task.encode()):08x}"
 
 
 def _register(id: str, entry_point: str, kwargs: dict[str, Any], **more: Any) -> None:
@@ -30,9 +42,11 @@ def register_environments() -> None:
     """Registers the Jitterbug's tasks, with plain and augmented robots, and those of the suite."""
     for task in SUITE_TASKS:
         environment_id(task)
-    # The return of a solved task is that of the paper's Figure 9.
-    more = {"vector_entry_point": "jbench.tasks.vector:JitterbugVectorEnv"}
+    more: dict[str, Any] = {
+        "vector_entry_point": "jbench.tasks.vector:JitterbugVectorEnv",
+        "reward_threshold": SOLVED_RETURN,
+    }
     for task in TASKS:
         for augmented, robot in ((False, {}), (True, {"augment": 0})):
             id, kwargs = environment_id(task, augmented), {"task": task, **robot}
-            _register(id, "jbench.tasks.gym:JitterbugEnv", kwargs, reward_threshold=900, **more)
+            _register(id, "jbench.tasks.gym:JitterbugEnv", kwargs, **more)

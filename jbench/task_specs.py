@@ -34,6 +34,21 @@ TASK_SPECS = {
 }
 """The five tasks in the paper's order of increasing difficulty."""
 
+EPISODE_STEPS = 1000
+"""Control steps of an episode of the Jitterbug (paper, section 4.1)."""
+
+CONTROL_TIMESTEP = 0.01
+"""Simulated seconds in a control step of the Jitterbug."""
+
+PHYSICS_STEPS = 50
+"""Physics steps of 0.2 ms in a control step of the Jitterbug; the action is held constant."""
+
+SOLVED_RETURN = 900
+"""Episode return from which a task of the Jitterbug is solved (paper, Figure 9)."""
+
+CAMERAS = ("overhead", "tracking", "ego", "spectator")
+"""The cameras of the Jitterbug: the paper's three (section 4.1) and a fixed view from the side."""
+
 SUITE = "dmc:"
 
 _SUITE_NAMES = """
@@ -50,5 +65,24 @@ walker-stand walker-walk walker-run
 SUITE_TASKS = tuple(f"{SUITE}{name}" for name in _SUITE_NAMES.split())
 """The tasks of dm_control's suite with episodes of 1000 control steps, for completion."""
 
+GYM = "gym:"
+"""Prefix of the tasks of Gymnasium's registry, such as gym:Pendulum-v1,g=9.8."""
+
 TASK_GROUP = "jbench.tasks"
-"""Entry points of functions that return a `dm_env.Environment`."""
+"""Entry points of functions that return a `dm_env.Environment` or a `gymnasium.Env`."""
+
+
+def solved_return(task: str) -> float | None:
+    """Returns the episode return from which a task is solved; None if nothing says so."""
+    return SOLVED_RETURN if task in TASK_SPECS else None
+
+
+def return_range(task: str) -> tuple[float, float] | None:
+    """Returns the least and the largest possible return of an episode; None if unknown."""
+    is_known = task in TASK_SPECS or task.startswith(SUITE)
+    return (0.0, 1000.0) if is_known else None
+
+
+def has_specs(task: str) -> bool:
+    """Returns whether settings record what robot, observation and actions of a task are."""
+    return task not in TASK_SPECS

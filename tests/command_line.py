@@ -7,7 +7,7 @@ import sys
 import tempfile
 import time
 
-from jbench.names import EPISODE_STEPS
+from jbench.task_specs import EPISODE_STEPS
 from tests.forking import COMMAND, ROOT, Forked, server
 
 # Background processes of a script ignore Ctrl-C; this command restores it.
@@ -32,7 +32,7 @@ def short_episodes(folder):
         folder: where the module is written that each of them imports first.
     """
     (folder / "sitecustomize.py").write_text(
-        f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"
+        f"import jbench.task_specs\njbench.task_specs.EPISODE_STEPS = {SHORT}\n"
     )
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
 

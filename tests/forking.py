@@ -25,7 +25,7 @@ import traceback
 from functools import cache, partial
 from pathlib import Path
 
-from jbench import names
+from jbench import task_specs
 
 ROOT = Path(__file__).parents[1]
 NUMBER = struct.Struct("i")
@@ -98,7 +98,9 @@ class Piped(Forked):
         output, printed = os.pipe()
         with open(os.devnull) as nothing:
             streams = (nothing.fileno(), printed, 2)
-            super().__init__(server(names.EPISODE_STEPS), target, arguments, streams, **options)
+            super().__init__(
+                server(task_specs.EPISODE_STEPS), target, arguments, streams, **options
+            )
         os.close(printed)
         self.stdout = os.fdopen(output)
 
@@ -126,7 +128,7 @@ def forked_worker(channel):
 
 def fork_workers(patch):
     """Forks the workers of commands in this process, until the patch is undone."""
-    start = partial(forked_worker, server(names.EPISODE_STEPS))
+    start = partial(forked_worker, server(task_specs.EPISODE_STEPS))
     patch.setattr("jbench.sweeps.executors._start", start)
 
 
@@ -274,7 +276,7 @@ def import_all():
 
 
 if __name__ == "__main__":
-    names.EPISODE_STEPS = int(sys.argv[2])  # before other modules copy it
+    task_specs.EPISODE_STEPS = int(sys.argv[2])
     import_all()
     from jbench.encoders import evaluation
     from jbench.training import engines

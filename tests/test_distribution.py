@@ -118,7 +118,7 @@ def test_description_has_no_relative_links_or_images(wheel):
 def run(installed, *arguments, code=0):
     """Runs Python with the installed package and short episodes; returns its output, or errors."""
     (installed / "sitecustomize.py").write_text(
-        f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"
+        f"import jbench.task_specs\njbench.task_specs.EPISODE_STEPS = {SHORT}\n"
     )
     packages = os.pathsep.join([str(installed), str(installed / "packages")])
     done = subprocess.run(

@@ -29,8 +29,8 @@ for flag in ("O_NOFOLLOW", "O_NONBLOCK"):
 for call in ("posix_fallocate", "sched_getaffinity"):
     delattr(os, call)
 del signal.pthread_sigmask
-import jbench.names
-jbench.names.EPISODE_STEPS = {SHORT}
+import jbench.task_specs
+jbench.task_specs.EPISODE_STEPS = {SHORT}
 """
 
 WITHOUT_DM_CONTROL = """

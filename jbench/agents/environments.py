@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders import Encoder, action_signs
-from jbench.names import EPISODE_STEPS
 from jbench.tasks.find import find_task
-from jbench.tasks.task import Worlds
+from jbench.tasks.task import EpisodeError, Worlds
 
 Augment = Callable[[int], int | None]
 """Maps an episode, counted from 0, to the seed of its augmented robot; None is the plain robot."""
@@ -69,7 +68,8 @@ class Environments:
     """Seeds x environments robots of a task, reset together.
 
     Close them in the end: they hold threads. The current inputs of the agents, `observations`,
-    are (seeds, environments, size), float32; `steps` are those of the current episode.
+    are (seeds, environments, size), float32; `steps` are those of the current episode. `failures`
+    are the first errors of episodes that could not go on, by seed; the other seeds go on.
     """
 
     def __init__(
@@ -81,13 +81,17 @@ class Environments:
         *,
         threads: int = 1,
         augment: Augment = lambda episode: None,
-        episode_steps: int = EPISODE_STEPS,
+        episode_steps: int | None = None,
     ) -> None:
-        """Starts the first episodes; all encoders must have the same number of latents."""
-        self.task, self.threads, self.episode_steps = task, threads, episode_steps
+        """Starts the first episodes; all encoders must have the same number of latents.
+
+        `episode_steps` may be shorter than the task's episodes, which are the default.
+        """
+        self.task, self.threads = task, threads
         self.encoders = encoders or [None] * len(seeds)
         self.generators = [Generators(seed, count) for seed in seeds]
         self._task, self._shape = find_task(task), (len(seeds), count)
+        self.episode_steps = episode_steps or self._task.episode_steps
         self.action_size, full = self._task.action_size, self._task.observation_size
         (self.size,) = {
             full if encoder is None else encoder.latent_size for encoder in self.encoders
@@ -99,6 +103,7 @@ class Environments:
         self._mirrors = any(action_signs(encoder, blank) is not None for encoder in self.encoders)
         self._augment, self._robot = augment, augment(0)
         self._worlds = self._new_worlds()
+        self.failures: dict[int, EpisodeError] = {}
         self.episodes = self.steps = 0
         self._begin_episodes()
 
@@ -110,6 +115,7 @@ class Environments:
         """Applies the agents' actions (seeds, environments, action_size), clipped to [-1, 1]."""
         robot_actions = (actions * self._signs).reshape(-1, self.action_size)
         observations, rewards = self._worlds.step(robot_actions)
+        self._note_failures()
         rewards = rewards.reshape(self._shape)
         self._returns += rewards
         self.steps += 1
@@ -170,6 +176,11 @@ class Environments:
         self.steps = 0
         generators = chain.from_iterable(seed.environments for seed in self.generators)
         self.observations = self._inputs(self._worlds.reset(list(generators)))
+        self._note_failures()
+
+    def _note_failures(self) -> None:
+        for world, error in self._worlds.failures.items():
+            self.failures.setdefault(world // self._shape[1], error)
 
     def _switch_robot(self, episode: int) -> None:
         robot = self._augment(episode)

@@ -18,12 +18,13 @@ from packaging.requirements import Requirement
 from jbench.checks.checked import Checked
 from jbench.cores import cores
 from jbench.errors import WorkError
-from jbench.names import ONE_THREAD, PHYSICS_STEPS, SHIPPED_RESULTS
+from jbench.names import ONE_THREAD, SHIPPED_RESULTS
 from jbench.opengl import BACKENDS, draws, has_display
 from jbench.revision import git_revision
 from jbench.store import Results, files, locks
 from jbench.store.manifest import KINDS
 from jbench.store.provenance import processor
+from jbench.task_specs import PHYSICS_STEPS
 from jbench.tasks.jitterbug.robots import load_model
 
 DOCUMENTED_STEP = 11.0

@@ -71,7 +71,7 @@ def tasks(
         }
 
     if name is not None:
-        checked_task(name)
+        output.note_task(checked_task(name))
         entry = describe(name)
         title = f"{name}: {counted(entry['action_size'], 'action')}"
         output.table(title, ("part", "size"), list(entry["parts"].items()))
@@ -108,7 +108,7 @@ def collect(
     for sentence in sentences(plan.changed) if before is None else ():
         output.say(sentence)
     if before is None and robot:
-        checked_task(settings.robot)
+        output.note_task(checked_task(settings.robot))
     elif before is not None and before.status == "finished":
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
     with output.progress("collect", settings.steps, "control steps") as progress:
@@ -134,8 +134,8 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
             problems.append(str(error))
             continue
         settings = dataset.settings
-        steps = dataset.episodes * names.EPISODE_STEPS
-        robot = "plain" if settings.specs is None else settings.robot
+        steps = dataset.episodes * settings.episode_steps
+        robot = settings.robot if settings.specs else "plain"
         more = {"status": record.status, "steps": steps, "bytes": record.size}
         entries.append(output.described(record, **more))
         row = {

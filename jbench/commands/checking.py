@@ -147,16 +147,11 @@ def reproduce(
     """
     os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
     from jbench.policies.find import SHIPPED
+    from jbench.settings.recorded import recorded_episode_steps
     from jbench.store.code import have_changed
     from jbench.store.provenance import describe_changes
     from jbench.store.shipped import shipped_results
-    from jbench.training.repeat import (
-        changed_code,
-        changes_since,
-        default_episodes,
-        reevaluate,
-        retrain,
-    )
+    from jbench.training import repeat
 
     # A shipped run needs no results directory.
     database = shipped_results() if run.startswith(SHIPPED) else parsing.results_to_read(results)
@@ -164,20 +159,21 @@ def reproduce(
     if record is None:
         runs = with_results("jbench runs", database.name)
         raise RequestError(f"There is no run {run} in {database.name}; {runs} lists them.")
-    episodes = default_episodes(record) if episodes is None else episodes
-    code = changed_code(record, database, accept_changed_code)
+    episodes = repeat.default_episodes(record) if episodes is None else episodes
+    code = repeat.changed_code(record, database, accept_changed_code)
     evaluation = None
     if record.status == "finished":
-        evaluation = reevaluate(database, record, accept_changed_code)
+        evaluation = repeat.reevaluate(database, record, accept_changed_code)
     retraining = None
     if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
         reason = "has not finished" if evaluation is None else "was saved without its policy"
         raise RequestError(f"{record.id} {reason}: type --episodes 1 or more.")
     if episodes:
-        total = max(1, min(episodes, record.rows("episodes"))) * names.EPISODE_STEPS
+        number = max(1, min(episodes, record.rows("episodes")))
+        total = number * recorded_episode_steps(record.settings)
         with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
-            retraining = retrain(database, record, episodes, progress, accept_changed_code)
-    changed = changes_since(record)
+            retraining = repeat.retrain(database, record, episodes, progress, accept_changed_code)
+    changed = repeat.changes_since(record)
     unfinished = f"not repeated; the run is {record.status}."
     output.say(f"run {record.id}\n  evaluation: {_sentence(evaluation) or unfinished}")
     output.say(f"  training: {_sentence(retraining) or 'not repeated.'}")

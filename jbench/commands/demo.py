@@ -3,11 +3,13 @@
 import shlex
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 from typer import Exit, Option
 
 from jbench.commands import output, parsing
+from jbench.task_specs import EPISODE_STEPS
 
 # Smaller networks and batches, and fewer random first steps than the paper's TD3, so that it learns
 # in minutes.
@@ -78,7 +80,9 @@ def demo(
             output.say(said.rstrip())
             raise Exit(process.returncode)
     curves, _ = query_results(database, _CURVES)
-    curves["learning curve"] = curves["learning curve"].map(sparkline)
+    curves["learning curve"] = curves["learning curve"].map(
+        partial(sparkline, highest=EPISODE_STEPS)
+    )
     if len(curves):
         title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
         output.frame(title, curves)

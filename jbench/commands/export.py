@@ -132,14 +132,14 @@ def _policy(
     from jbench.policies.onnx_export import export_onnx
     from jbench.policies.saved import load_agent
     from jbench.store.files import check_output
-    from jbench.task_specs import TASK_SPECS
+    from jbench.tasks.find import find_task
 
     database, name = database_and_policy(results, run)
     if out is not None:
         check_output(out)
     located, id = locate_run(database, name)
     agent = load_agent(located, id, accept_changed)
-    in_si_units = agent.task in TASK_SPECS if inputs is None else inputs == "si"
+    in_si_units = find_task(agent.task).units is not None if inputs is None else inputs == "si"
     path = out or database.path / "onnx" / f"{id}.onnx"
     difference = export_onnx(agent, id, path, in_si_units)
     size = path.stat().st_size

@@ -183,8 +183,8 @@ some_task = partial(Option, autocompletion=complete_tasks)
 _task = partial(
     some_task,
     help=f"Task: {', '.join(names.TASKS)}, {task_specs.SUITE}DOMAIN-TASK of dm_control's suite, "
-    "one of another package (jbench tasks), or MODULE:NAME of a function that returns a "
-    "dm_env.Environment.",
+    f"{task_specs.GYM}ID of Gymnasium, one of another package (jbench tasks), or MODULE:NAME of a "
+    "function that returns a dm_env.Environment or a gymnasium.Env.",
 )
 TASK, REQUIRED_TASK = _task("face_direction"), _task(...)
 POLICY_TASK = some_task(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from jbench.store import Record
+    from jbench.tasks.task import Task
 
 _MAX_TERMINAL_LINES = 3  # of a row whose words don't fit side by side
 _NUMBER = re.compile(r"[-+]?[\d,.]+(e[-+]?\d+)?|nan|[-+]?inf|")
@@ -27,6 +28,12 @@ is_json = False
 
 has_document = False
 """Whether the command has written to standard output with `raw`."""
+
+
+def note_task(task: "Task") -> None:
+    """Prints what users should know of a task."""
+    for note in task.notes:
+        warn(f"{task.name}: {note}.")
 
 
 @contextmanager

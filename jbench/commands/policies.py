@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import Option
 
-from jbench import names
+from jbench import names, task_specs
 from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
 from jbench.settings.records import EvaluationSettings
@@ -36,20 +36,20 @@ def evaluate(
     from jbench.policies.sb3_zip import is_sb3_zip
     from jbench.settings.base import validated
     from jbench.sources import checksum
-    from jbench.task_specs import TASK_SPECS
     from jbench.tasks.find import find_task
 
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     database, policy, task = _find(results, policy, task, chosen["augment"])
     task = task or "face_direction"
-    if target_yaw is not None and task in TASK_SPECS and "yaw" not in TASK_SPECS[task].drawn:
+    about = find_task(task)
+    if target_yaw is not None and about.records_states and "yaw" not in about.drawn:
         raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
     settings = validated(
         EvaluationSettings,
         "the evaluation",
         task=task,
-        specs=find_task(task).specs,
+        specs=about.specs,
         policy=Path(policy).name if is_sb3_zip(policy) else policy,
         target_yaw=None if target_yaw is None else math.radians(target_yaw),
         code=policy_code(policy),
@@ -61,7 +61,7 @@ def evaluate(
     before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
-    total = settings.episodes * names.EPISODE_STEPS
+    total = settings.episodes * settings.episode_steps
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
         record = run_episodes(settings, database, threads, progress, policy)
     returns, summary = record.read("policy_episodes")["episode_return"], record.manifest.summary
@@ -83,12 +83,12 @@ def render(
     task: str | None = options.POLICY_TASK,
     camera: str | None = Option(
         None,
-        help=f"Camera: {', '.join(names.CAMERAS)} (default: tracking), or one of another robot's "
-        "model (default: its first).",
-        autocompletion=lambda: names.CAMERAS,
+        help=f"Camera: {', '.join(task_specs.CAMERAS)} (default: tracking), or one of another "
+        "robot's model (default: its first).",
+        autocompletion=lambda: task_specs.CAMERAS,
     ),
     seed: int = _POSE_SEED,
-    steps: int = Option(names.EPISODE_STEPS, min=1, max=names.EPISODE_STEPS, help="Control steps."),
+    steps: int | None = Option(None, min=1, help="Control steps (default: the whole episode)."),
     augment: int | None = options.AUGMENT,
     accept_changed_code: bool = options.ACCEPT_CHANGED_CODE,
     results: Path = options.READ_RESULTS,
@@ -101,11 +101,17 @@ def render(
     from jbench.policies.find import changed_code, find_policy
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import default_size, render_to_file
+    from jbench.tasks.find import find_task
 
     database, policy, task = _find(results, policy, task, augment)
     task = task or "move_to_pose"
-    if camera is not None and task in names.TASKS:
-        names.known("camera", camera, names.CAMERAS)
+    about = find_task(task)
+    if camera is not None and about.cameras is not None:
+        names.known("camera", camera, about.cameras)
+    length = about.episode_steps
+    steps = length if steps is None else steps
+    if steps > length:
+        raise RequestError(f"--steps {steps}: an episode of {task} has {length} control steps.")
     scene = Scene(task, seed, camera, *default_size(out), augment)
     runner = find_policy(database, policy, task, seed, accept_changed_code)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:

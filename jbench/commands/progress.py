@@ -13,7 +13,6 @@ from rich.progress import BarColumn, Progress, Task, TaskID
 from rich.table import Column, Table
 from rich.text import Text
 
-from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
 from jbench.training.events import Event
 from jbench.wording import counted, duration
@@ -165,15 +164,15 @@ class _Process:
         at = steps / len(self.runs)
         published = published_median(self.runs[0], at) if self._alike else None
         ending = "" if published is None else f" (published {published:.0f})"
-        return f"{sparkline(self.curve)} training return {text}{ending}"
+        return f"{sparkline(self.curve, self.runs[0].episode_steps)} training return {text}{ending}"
 
 
-def sparkline(returns: Sequence[float]) -> str:
-    """Returns means of consecutive episode returns as bars; a full bar is the highest return."""
+def sparkline(returns: Sequence[float], highest: float) -> str:
+    """Returns means of consecutive episode returns as bars, from 0 to the highest return."""
     width = min(len(returns), _SPARKLINE)
     bounds = [len(returns) * i // width for i in range(width + 1)] if width else []
     means = [fmean(returns[first:last]) for first, last in itertools.pairwise(bounds)]
-    levels = [round(mean / EPISODE_STEPS * (len(_BARS) - 1)) for mean in means]
+    levels = [round(mean / highest * (len(_BARS) - 1)) for mean in means]
     return "".join(_BARS[min(max(level, 0), len(_BARS) - 1)] for level in levels)
 
 

@@ -12,6 +12,7 @@ from jbench.commands import options, output, parsing
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.run import TYPED, RunSettings
+from jbench.task_specs import GYM
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -72,13 +73,12 @@ def train(
     from jbench.training.request import request_runs, training_device
     from jbench.training.status import with_kept_interval
 
-    if task == "all" or "," in task:
+    if task == "all" or ("," in task and not task.startswith(GYM)):
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
     database = parsing.results_to_write(results)
     algo = algo.lower() if algo.lower() in ALGORITHMS else algo
     chosen["engine"] = choose_engine(algo, chosen["engine"])
     typed_interval = chosen["evaluate_every"]
-    chosen["evaluate_every"] = typed_interval or names.evaluation_interval(chosen["steps"])
     train_on = training_device(chosen["engine"], device, chosen["precision"])
     at_once = jobs or default_jobs(train_on)
     runs = request_runs(

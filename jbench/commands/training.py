@@ -6,7 +6,6 @@ from contextlib import ExitStack, redirect_stdout
 from functools import partial
 from typing import Any, get_args
 
-from jbench import names
 from jbench.commands import output
 from jbench.commands.progress import TrainingView
 from jbench.errors import WorkError
@@ -19,6 +18,7 @@ from jbench.store.listing import line_with_returns
 from jbench.sweeps.cell import Cell, all_runs, is_finished, missing_encoders
 from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.scheduler import Executor, sweep
+from jbench.tasks.find import find_task
 from jbench.training.events import Event
 from jbench.training.status import (
     State,
@@ -36,8 +36,10 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
     if keep_state:
         check_state_can_be_kept(runs)
     sentences = []
+    for run in runs:
+        output.note_task(find_task(run.task))
     for run in (run for run in runs if run.is_ours):
-        end, episode = run.last_step, names.EPISODE_STEPS
+        end, episode = run.last_step, run.episode_steps
         if run.steps % episode:
             where = f"in the middle of an episode of {episode:,}, whose return is not recorded"
             if end % (episode * run.environments) == 0:

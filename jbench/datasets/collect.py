@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from threading import Event
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
 from jbench.datasets import layout
-from jbench.names import EPISODE_STEPS, TASKS
+from jbench.names import TASKS
 from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.store import Record, Results
 from jbench.store.code import check_code
@@ -24,11 +24,19 @@ from jbench.tasks.jitterbug import resets
 from jbench.tasks.jitterbug.geometry import State
 from jbench.tasks.jitterbug.robots import load_model
 from jbench.tasks.jitterbug.worlds import Robots
-from jbench.tasks.task import episode_generator
+from jbench.tasks.task import EpisodeError, episode_generator
 
 _PART_EPISODES = 25  # per file and commit
 
-_Simulate = Callable[[range], dict[str, pa.Table]]
+
+class _Part(NamedTuple):
+    """Tables of some episodes; `failure` is the error of the next one, which can't go on."""
+
+    tables: dict[str, pa.Table]
+    failure: EpisodeError | None = None
+
+
+_Simulate = Callable[[range], _Part]
 
 
 def plan_dataset(settings: DatasetSettings, results: Results) -> Planned:
@@ -60,12 +68,12 @@ def collect(
         if existing is not None:
             check_code(existing, code)
         record = existing or results.create("dataset", settings.id, settings.model_dump(), code)
-        total = settings.steps // EPISODE_STEPS
+        total = settings.steps // settings.episode_steps
         _, episodes = layout.tables(settings.robot)
         first = record.rows(episodes)
         starts = range(first, total, _PART_EPISODES)
         parts = [range(start, min(start + _PART_EPISODES, total)) for start in starts]
-        progress(first * EPISODE_STEPS)
+        progress(first * settings.episode_steps)
         if settings.robot == JITTERBUG:
             # Enough files to keep all threads busy while one file is written.
             max_files, simulation = 1 + math.ceil(threads / _PART_EPISODES), _jitterbug
@@ -76,10 +84,12 @@ def collect(
             ahead = deque(makers.submit(simulated, part) for part in parts[:max_files])
             later = iter(parts[max_files:])
             while ahead:
-                tables = ahead.popleft().result()
+                made = ahead.popleft().result()
                 ahead += [makers.submit(simulated, part) for part in itertools.islice(later, 1)]
-                record.append(tables)
-                progress(record.rows(episodes) * EPISODE_STEPS)
+                record.append(made.tables)
+                if made.failure is not None:
+                    raise made.failure
+                progress(record.rows(episodes) * settings.episode_steps)
         record.finish({}, compact=False)
     return record
 
@@ -88,7 +98,7 @@ def collect(
 def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
     model, ended = load_model(settings.augment), Event()
 
-    def simulate_part(episodes: range) -> dict[str, pa.Table]:
+    def simulate_part(episodes: range) -> _Part:
         quaternions, rows, actions = [], list[dict[str, Any]](), []
         for episode in episodes:
             random = episode_generator(settings.seed, episode)
@@ -98,7 +108,7 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
                 (x, y, _), yaw = resets.draw_target(task, random)
                 target = {"x": x, "y": y, "yaw": yaw}.items()
                 rows[-1] |= {f"{task}_target_{part}": value for part, value in target}
-            actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
+            actions.append(random.uniform(-1, 1, settings.episode_steps).astype(np.float32))
         stacked = np.stack(actions)
         robots = Robots(model, len(episodes), threads)
         states = [robots.reset(np.stack(quaternions))]
@@ -107,10 +117,12 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
                 raise CancelledError
             states.append(robots.step(commands))
         state = State(*(np.stack(part, axis=1) for part in zip(*states, strict=True)))
-        return {
-            "steps": layout.steps_table(episodes.start, state, stacked),
-            "dataset_episodes": pa.Table.from_pylist(rows, DATASET_EPISODES),
-        }
+        return _Part(
+            {
+                "steps": layout.steps_table(episodes.start, state, stacked),
+                "dataset_episodes": pa.Table.from_pylist(rows, DATASET_EPISODES),
+            }
+        )
 
     try:
         yield simulate_part
@@ -123,10 +135,11 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
     check_specs(settings.robot, settings.specs)
     task = find_task(settings.robot)
 
-    def simulate_part(episodes: range) -> dict[str, pa.Table]:
-        count = len(episodes)
-        observations = np.empty((count, EPISODE_STEPS + 1, task.observation_size), np.float32)
-        made = np.empty((count, EPISODE_STEPS, task.action_size + 1), np.float32)
+    def simulate_part(episodes: range) -> _Part:
+        failure: EpisodeError | None = None
+        count, length = len(episodes), settings.episode_steps
+        observations = np.empty((count, length + 1, task.observation_size), np.float32)
+        made = np.empty((count, length, task.action_size + 1), np.float32)
         actions, rewards, seeds = made[..., :-1], made[..., -1], np.empty(count, np.int64)
         for i, episode in enumerate(episodes):
             random = episode_generator(settings.seed, episode)
@@ -135,11 +148,17 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
             actions[i] = random.uniform(-1, 1, actions[i].shape)
             for step, action in enumerate(actions[i]):
                 (observations[i, step + 1],), (rewards[i, step],) = worlds.step(action[None])
-        columns = {"episode": list(episodes), "seed": seeds}
+            if worlds.failures:
+                failure = worlds.failures[0]
+                episodes = episodes[:i]
+                break
+        ended = len(episodes)
+        columns = {"episode": list(episodes), "seed": seeds[:ended]}
         names = layout.tables(task.name)
         schema = layout.observations_schema(task)
-        steps = layout.table(episodes.start, observations, made, schema)
-        return {names[0]: steps, names[1]: pa.table(columns, schema=layout.SEEDS)}
+        steps = layout.table(episodes.start, observations[:ended], made[:ended], schema)
+        tables = {names[0]: steps, names[1]: pa.table(columns, schema=layout.SEEDS)}
+        return _Part(tables, failure)
 
     with task.worlds(1) as worlds:
         yield simulate_part

@@ -14,7 +14,6 @@ import numpy as np
 
 from jbench.datasets.reader import Dataset
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS
 from jbench.registration import environment_id
 from jbench.settings.records import JITTERBUG
 from jbench.store import locks
@@ -69,7 +68,7 @@ def export_minari(
     about = find_task(task)
     # Of a control step: observation, action and reward in float32, and two flags.
     step_size = 4 * (about.observation_size + about.action_size + 1) + 2
-    size = round(dataset.episodes * (EPISODE_STEPS + 1) * step_size * _OVERHEAD)
+    size = round(dataset.episodes * (dataset.settings.episode_steps + 1) * step_size * _OVERHEAD)
     with locks.hold(temporary, str(path)):
         content = temporary / "content"  # without the lock
         try:
@@ -107,6 +106,7 @@ def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[i
     augment = dataset.settings.augment
     # A copy, since Gymnasium returns its registry's object.
     spec = copy.deepcopy(gymnasium.spec(environment_id(task, augment is not None)))
+    spec.max_episode_steps = dataset.settings.episode_steps
     if augment is not None:
         spec.kwargs["augment"] = augment
     # Minari 0.5.4 fails on relative paths.
@@ -121,14 +121,15 @@ def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[i
         }
     )
     # Episodes are truncated at the time limit and never terminate.
-    never, last = np.zeros((2, EPISODE_STEPS), bool)
+    length = dataset.settings.episode_steps
+    never, last = np.zeros((2, length), bool)
     last[-1] = True
     for episodes, block in zip(dataset.parts, dataset.blocks(task), strict=True):
         storage.update_episodes(
             EpisodeBuffer(
                 id=number,
                 observations=observations,
-                actions=actions.reshape(EPISODE_STEPS, -1),
+                actions=actions.reshape(length, -1),
                 rewards=rewards,
                 terminations=never,
                 truncations=last,

@@ -52,8 +52,11 @@ def table(first_episode: int, states: Float, made: Float, columns: pa.Schema) ->
     values = [
         np.repeat(np.arange(first_episode, first_episode + episodes), steps + 1),
         step,
-        *states.reshape(len(step), -1).T,
-        *(pa.array(column, mask=step == steps) for column in padded.reshape(len(step), -1).T),
+        *states.reshape(len(step), states.shape[-1]).T,
+        *(
+            pa.array(column, mask=step == steps)
+            for column in padded.reshape(len(step), padded.shape[-1]).T
+        ),
     ]
     return pa.table(dict(zip(columns.names, values, strict=True)), schema=columns)
 

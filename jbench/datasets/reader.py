@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jbench.datasets import layout
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS, TASKS
+from jbench.names import TASKS
 from jbench.settings.base import validated
 from jbench.settings.records import JITTERBUG, DatasetSettings
 from jbench.store import Record, Results, schema
@@ -71,7 +71,7 @@ class Dataset:
         """Returns a task's observations (episodes, 1000, dim(O)) before each action."""
         self.check_task(task)
         size = find_task(task).observation_size
-        observations = np.empty((self.episodes, EPISODE_STEPS, size), np.float32)
+        observations = np.empty((self.episodes, self.settings.episode_steps, size), np.float32)
         for episodes, block in zip(self.parts, self.blocks(task), strict=True):
             observations[episodes.start : episodes.stop] = block.observations[:, :-1]
         return observations
@@ -92,7 +92,7 @@ class Dataset:
         if not is_jitterbug:
             columns = layout.observations_schema(find_task(task)), layout.SEEDS
         rows, targets = map(self.record.read_part, (steps, episodes), columns)
-        flaw = layout.flaw(rows, targets, part, EPISODE_STEPS)
+        flaw = layout.flaw(rows, targets, part, self.settings.episode_steps)
         if flaw is not None:
             raise WorkError(
                 f"{steps.name} of the dataset {self.id} holds {flaw}; collect it again after "
@@ -100,15 +100,15 @@ class Dataset:
             )
         if not is_jitterbug:
             values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
-            values = values.reshape(len(part), EPISODE_STEPS + 1, -1)
+            values = values.reshape(len(part), self.settings.episode_steps + 1, -1)
             observations, made = np.split(values, [find_task(task).observation_size], axis=-1)
             arrays = observations, made[:, :-1, :-1], made[:, :-1, -1]
             return Block(*map(np.ascontiguousarray, arrays))
-        state = layout.read_state(rows, EPISODE_STEPS)
-        target = layout.read_target(task, targets, EPISODE_STEPS + 1)
+        state = layout.read_state(rows, self.settings.episode_steps)
+        target = layout.read_target(task, targets, self.settings.episode_steps + 1)
         return Block(
             features.observation(task, state, target),
-            rows["action"].to_numpy().reshape(-1, EPISODE_STEPS + 1)[:, :-1],
+            rows["action"].to_numpy().reshape(-1, self.settings.episode_steps + 1)[:, :-1],
             rewards.reward(task, state, target)[:, 1:],
         )
 

@@ -23,9 +23,7 @@ from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
 from jbench.encoders.scaling import FloatArray, Moments
 from jbench.encoders.states import Shard, States, state_pairs
-from jbench.names import TASKS
 from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.heuristics import heuristic
 from jbench.tasks.task import episode_generator, rollout
 
 _EPISODES = 10  # of the heuristic
@@ -55,7 +53,7 @@ def errors(
     `heuristic`, which other robots do not have.
     """
     data: dict[str, tuple[Iterable[Shard], Moments]] = {"test": (states.test(), states.held_out)}
-    if states.task in TASKS:
+    if find_task(states.task).hand_written() is not None:
         scaled = states.scaled(heuristic_episodes(states.task, states.dataset.settings.augment))
         unused = torch.empty(0)  # actions and rewards
         shard = Shard(torch.from_numpy(scaled), unused, unused).to(states.device)
@@ -110,7 +108,8 @@ def reconstruction_errors(
 def heuristic_episodes(task: str, augment: int | None) -> NDArray[np.float32]:
     """Returns (10, 1001, size) observations of the heuristic."""
     generators = [episode_generator(_SEED, episode) for episode in range(_EPISODES)]
-    policy = heuristic(task)
+    policy = find_task(task).hand_written()
+    assert policy is not None
     policy.reset(_EPISODES)
     with find_task(task).worlds(_EPISODES, threads=2, augment=augment) as worlds:
         first = worlds.reset(generators)
@@ -140,7 +139,7 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
         "learned_rows": len(inputs),
         "test_rows": len(test_inputs),
     }
-    if states.task in TASKS:
+    if find_task(states.task).has_planar_reduction:
         columns = dict(zip(TARGETS, ([0], [1, 2], [3], [4]), strict=True))
     else:
         sizes = {**find_task(states.task).parts, "reward": 1}
@@ -191,7 +190,7 @@ def _rows(
     batch = shard.take(order[:max_rows], 1, with_actions=True)
     observed = batch.now[:, states.columns].numpy()
     latents = np.asarray(kind.to_latents(weights, observed), np.float32)
-    if states.task not in TASKS:
+    if not find_task(states.task).has_planar_reduction:
         changes = torch.cat([batch.later - batch.now, batch.rewards], 1)
         return torch.cat([torch.from_numpy(latents), batch.actions], 1), changes
     gain, offset = states.whole.physical_scaling()

@@ -19,7 +19,7 @@ from jbench.encoders.features import columns
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.states import split_episodes
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import ENCODER_KINDS, EPISODE_STEPS, OFE, known
+from jbench.names import ENCODER_KINDS, OFE, known
 from jbench.settings.base import settings_with
 from jbench.sources import checksum
 
@@ -130,7 +130,7 @@ def sentence_about(kind: str, method: str) -> Iterator[None]:
 
 
 def options_with_epochs(
-    kind: str, options: Mapping[str, Any], episodes: int, seed: int
+    kind: str, options: Mapping[str, Any], episodes: int, episode_steps: int, seed: int
 ) -> dict[str, Any]:
     """Returns options with a number of epochs that suits the size of the dataset.
 
@@ -141,7 +141,7 @@ def options_with_epochs(
     if "epochs" in options or not isinstance(made, Learned):
         return dict(options)
     learned, _ = split_episodes(episodes, seed)
-    batches = math.ceil(len(learned) * EPISODE_STEPS / made.batch)
+    batches = math.ceil(len(learned) * episode_steps / made.batch)
     return {**options, "epochs": max(made.epochs, math.ceil(MIN_UPDATES / batches))}
 
 

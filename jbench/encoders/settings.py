@@ -35,6 +35,7 @@ from jbench.settings.base import (
     typed_default,
     validated,
 )
+from jbench.tasks.find import find_task
 
 _SCALES = ("scale", "rescale")  # the last parts of a name, by their values
 _HASHED_OPTIONS = "options"  # word before the hash of options whose values are too long
@@ -160,7 +161,8 @@ def encoder_settings(
 
     full = made.values
     if episodes is not None:
-        full = make_kind(kind, options_with_epochs(kind, given, episodes, seed)).values
+        length = find_task(task).episode_steps
+        full = make_kind(kind, options_with_epochs(kind, given, episodes, length, seed)).values
     features = shortest(task, made.features)
     if features is None:
         full.pop("features", None)

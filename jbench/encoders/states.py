@@ -18,11 +18,12 @@ from jbench.datasets import Dataset
 from jbench.datasets.reader import Block
 from jbench.encoders.scaling import FloatArray, Moments, Scaling, physical_scaling
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS
 from jbench.tasks.find import find_task
 
 _SAMPLED = 128  # held-out episodes at most whose error is measured after each epoch
-_STATES = EPISODE_STEPS + 1  # of an episode: one before each action, and the last
+MAX_HORIZON = 1000
+"""Control steps that an encoder may look ahead, less one; no more than an episode has."""
+
 _MAX_PAIRS = 65536  # in a block
 _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
 
@@ -49,13 +50,13 @@ class StatePairs(NamedTuple):
 class Shard(NamedTuple):
     """Whole episodes."""
 
-    states: Tensor  # (episodes, 1001, size) scaled
-    actions: Tensor  # (episodes, 1000), or (episodes, 1000, action_size) of another robot
-    rewards: Tensor  # (episodes, 1000) of the actions
+    states: Tensor  # (episodes, steps + 1, size) scaled: one before each action, and the last
+    actions: Tensor  # (episodes, steps), or (episodes, steps, action_size) of another robot
+    rewards: Tensor  # (episodes, steps) of the actions
 
     def pairs(self, ahead: int) -> int:
         """Returns the number of pairs of states `ahead` steps apart."""
-        return len(self.states) * (_STATES - ahead)
+        return len(self.states) * (self.states.shape[1] - ahead)
 
     def take(self, indices: Tensor, ahead: int, with_actions: bool = False) -> StatePairs:
         """Returns pairs of states by index (rows,), counted through all episodes."""
@@ -63,7 +64,7 @@ class Shard(NamedTuple):
         if not ahead:
             now = states.index_select(0, indices)
             return StatePairs(now, now)
-        episode = indices // (_STATES - ahead)
+        episode = indices // (self.states.shape[1] - ahead)
         rows = indices + episode * ahead
         batch = StatePairs(states.index_select(0, rows), states.index_select(0, rows + ahead))
         if not with_actions:
@@ -132,7 +133,8 @@ class States:
         self._episodes = {"learned": learned, "held_out": held_out}
         self._memory = memory
         self._chosen_from: States | None = None  # it would be a cycle for all features
-        self.in_memory = dataset.episodes * _STATES * self.size * 4 <= memory
+        self._episode_bytes = (dataset.settings.episode_steps + 1) * self.size * 4
+        self.in_memory = dataset.episodes * self._episode_bytes <= memory
         self.device = torch.device("cpu")
         self._whole: dict[str, Shard] = {}  # empty before `read`, and if they do not fit in memory
 
@@ -233,7 +235,7 @@ class States:
         if random is not None:
             parts = torch.randperm(len(parts), generator=random).tolist()
         # A third of the memory: a shard is joined while the previous one is still in use.
-        max_episodes = max(1, self._memory // (3 * _STATES * self.size * 4))
+        max_episodes = max(1, self._memory // (3 * self._episode_bytes))
         gathered: list[Block] = []
         for part, block in zip(parts, self.dataset.blocks(self.task, parts), strict=True):
             chosen = _chosen(block, self.dataset.parts[part], self._episodes[name])

@@ -18,7 +18,7 @@ from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States, state_pairs
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError
 from jbench.names import ENCODER_KINDS
 from jbench.store import Record, Results
 from jbench.store.code import check_code
@@ -54,6 +54,7 @@ def train_encoder(
         commit_every: minimum seconds between checkpoints, which are written after an epoch.
 
     Raises:
+        RequestError: if the kind looks further ahead than an episode lasts.
         ValueError: if the states are not those of the settings, or have another scale.
         WorkError: if another process trains it, the dataset is damaged, a method of its kind fails,
             or the training diverges.
@@ -62,6 +63,7 @@ def train_encoder(
     wanted = settings.dataset, settings.task, settings.seed, kind.scale
     if (states.dataset.id, states.task, states.seed, states.scale) != wanted:
         raise ValueError(f"these are not the states of {settings.id}")
+    _check_horizon(kind, states)
     with results.locked("encoder", settings.id) as record:
         if record is not None and record.status == "finished":
             return record
@@ -143,6 +145,15 @@ def _fitted(settings: EncoderSettings, kind: Kind, states: States) -> WeightArra
         with sentence_about(settings.kind, "encode"):
             weights.update(_float32(kind.linear_decoder(weights, states)))
     return weights
+
+
+def _check_horizon(kind: Kind, states: States) -> None:
+    length = states.dataset.settings.episode_steps
+    if kind.steps_ahead >= length:
+        raise RequestError(
+            f"horizon={kind.steps_ahead} is beyond the end of an episode of {states.task}, which "
+            f"has {length} control steps; type a smaller one."
+        )
 
 
 def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:

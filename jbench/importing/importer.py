@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import pandas as pd
 
+from jbench import task_specs
 from jbench.errors import RequestError
 from jbench.importing.readers import FORMATS, Series
 from jbench.importing.request import ImportRequest
 from jbench.importing.tables import MAX_STEPS, ImportedFile, open_file
-from jbench.names import EPISODE_STEPS
 from jbench.settings.records import ImportSettings, Labels
 from jbench.store import Results, schema
 from jbench.store.listed import to_table
@@ -79,10 +79,10 @@ def _check_points(points: pd.DataFrame, file: ImportedFile) -> None:
     if points.empty:
         raise RequestError(f"{file.path} has no episode; leave the file out.")
     check(
-        points["episode_return"].between(-_ROUNDING, EPISODE_STEPS + _ROUNDING),
+        points["episode_return"].between(-_ROUNDING, task_specs.EPISODE_STEPS + _ROUNDING),
         "the return is {episode_return:g}, but that of an episode is from 0 to "
-        f"{EPISODE_STEPS}; import returns of the task's own rewards, not scaled ones or those of "
-        "another environment.",
+        f"{task_specs.EPISODE_STEPS}; import returns of the task's own rewards, not scaled ones or "
+        "those of another environment.",
     )
     for name in points.columns.intersection([*_MAX]):
         is_count = points[name].between(0, _MAX[name]) & (points[name] % 1 == 0)

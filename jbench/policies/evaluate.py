@@ -7,14 +7,12 @@ import numpy as np
 import pyarrow as pa
 
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS
 from jbench.policies.find import find_policy, policy_provenance
 from jbench.settings.records import EvaluationSettings
 from jbench.store import Record, Results, schema
 from jbench.store.code import is_known
 from jbench.store.planned import Planned, planned
 from jbench.tasks.find import code_provenance, find_task
-from jbench.tasks.jitterbug.worlds import JitterbugWorlds
 from jbench.tasks.task import Act, Worlds, episode_generator, rollout
 
 # Robots stepped together: enough for the threads, and few enough for little memory.
@@ -48,7 +46,8 @@ def evaluate(
 ) -> Record:
     """Runs and saves the episodes of a policy, unless they have been saved before.
 
-    Each episode has its own generator for pose and target. The random policy is seeded; all others
+    An episode that can't go on fails the evaluation, which keeps those that ended. Each episode has
+    its own generator for pose and target. The random policy is seeded; all others
     are deterministic. `progress` is called with the control steps done, over all episodes; the name
     of the policy may be a path. Raises a RequestError if there is no such policy for this task, and
     a WorkError if another process is running this evaluation, or it can't be written.
@@ -56,7 +55,8 @@ def evaluate(
     named, is_accepted = name or settings.policy, settings.accepted is not None
     policy = find_policy(results, named, settings.task, settings.seed, is_accepted)
     code = evaluation_code(settings.task, named)
-    if settings.specs is not None and (settings.states or settings.target_yaw is not None):
+    task = find_task(settings.task)
+    if not task.records_states and (settings.states or settings.target_yaw is not None):
         raise RequestError(
             f"States and targets are recorded of the Jitterbug only, not of {settings.task}: leave "
             "--states and --target-yaw out."
@@ -65,12 +65,14 @@ def evaluate(
         if existing is not None and existing.status == "finished":
             return existing
         record = results.create("evaluation", settings.id, settings.model_dump(), code)
-        task = find_task(settings.task)
         for first in range(0, settings.episodes, _TOGETHER):
             episodes = range(first, min(first + _TOGETHER, settings.episodes))
             policy.reset(len(episodes))
             with task.worlds(len(episodes), threads, settings.augment) as worlds:
                 record.append(_episodes(settings, episodes, worlds, policy.act, progress))
+                for error in worlds.failures.values():
+                    record.fail(str(error), error.summary)
+                    raise error
         returns = record.read("policy_episodes")["episode_return"]
         q10, median, q90 = np.percentile(returns.to_numpy(), (10, 50, 90))
         record.finish({"median": median, "q10": q10, "q90": q90}, compact=False)
@@ -81,18 +83,15 @@ def _episodes(
     settings: EvaluationSettings, episodes: range, worlds: Worlds, act: Act, progress: _Progress
 ) -> dict[str, pa.Table]:
     generators = [episode_generator(settings.seed, episode) for episode in episodes]
-    if isinstance(worlds, JitterbugWorlds):
-        observations = worlds.reset(generators, settings.target_yaw)
-        position, yaw = worlds.target
-        target = {"target_x": position[:, 0], "target_y": position[:, 1], "target_yaw": yaw}
-    else:
-        observations = worlds.reset(generators)
-        target = dict.fromkeys(("target_x", "target_y", "target_yaw"), [None] * len(episodes))
+    observations = worlds.reset(generators, settings.target_yaw)
+    unknown = [None] * len(episodes)
+    targets = worlds.whole_targets()
+    target = {f"target_{name}": targets.get(name, unknown) for name in ("x", "y", "yaw")}
     total = np.zeros(len(episodes))
     states: list[pa.Table] = []
     for step, transition in enumerate(rollout(worlds, observations, act), 1):
         total += transition.rewards
-        if settings.states and isinstance(worlds, JitterbugWorlds):
+        if settings.states:
             columns = {
                 "episode": np.arange(episodes.start, episodes.stop),
                 "step": np.full(len(episodes), step),
@@ -102,15 +101,17 @@ def _episodes(
             }
             states.append(pa.table(columns, schema=schema.FILES["policy_states"]))
         if step % 100 == 0:
-            progress(episodes.start * EPISODE_STEPS + step * len(episodes))
+            progress(episodes.start * settings.episode_steps + step * len(episodes))
     rows = {
         "evaluation": [settings.id] * len(episodes),
         "episode": list(episodes),
         "episode_return": total,
-        "length": [EPISODE_STEPS] * len(episodes),
+        "length": [settings.episode_steps] * len(episodes),
         **target,
     }
-    tables = {"policy_episodes": pa.table(rows, schema=schema.TABLES["policy_episodes"])}
+    ended = [world not in worlds.failures for world in range(len(episodes))]
+    columns = pa.table(rows, schema=schema.TABLES["policy_episodes"])
+    tables = {"policy_episodes": columns.filter(pa.array(ended))}
     if states:
         tables["policy_states"] = pa.concat_tables(states).combine_chunks()
     return tables

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from jbench import plugins
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, TASKS, closest
+from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, closest
 from jbench.policies.actors import acting
 from jbench.policies.saved import agent_code, has_policy, load_agent
 from jbench.policies.sb3_zip import is_sb3_zip, read_sb3_zip, zip_content
@@ -28,7 +28,6 @@ from jbench.store.code import changed_files, changed_since, code_hash
 from jbench.store.files import sha256
 from jbench.store.shipped import LEFT_OUT, shipped_results
 from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.heuristics import heuristic
 from jbench.tasks.task import Act
 
 SHIPPED = f"{REFERENCE}/"
@@ -60,12 +59,12 @@ def find_policy(
     another package can't be imported.
     """
     if name == HEURISTIC:
-        if task not in TASKS:
+        policy = find_task(task).hand_written()
+        if policy is None:
             raise RequestError(
                 f"There is no hand-written policy of {task}; choose random, constant:U, a trained "
                 "policy, or MODULE:NAME."
             )
-        policy = heuristic(task)
         return ActingPolicy(policy.act, policy.reset)
     size = find_task(task).action_size
     if name == "random":  # as in the random-policy dataset

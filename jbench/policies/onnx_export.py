@@ -20,7 +20,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import TrainedAgent
 from jbench.store.files import make_directory, write_atomic
 from jbench.tasks.find import find_task
-from jbench.tasks.jitterbug.features import by_dimension, denormalize, normalize
+from jbench.tasks.jitterbug.features import normalize
 
 _OPSET, _IR_VERSION = 18, 8  # of 2022, which ONNX Runtime reads from 1.14 on
 _TOLERANCE = 1e-4  # of an action; float32 rounding in another order is a hundredth of that
@@ -40,7 +40,7 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
     the policy's, or it can't be written.
     """
     task = find_task(agent.task)
-    if in_si_units and task.specs is not None:
+    if in_si_units and task.units is None:
         raise RequestError(
             f"The units of the observations of {agent.task} are not known: type --inputs "
             "observation."
@@ -53,7 +53,7 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
     # Compared over observations from the ranges of the features.
     shape = 256, task.observation_size
     observations = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
-    inputs = denormalize(agent.task, observations) if in_si_units else observations
+    inputs = task.physical(observations) if in_si_units else observations
     (actions,) = ReferenceEvaluator(model).run(None, {"observation": inputs})
     difference = float(np.abs(np.asarray(actions) - agent.act(observations)).max())
     if not difference < _TOLERANCE:
@@ -73,17 +73,18 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
     task = find_task(agent.task)
     inputs: dict[str, Sequence[Any]] = {"name": task.labels}
     outputs: dict[str, Any] = {"name": task.action_labels, "minimum": -1.0, "maximum": 1.0}
-    if task.specs is None:
-        units, low, high = (by_dimension(agent.task, name) for name in ("units", "low", "high"))
-        inputs["unit"] = units
-        if not in_si_units:
-            inputs |= {"minimum": low, "maximum": high}
-        outputs = {"name": ["motor_command"], "unit": "1", "minimum": -1.0, "maximum": 1.0}
-        scaling = "SI units" if in_si_units else "minimum to -1, maximum to 1"
-    else:
+    scaling = "none"
+    if task.units is not None:
+        inputs["unit"] = task.units
+        scaling = "SI units"
+    if task.observed_range is not None and not in_si_units:
+        inputs["minimum"], inputs["maximum"] = task.observed_range
+        scaling = "minimum to -1, maximum to 1"
+    if task.specs:
         outputs["actuator_minimum"] = task.specs.action_minimum
         outputs["actuator_maximum"] = task.specs.action_maximum
-        scaling = "none"
+    else:
+        outputs = {"name": ["motor_command"], "unit": "1", "minimum": -1.0, "maximum": 1.0}
     return {
         "inputs": json.dumps(pd.DataFrame(inputs).to_dict("records")),
         "outputs": json.dumps(pd.DataFrame(outputs).to_dict("records")),

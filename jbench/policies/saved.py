@@ -263,6 +263,6 @@ def load_agent(
     if not accept_changed:
         check_code(record, agent_code(results, record))
     specs = record.settings.get("specs")
-    check_specs(task, None if specs is None else Specs.model_validate(specs), accept_changed)
+    check_specs(task, Specs.model_validate(specs) if specs else None, accept_changed)
     loaded = None if encoder is None else load_encoder(results, encoder, accept_changed)[0]
     return TrainedAgent(task, policy, loaded)

@@ -90,15 +90,21 @@ class Recording:
                 except AlreadyFinishedError as skipped:
                     _note(str(skipped))
                 return
-            if existing is not None:
-                _note(f"The run {self.id} is {existing.status}; it starts over.")
+            again = "" if existing is None else f", which is {existing.status} and starts over"
+            _note(f"Recording the run {self.id} in {self._results.name}{again}.")
             record = self._results.create("run", self.id, self._settings.values, self._made_on)
             self._writer, self._environments = RunWriter(record, self._settings, self._encoder), 0
             try:
                 with self._writer.block():
                     yield
             finally:
+                made, planned = self._writer.control_steps, self._settings.steps
                 self._writer, self.finished = None, record.status == "finished"
+                if self.finished and made > planned:
+                    _note(
+                        f"The block made {made:,} control steps, but steps={planned}: pass the "
+                        "number that it makes, by which runs are compared."
+                    )
                 if self.finished:
                     _note(f"Recorded the run {self.id} in {self._results.name}.")
 

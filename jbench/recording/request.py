@@ -14,10 +14,10 @@ from jbench import names, plugins
 from jbench.encoders import encoder_code, find_encoder
 from jbench.errors import RequestError
 from jbench.loggers.logger import make_logger
-from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
+from jbench.names import NO_ENCODER, OFE, LoggerName, TimeLimit, kind_in, known
 from jbench.recording.recorder import Recording
 from jbench.settings.base import validated
-from jbench.settings.records import ExternalSettings
+from jbench.settings.records import ExternalSettings, episode_steps
 from jbench.store import files
 from jbench.store.planned import planned, say_changed
 from jbench.store.shipped import results_to_write
@@ -71,17 +71,23 @@ def record(
             installed, or the results are the shipped ones.
     """
     place, representation = results_to_write(Path(results)), str(encoder)
-    every = names.evaluation_interval(steps) if evaluate_every is None else evaluate_every
-    typed = {"task": task, "algo": algo, "seed": seed, "steps": steps, "time_limit": time_limit}
-    typed |= {"augment": augment, "evaluate_every": every, "evaluate_episodes": evaluate_episodes}
+    typed = {
+        "task": task,
+        "algo": algo,
+        "seed": seed,
+        "steps": steps,
+        "time_limit": time_limit,
+        "augment": augment,
+        "evaluate_every": evaluate_every,
+        "evaluate_episodes": evaluate_episodes,
+    }
     fields = {name: _number(value) for name, value in typed.items()}
     # A task or label that does not exist is reported before an encoder that does not.
-    validated(ExternalSettings, "the run", hyperparameters={}, **fields)
-    fields["specs"] = checked_task(task).specs
-    if steps < EPISODE_STEPS:
-        raise RequestError(
-            f"No episode would end in {steps} control steps: steps must be {EPISODE_STEPS} or more."
-        )
+    checked = fields if evaluate_every is not None else {**fields, "evaluate_every": 1}
+    settings = validated(ExternalSettings, "the run", hyperparameters={}, **checked)
+    fields["specs"] = specs = checked_task(task).specs
+    interval = _evaluation_interval(settings.steps, episode_steps(specs))
+    fields["evaluate_every"] = interval if evaluate_every is None else evaluate_every
     if representation not in NO_ENCODER:
         if kind_in(representation).rstrip(":") == OFE:
             raise RequestError(
@@ -115,6 +121,15 @@ def record(
 def _folder(settings: ExternalSettings) -> str:
     """Returns the part of a run's id that its seeds have in common."""
     return f"{settings.id.rpartition('/')[0]}/"
+
+
+def _evaluation_interval(steps: int, length: int) -> int:
+    """Returns the default interval of evaluations; RequestError if no episode would end."""
+    if steps < length:
+        raise RequestError(
+            f"No episode would end in {steps} control steps: steps must be {length} or more."
+        )
+    return names.evaluation_interval(steps, length)
 
 
 def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:

@@ -30,7 +30,8 @@ class RunWriter:
     """Writes a recorded run; the caller holds the lock of its record."""
 
     def __init__(self, record: Record, settings: ExternalSettings, encoder: Encoder | None) -> None:
-        self.control_steps, self.log = 0, RunLog(record)  # steps over all environments
+        self.control_steps = 0  # over all environments
+        self.log = RunLog(record, settings.episode_steps)
         self.losses: dict[str, Any] = {}  # of the next episodes; read when one ends
         self.kept: tuple[SavedNetwork, int] | None = None  # after how many control steps
         self._record, self._settings, self._encoder = record, settings, encoder
@@ -67,6 +68,8 @@ class RunWriter:
         act = on_observations(self._encoder, act)
         seeds, number = derive_seeds(self._settings.seed)[1:], self.log.progress.evaluations
         (made,) = evaluate_policies(self._settings, seeds, number, act, threads=cores())
+        if made.failure is not None:
+            raise made.failure
         self._clock.share([self.log])
         self.log.evaluation(control_steps, made.returns, made.path)
         return made.returns
@@ -134,15 +137,33 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: gymnasium.Env[Any, Any], running: Callable[[], RunWriter]) -> None:
         super().__init__(env)
-        self._running = running
+        self._running, self._has_ended = running, False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode."""
+        self._has_ended = False
+        return self.env.reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Steps the environment; raises a DivergedError if the action is not finite."""
+        """Steps the environment.
+
+        Raises:
+            DivergedError: if the action is not finite.
+            RequestError: if the episode has ended.
+        """
         writer = self._running()
+        if self._has_ended:
+            raise RequestError(
+                "The episode has ended: call reset before the next step, as terminated or "
+                "truncated says."
+            )
         if not np.isfinite(np.asarray(action, np.float64)).all():
             raise DivergedError(None, writer.control_steps, "actions")
         observation, reward, terminated, truncated, info = self.env.step(action)
         writer.control_steps += 1
+        self._has_ended = bool(terminated or truncated)
         # Removed, since a RecordEpisodeStatistics of the caller's own would refuse the key.
         episode = info.pop("episode", None)
         if episode is not None:

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from jbench.names import CONTROL_TIMESTEP, TASKS
 from jbench.policies.find import ActingPolicy
+from jbench.task_specs import CONTROL_TIMESTEP
 from jbench.tasks.dm_gym import SuiteEnv
 from jbench.tasks.find import find_task
-from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.jitterbug.features import goal, padded
+from jbench.tasks.gym import JitterbugEnv, make_environment
+from jbench.tasks.jitterbug.features import padded
 
 Picture = NDArray[np.uint8]  # (height, width, 3), red, green and blue in [0, 255]
 
@@ -50,10 +50,9 @@ class Scene:
         Raises a RequestError if the robot has no such camera or, of another package, no physics.
         """
         size = self.width, self.height
-        if self.task not in TASKS:
-            return SuiteEnv(self.task, render_mode, self.camera, *size, self.augment)
-        env = JitterbugEnv(self.task, render_mode, self.camera or "tracking", *size, self.augment)
-        env.model.vis.quality.shadowsize = _SHADOW_TEXELS
+        env = make_environment(self.task, render_mode, self.camera, *size, self.augment)
+        if isinstance(env, JitterbugEnv):
+            env.model.vis.quality.shadowsize = _SHADOW_TEXELS
         return env
 
 
@@ -83,7 +82,7 @@ def render_episode(
                 observation, reward, *_ = env.step(action)
                 episode_return += reward
             if step in at:
-                words = goal(scene.task, observation) if scene.task in TASKS else ""
+                words = find_task(scene.task).goal(observation)
                 picture = np.asarray(env.render())
                 yield Frame(step * scene.timestep, episode_return, words, picture)
             progress(step)

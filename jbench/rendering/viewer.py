@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS
 from jbench.opengl import open_display
 from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Scene
@@ -47,7 +46,7 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
             with window.lock():
                 observation, *_ = env.step(action)
                 steps += 1
-                if steps % EPISODE_STEPS == 0:
+                if steps % task.episode_steps == 0:
                     observation, _ = env.reset()
                     policy.reset(1)
             window.sync()

@@ -13,11 +13,11 @@ import numpy as np
 from PIL import Image
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS, TASKS
 from jbench.policies.find import ActingPolicy
 from jbench.rendering import episode
 from jbench.rendering.episode import Frame, Picture, Scene, render_episode
 from jbench.store.files import check_output, write_atomic
+from jbench.tasks.find import find_task
 
 SUFFIXES = (".mp4", ".gif", ".png")  # supported file suffixes: video, animation, strip of images
 
@@ -55,7 +55,7 @@ def render_to_file(
     *,
     name: str,
     speed: float = 1.0,
-    steps: int = EPISODE_STEPS,
+    steps: int,
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Frame:
     """Writes an episode in the format of the file's suffix; returns the last frame.
@@ -65,7 +65,7 @@ def render_to_file(
     Args:
         name: of the policy, for the text in a video or an animation.
         speed: of a video or an animation, a multiple of 0.25: 1 for real time.
-        steps: control steps to show, 1 to 1000.
+        steps: control steps to show, 1 to those of an episode.
         progress: called with the number of completed control steps.
     """
     _check(path)
@@ -76,12 +76,16 @@ def render_to_file(
     # The images of a strip are equally spaced, with the first and last.
     moments = np.linspace(0, steps, min(_MOMENTS, steps + 1)).round().astype(int).tolist()
     at = moments if is_strip else [*range(0, steps, stride), steps]
-    is_jitterbug = scene.task in TASKS
-    camera = scene.camera or ("tracking" if is_jitterbug else None)
-    notes = [f"{camera} camera"] if camera else []
-    notes += ["1 check = 1 cm"] if is_jitterbug else []
-    notes += [] if speed == 1 else [f"{speed:g} x real time"]
-    draw = partial(episode.video_picture, title=f"{scene.task}, {name}", note=", ".join(notes))
+    task = find_task(scene.task)
+    camera = scene.camera or task.default_camera
+    notes = [
+        f"{camera} camera" if camera else "",
+        task.scale,
+        f"{speed:g} x real time" if speed != 1 else "",
+    ]
+    draw = partial(
+        episode.video_picture, title=f"{scene.task}, {name}", note=", ".join(filter(None, notes))
+    )
     # Only the last frame is kept, since a long video would fill the memory.
     last_frame: list[Frame] = []
 

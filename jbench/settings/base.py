@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
@@ -82,8 +83,8 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
 
 
 def in_id(name: str) -> str:
-    """Returns a name such as dmc:cheetah-run as a part of an id, without the colon."""
-    return name.replace(":", ".")
+    """Returns a name such as dmc:cheetah-run as a part of an id, without colon, comma and =."""
+    return re.sub("[:,=]", ".", name)
 
 
 def whole(value: Any) -> Any:

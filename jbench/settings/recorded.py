@@ -14,7 +14,7 @@ from pydantic_core.core_schema import ValidationInfo
 
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import canonical_json, settings_hash
-from jbench.settings.records import EXTERNAL, ExternalSettings
+from jbench.settings.records import EXTERNAL, ExternalSettings, Specs, episode_steps
 from jbench.settings.run import RunSettings
 
 Flat = dict[tuple[str, ...], Any]
@@ -64,6 +64,11 @@ class Unreadable(BaseModel):
     augment: Any = RunSettings.model_fields["augment"].default
     robots: int = RunSettings.model_fields["robots"].default
 
+    @property
+    def episode_steps(self) -> int:
+        """Control steps of an episode."""
+        return recorded_episode_steps(self.values)
+
     @field_validator("*", mode="wrap")
     @classmethod
     def _or_default(cls, value: Any, handler: Handler, info: ValidationInfo) -> Any:
@@ -71,6 +76,16 @@ class Unreadable(BaseModel):
             return handler(value)
         except ValidationError:
             return cls.model_fields[str(info.field_name)].default
+
+
+def recorded_episode_steps(values: Mapping[str, Any]) -> int:
+    """Returns the control steps of an episode of recorded settings, of whichever program."""
+    specs = values.get("specs")
+    if specs is None:
+        return episode_steps(None)
+    length = specs.get("episode_steps") if isinstance(specs, Mapping) else None
+    default = Specs.model_fields["episode_steps"].default
+    return length if isinstance(length, int) and length > 0 else int(default)
 
 
 Run = RunSettings | ExternalSettings | Unreadable

@@ -6,9 +6,9 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from jbench import task_specs
 from jbench.errors import RequestError
 from jbench.names import (
-    EPISODE_STEPS,
     FULL,
     MAX_COUNT,
     OFE,
@@ -45,6 +45,15 @@ class Specs(Settings):
         None, description="SHA-256 of all of the MuJoCo model that can move the robot"
     )
     sources: str | None = omissible(None, description="checksum of the code of the task")
+    episode_steps: Count = omissible(1000, description="control steps of an episode")
+    unit_rewards: bool = omissible(
+        True, description="whether every reward is in [0, 1], so that returns have a largest value"
+    )
+
+
+def episode_steps(specs: Specs | None) -> int:
+    """Returns the control steps of an episode; None are the specs of the Jitterbug."""
+    return task_specs.EPISODE_STEPS if specs is None else specs.episode_steps
 
 
 class OFESettings(Settings):
@@ -113,21 +122,26 @@ class DatasetSettings(Settings):
     steps: int = Field(
         5_000_000,
         gt=0,
-        description="number of control steps, a multiple of 1000 (paper, section 5.2: 5 million)",
+        description="number of control steps, in whole episodes (paper, section 5.2: 5 million)",
         json_schema_extra={"unit": "control steps"},
     )
     augment: Seed | None = omissible(None, description=_AUGMENT)
 
-    @field_validator("steps")
-    @classmethod
-    def _whole_episodes(cls, steps: int) -> int:
-        if steps % EPISODE_STEPS:
-            up = (steps // EPISODE_STEPS + 1) * EPISODE_STEPS
+    @model_validator(mode="after")
+    def _has_whole_episodes(self) -> Self:
+        length = self.episode_steps
+        if self.steps % length:
+            up = (self.steps // length + 1) * length
             raise ValueError(
-                f"episodes last {EPISODE_STEPS} control steps; steps must be a multiple, such as "
-                f"{up}"
+                f"steps can't be {self.steps}: episodes last {length} control steps; steps must be "
+                f"a multiple, such as {up}"
             )
-        return steps
+        return self
+
+    @property
+    def episode_steps(self) -> int:
+        """Control steps of an episode."""
+        return episode_steps(self.specs)
 
     @property
     def id(self) -> str:
@@ -154,6 +168,11 @@ class EvaluationSettings(Settings):
     accepted: str | None = omissible(
         None, description="checksum of the code that ran instead of the policy's recorded one"
     )
+
+    @property
+    def episode_steps(self) -> int:
+        """Control steps of an episode."""
+        return episode_steps(self.specs)
 
     @property
     def id(self) -> str:
@@ -228,6 +247,11 @@ class TrainedSettings(LabeledSettings):
     augment: Seed | None = omissible(
         None, description="seed of an augmented robot, or of the first of several"
     )
+
+    @property
+    def episode_steps(self) -> int:
+        """Control steps of an episode."""
+        return episode_steps(self.specs)
 
     @model_validator(mode="after")
     def _has_the_robot(self) -> Self:

@@ -4,7 +4,7 @@ from typing import Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from jbench.names import EPISODE_STEPS, OFE, Engine, Precision, kind_in
+from jbench.names import OFE, Engine, Precision, kind_in
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import omissible, validated
 from jbench.settings.records import LABEL, OFESettings, TrainedSettings
@@ -95,15 +95,15 @@ class RunSettings(TrainedSettings):
         if self.precision == "bfloat16" and (self.algo == "ppo" or not self.is_ours):
             name = self.algo.upper() if self.is_ours else self.algo
             raise ValueError(f"{name} does not learn in bfloat16: precision must be float32")
-        least = self.robots * self.environments * EPISODE_STEPS
+        least = self.robots * self.environments * self.episode_steps
         if self.robots > 1 and self.steps % least:
             up = (self.steps // least + 1) * least
             count = self.environments
             where = f" in each of {count} environments" if count > 1 else ""
             raise ValueError(
                 f"{self.robots} robots can't share {self.steps} steps equally, in episodes of "
-                f"{EPISODE_STEPS} control steps{where}: steps must be {up}, or another multiple of "
-                f"{least}"
+                f"{self.episode_steps} control steps{where}: steps must be {up}, or another "
+                f"multiple of {least}"
             )
         return self
 
@@ -170,7 +170,7 @@ class RunSettings(TrainedSettings):
     @property
     def episodes_on_each(self) -> int:
         """Number of episodes of each environment with each robot."""
-        return self.steps // (self.robots * self.environments * EPISODE_STEPS)
+        return self.steps // (self.robots * self.environments * self.episode_steps)
 
     def robot_seed(self, robot: int) -> int | None:
         """Returns the seed of the augmented robot with this index, at most the last one."""

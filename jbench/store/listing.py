@@ -11,9 +11,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError
-from jbench.names import EPISODE_STEPS
 from jbench.returns import evaluation_means, final_return
-from jbench.settings.recorded import Run, Unreadable, read_run, variant
+from jbench.settings.recorded import Run, Unreadable, read_run, recorded_episode_steps, variant
 from jbench.settings.variants import code_dates, variant_words
 from jbench.store import schema
 from jbench.store.database import Results
@@ -148,7 +147,7 @@ def make_line(record: Record) -> Row:
     episodes = (row["points"] or 0) if is_import else row["episodes"]
     done = record.manifest.summary.get("control_steps" if is_import else "steps_done")
     if not isinstance(done, int | float) or not math.isfinite(done):
-        done = 0 if is_import else episodes * EPISODE_STEPS
+        done = 0 if is_import else episodes * recorded_episode_steps(record.settings)
     line = {
         "run": record.id,
         **{name: row[name] for name in ("task", "algo", "representation", "seed", "status")},

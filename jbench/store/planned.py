@@ -123,7 +123,7 @@ def _with_code(settings: _Settings, code: Mapping[str, Mapping[str, Any]]) -> _S
         n: value for n, value in code["settings"].items() if n in type(settings).model_fields
     }
     specs = getattr(settings, "specs", None)
-    if specs is not None:
+    if specs:
         changes["specs"] = specs.model_copy(update=dict(code["specs"]))
     return settings.model_copy(update=changes)
 

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import FULL, TASKS, Base, shown_representation
+from jbench.names import FULL, Base, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
     algorithm_settings,
@@ -19,6 +19,7 @@ from jbench.settings.records import Specs, requested_ofe
 from jbench.settings.run import RunSettings
 from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
+from jbench.task_specs import has_specs
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ def arms(parts: Parts) -> Iterator[Arm]:
 
 
 def _specs(task: str) -> Specs | None:
-    if task in TASKS:
+    if not has_specs(task):
         return None
     from jbench.tasks.find import find_task  # imports MuJoCo
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from jbench.errors import RequestError
-from jbench.names import FULL, OFE, Base, evaluation_interval, in_prose, known, parse_numbers
+from jbench.names import FULL, OFE, Base, in_prose, known, parse_numbers
 from jbench.settings.base import Seed, Settings, typed_default, validated, whole
 from jbench.settings.records import LABEL, DatasetSettings, requested_ofe
 from jbench.settings.run import TYPED, RunSettings
@@ -86,9 +86,7 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
         """Fields of `RunSettings` that are the same in all runs."""
         keys = self.model_dump()
         keys |= {f"{_EVALUATION}{key}": value for key, value in keys["evaluation"].items()}
-        typed = {name: keys[RunSettings.model_fields[name].title or name] for name in TYPED}
-        typed["evaluate_every"] = typed["evaluate_every"] or evaluation_interval(self.steps)
-        return typed
+        return {name: keys[RunSettings.model_fields[name].title or name] for name in TYPED}
 
 
 Parts = Mapping[str, Matrix]

@@ -61,7 +61,7 @@ def sweep(
     Args:
         make_executor: called if there are runs to train; None for `Local`, a process per core.
         report: takes each `Event`, in the thread that called this.
-        retry_failed: whether to retry runs that failed before.
+        retry_failed: whether to retry runs that failed before, unless they must fail again.
         wait: whether to wait for runs that another process is training, and to resume them if
             that process dies.
 
@@ -77,9 +77,12 @@ def sweep(
         results.clean("run", run.id)
 
     statuses = run_statuses(all_runs(cells), results)
-    done = ("finished",) if retry_failed else ("finished", "failed")
     notes = dict.fromkeys(note for cell in cells for note in cell.notes)
-    cells = with_runs(cells, {id for id, run in statuses.items() if run.state not in done})
+    waiting = {id for id, run in statuses.items() if run.state not in ("finished", "failed")}
+    if retry_failed:
+        failed = failures_among(statuses)
+        waiting |= {id for id in failed if not statuses[id].fails_again}
+    cells = with_runs(cells, waiting)
     new = [run for run in all_runs(cells) if statuses[run.id].state == "missing"]
     for sentence in (*notes, *sentences(statuses, retry_failed), *new_beginnings(new, results)):
         report(Event("note", text=sentence))

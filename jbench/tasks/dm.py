@@ -1,28 +1,26 @@
-"""Tasks of dm_control's suite and any other `dm_env.Environment`, behind the interface of tasks.
-
-Episodes are begun and stepped by the environment's own `reset` and `step`, one world after another:
-observation and reward are Python, so threads would be slower. The only state is the seed of an
-episode, since many tasks write random targets into their model at each reset.
-"""
+"""Tasks that a `dm_env.Environment` or a Gymnasium environment implements."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import gymnasium
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError, sentence_of_failure
-from jbench.names import EPISODE_STEPS
 from jbench.settings.records import Specs
 from jbench.sources import checksum
+from jbench.tasks.dm_worlds import DmWorlds, EnvironmentTask, close
+from jbench.tasks.gym_adapter import GymAdapter
 from jbench.tasks.robot_checksum import robot_checksum
-from jbench.tasks.task import Task, Worlds, WorldsState
 
-Make = Callable[[int], Any]  # returns a new `dm_env.Environment` with this seed
+Make = Callable[[int], Any]  # returns a new environment with this seed
 
-_ROUNDING = 1e-6  # by which rewards may exceed [0, 1]
+MAX_EPISODE_STEPS = 100_000
+"""The longest episode of another robot, in control steps."""
+
 _UNBOUNDED = 1e9  # dm_control writes 1e10 for an actuator without limits
 
 # Fields of MuJoCo's model and its options by which two robots differ; not drawn ones, and none that
@@ -36,8 +34,8 @@ actuator_gear actuator_gainprm actuator_biasprm actuator_ctrlrange actuator_forc
 _OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator")
 
 
-class DmTask(Task):
-    """A task that a `dm_env.Environment` implements; `reseeds`: it is not made again."""
+class DmTask(EnvironmentTask):
+    """A task that a `dm_env.Environment` or a `gymnasium.Env` implements."""
 
     def __init__(
         self,
@@ -55,27 +53,22 @@ class DmTask(Task):
         """
         self.name, self._make = name, make
         environment = self.environment(0)
-        parts = environment.observation_spec()
-        if not isinstance(parts, Mapping) or not parts or not all(parts):
-            raise self._refusal("its observation has no names: return a dictionary of named arrays")
-        self.parts = {str(name): int(np.prod(spec.shape)) for name, spec in parts.items()}
+        self.parts, self.notes = self._read_parts(environment)
         self._minimum, self._maximum = self._read_bounds(environment)
         self.action_size = len(self._minimum)
-        columns = ["episode", "step", *self.labels, *self.action_labels, "reward"]
-        if twice := [name for name in columns if columns.count(name) > 1]:
-            raise self._refusal(
-                f"a dataset of it would have two columns {twice[0]}; rename that part of its "
-                "observation"
-            )
+        self._check_columns()
+        is_gymnasium = isinstance(environment, GymAdapter)
         random = getattr(getattr(environment, "task", None), "random", None)
-        self.reseeds = isinstance(random, np.random.RandomState)
+        self.reseeds = is_gymnasium or isinstance(random, np.random.RandomState)
+        self.has_unit_rewards = not is_gymnasium
         if not self.reseeds and not takes_random:
             raise self._refusal(
                 "its episodes can't be seeded: give its task a RandomState `random`, or its "
                 "factory an argument `random`"
             )
         timestep = getattr(environment, "control_timestep", None)
-        self.control_timestep = float(timestep()) if callable(timestep) else None
+        self.control_timestep = timestep() if callable(timestep) else None
+        self.episode_steps = self._measure_episode(environment)
         self.specs = Specs(
             model=_model_hash(environment),
             parts=list(self.parts),
@@ -85,8 +78,10 @@ class DmTask(Task):
             control_timestep=self.control_timestep,
             compiled=None if files is None else robot_checksum(environment),
             sources=None if files is None else checksum(files),
+            episode_steps=self.episode_steps,
+            unit_rewards=self.has_unit_rewards,
         )
-        _close(environment)
+        close(environment)
 
     def environment(self, seed: int) -> Any:
         """Returns a new environment; RequestError if it can't be made."""
@@ -96,12 +91,23 @@ class DmTask(Task):
             raise
         except Exception as error:
             raise self._refusal(f"it can't be made ({sentence_of_failure(error)})") from error
+        if isinstance(environment, gymnasium.Env):
+            return GymAdapter(environment, seed)
         wanted = ("reset", "step", "observation_spec", "action_spec")
         if not all(callable(getattr(environment, method, None)) for method in wanted):
-            raise self._refusal(f"it is a {type(environment).__name__}, not a dm_env.Environment")
+            raise self._refusal(
+                f"it is a {type(environment).__name__}, not a dm_env.Environment or a gymnasium.Env"
+            )
         return environment
 
-    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> "DmWorlds":
+    def reseed(self, environment: Any, seed: int) -> None:
+        """Seeds the next episode of an environment."""
+        if isinstance(environment, GymAdapter):
+            environment.reseed(seed)
+        else:
+            environment.task.random.seed(seed)
+
+    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> DmWorlds:
         """Returns new worlds; see `Task.worlds`. They are stepped in the caller's thread."""
         if augment is not None:
             raise self._refusal("it has no augmented robots; leave them out")
@@ -121,17 +127,66 @@ class DmTask(Task):
         try:
             with self.worlds(1) as worlds:
                 worlds.reset([random])
-                for _ in range(EPISODE_STEPS):
+                for _ in range(self.episode_steps):
                     worlds.step(random.uniform(-1, 1, (1, self.action_size)))
+                    worlds.check()
         except WorkError as error:
             raise RequestError(str(error)) from None
+
+    def _read_parts(self, environment: Any) -> tuple[dict[str, int], tuple[str, ...]]:
+        """Returns the sizes of the parts of an observation, and notes on those left out."""
+        try:
+            spec = environment.observation_spec()
+            sizes = {name: math.prod(part.shape) for name, part in _named(spec).items()}
+        except _UnnamedError:
+            raise self._refusal(
+                "its observation has no names: return a dictionary of named arrays"
+            ) from None
+        except RequestError as error:
+            raise self._refusal(str(error)) from None
         except Exception as error:
-            raise self._refusal(f"it fails ({sentence_of_failure(error)})") from error
+            # dm_control makes no specification of floats and lists, though they are numbers.
+            try:
+                observed = _named(environment.reset().observation)
+                sizes = {name: np.asarray(part, float).size for name, part in observed.items()}
+            except Exception:
+                sizes, observed = {}, {}
+            if all(hasattr(part, "shape") for part in observed.values()):
+                raise self._refusal(
+                    f"its observation_spec fails ({sentence_of_failure(error)})"
+                ) from error
+        empty = [name for name, size in sizes.items() if not size]
+        parts = {name: size for name, size in sizes.items() if size}
+        if not parts:
+            raise self._refusal("its observation has no values: give it at least one number")
+        notes = [f"{name} of its observation has no values and is left out" for name in empty]
+        return parts, tuple(notes)
+
+    def _check_columns(self) -> None:
+        """Refuses two columns of a dataset with one name; DuckDB ignores upper and lower case."""
+        first: dict[str, str] = {}
+        for column in ("episode", "step", *self.labels, *self.action_labels, "reward"):
+            key = column.casefold()
+            before = first.get(key)
+            if before is None:
+                first[key] = column
+                continue
+            names = f"two columns {column}"
+            if before != column:
+                names = f"the columns {before} and {column}, which SQL takes for one"
+            raise self._refusal(
+                f"a dataset of it would have {names}; rename that part of its observation"
+            )
 
     def _read_bounds(self, environment: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        spec = environment.action_spec()
-        shape: tuple[int, ...] = getattr(spec, "shape", ())
-        dtype = np.dtype(getattr(spec, "dtype", object))
+        try:
+            spec = environment.action_spec()
+            shape: tuple[int, ...] = getattr(spec, "shape", ())
+            dtype = np.dtype(getattr(spec, "dtype", object))
+        except RequestError as error:
+            raise self._refusal(str(error)) from None
+        except Exception as error:
+            raise self._refusal(f"its action_spec fails ({sentence_of_failure(error)})") from error
         if len(shape) != 1 or not shape[0] or not np.issubdtype(dtype, np.floating):
             raise self._refusal(
                 f"its actions are {dtype} of shape {shape}; jbench takes a vector of real numbers"
@@ -147,97 +202,48 @@ class DmTask(Task):
             )
         return minimum, maximum
 
+    def _measure_episode(self, environment: Any) -> int:
+        """Returns the control steps after which the time limit truncates an episode."""
+        limit = getattr(environment, "_step_limit", None)  # of dm_control's Environment
+        if isinstance(limit, float) and math.isfinite(limit):
+            return math.ceil(limit)
+        if isinstance(environment, GymAdapter) and environment.episode_steps is not None:
+            return environment.episode_steps
+        action = (self._minimum + self._maximum) / 2
+        try:
+            environment.reset()
+            steps = 0
+            is_last = False
+            while not is_last and steps < MAX_EPISODE_STEPS:
+                timestep = environment.step(action)
+                is_last = timestep.last()
+                steps += 1
+        except Exception as error:
+            raise self._refusal(f"it fails ({sentence_of_failure(error)})") from error
+        if not is_last:
+            raise self._refusal(
+                f"an episode has more than {MAX_EPISODE_STEPS:,} control steps: give it a time "
+                "limit"
+            )
+        if timestep.discount == 0:
+            raise self._refusal(
+                f"its episode terminates at control step {steps}: give it a time limit, at which "
+                "it is truncated (discount 1), and no other end"
+            )
+        return steps
+
     def _refusal(self, reason: str) -> RequestError:
         return RequestError(f"jbench can't use the task {self.name}: {reason}.")
 
 
-class DmWorlds(Worlds):
-    """Environments of one task, stepped one after another."""
-
-    def __init__(self, task: DmTask, count: int) -> None:
-        self._task, self._steps = task, 0
-        self.environments = [task.environment(0) for _ in range(count)]
-        self._seeds = np.zeros(count, np.int64)
-        self._observations = np.zeros((count, task.observation_size), np.float32)
-
-    def close(self) -> None:
-        """Closes the environments."""
-        for environment in self.environments:
-            _close(environment)
-
-    def reset(self, generators: Sequence[Generator]) -> NDArray[np.float32]:
-        """Begins an episode in each world with a seed of 32 bits from its generator."""
-        return self._begin(range(len(generators)), [int(g.integers(2**32)) for g in generators])
-
-    def step(
-        self, actions: NDArray[np.floating]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Applies actions; what is not as in `Task` and `Worlds` is a WorkError."""
-        self._steps += 1
-        rewards = np.empty(len(self.environments))
-        observations = np.empty_like(self._observations)
-        commands = self._task.commands(actions)
-        for i, environment in enumerate(self.environments):
-            timestep = environment.step(commands[i])
-            reward = rewards[i] = np.nan if timestep.reward is None else timestep.reward
-            if not -_ROUNDING <= reward <= 1 + _ROUNDING:
-                raise self._failure(f"its reward is {reward}, not in [0, 1]")
-            if timestep.last() and self._steps < EPISODE_STEPS:
-                raise self._failure(
-                    f"its episode ends, but must last {EPISODE_STEPS} control steps: give it "
-                    "that time limit, and no other end"
-                )
-            self._observe(observations[i], timestep.observation)
-        self._observations = observations
-        return observations, rewards
-
-    def state(self, rows: slice) -> WorldsState:
-        """Returns the seeds of the episodes of some worlds, before their first step."""
-        if self._steps:
-            raise WorkError(f"{self._task.name} has a state between two episodes only.")
-        return {"seeds": self._seeds[rows].copy()}
-
-    def restore(self, rows: slice, state: WorldsState) -> NDArray[np.float32]:
-        """Begins the episodes of `state` again in some worlds; returns all observations."""
-        worlds = range(rows.start, rows.stop)
-        return self._begin(worlds, np.asarray(state["seeds"]).tolist())
-
-    def _begin(self, worlds: Sequence[int], seeds: Sequence[int]) -> NDArray[np.float32]:
-        self._steps = 0
-        self._observations = self._observations.copy()
-        for world, seed in zip(worlds, seeds, strict=True):
-            self._seeds[world] = seed
-            if self._task.reseeds:
-                self.environments[world].task.random.seed(seed)
-            else:
-                _close(self.environments[world])
-                self.environments[world] = self._task.environment(seed)
-            timestep = self.environments[world].reset()
-            self._observe(self._observations[world], timestep.observation)
-        return self._observations
-
-    def _observe(self, row: NDArray[np.float32], values: Mapping[str, Any]) -> None:
-        """Writes the parts of an observation, flattened in C order, into a row (size,)."""
-        lacking = [name for name in self._task.parts if name not in values]
-        if lacking:
-            raise self._failure(f"its observation lacks {lacking[0]}")
-        parts = [np.ravel(values[name]) for name in self._task.parts]
-        if (size := sum(map(len, parts))) != len(row):
-            raise self._failure(f"its observation has {size} values instead of {len(row)}")
-        np.concatenate(parts, out=row, casting="same_kind")
-        if not np.isfinite(row).all():
-            name = next(n for n, value in values.items() if not np.isfinite(value).all())
-            raise self._failure(f"{name} of its observation is not finite")
-
-    def _failure(self, reason: str) -> WorkError:
-        return WorkError(
-            f"jbench can't use the task {self._task.name}: at control step {self._steps}, {reason}."
-        )
+class _UnnamedError(TypeError):
+    """An observation or its specification is no dictionary of names."""
 
 
-def _close(environment: Any) -> None:
-    if callable(close := getattr(environment, "close", None)):
-        close()
+def _named(parts: Any) -> Mapping[str, Any]:
+    if not isinstance(parts, Mapping) or not parts or not all(parts):
+        raise _UnnamedError
+    return {str(name): part for name, part in parts.items()}
 
 
 def _model_hash(environment: Any) -> str | None:

@@ -8,20 +8,21 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from jbench import opengl
 from jbench.errors import RequestError
 from jbench.names import in_prose
-from jbench.tasks.dm import DmWorlds
+from jbench.tasks.dm_worlds import DmWorlds
 from jbench.tasks.find import find_task
+from jbench.tasks.pictures import FREE_CAMERA, Artist
 
 
 class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One world of a task of dm_control's suite or of another package.
 
     Observations are the parts of the task's observation, one after another; actions are scaled to
-    [-1, 1]. Episodes never terminate; `gymnasium.make` truncates them at 1000 steps.
+    [-1, 1]. Episodes never terminate; they are truncated after the control steps of the task.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as in Gymnasium
@@ -49,14 +50,14 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise RequestError(f"render_mode is rgb_array or None, not {render_mode!r}.")
-        if render_mode is not None:
-            opengl.choose_backend()  # before dm_control is imported
         robot_task = find_task(task)
+        self._given = task, render_mode, camera, width, height, augment
         self.task, self.render_mode = task, render_mode
+        self._elapsed: int | None = None
         worlds = robot_task.worlds(1, augment=augment)
         assert isinstance(worlds, DmWorlds)
-        self._worlds, self._size = worlds, (height, width)
-        self._renderer: mujoco.Renderer | None = None
+        self._worlds, self._size = worlds, (width, height)
+        self._artist: Artist | None = None
         shape = (robot_task.observation_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.action_space = gymnasium.spaces.Box(-1, 1, (robot_task.action_size,), np.float32)
@@ -67,48 +68,59 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def model(self) -> mujoco.MjModel:
         """The robot; a task that is made again for each episode then has another model."""
-        return self._physics().model.ptr
+        return _raw(self._physics().model)
 
     @property
     def data(self) -> mujoco.MjData:
         """The state of `model`."""
-        return self._physics().data.ptr
+        return _raw(self._physics().data)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Returns how a copy is made, which is reset before its first step."""
+        return _copied, (self._given, self._np_random, self._np_random_seed)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begins an episode."""
         super().reset(seed=seed)
-        self._free_renderer()  # the next episode may have another model
-        return self._worlds.reset([self.np_random])[0].copy(), {}
+        self._free_artist()  # the next episode may have another model
+        observations = self._worlds.reset([self.np_random])
+        self._worlds.check()
+        self._elapsed = 0
+        return observations[0].copy(), {}
 
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Applies the action (action_size,) for one control step."""
+        """Applies the action (action_size,) for one control step.
+
+        The last step of an episode is truncated. Raises a ResetNeeded after it, or before `reset`.
+        """
         if np.shape(action) != self.action_space.shape:
             raise RequestError(
                 f"The action must have shape {self.action_space.shape}, not {np.shape(action)}."
             )
+        if self._elapsed is None or self._elapsed == self._worlds.episode_steps:
+            raise ResetNeeded("Call reset before step.")
         observations, rewards = self._worlds.step(np.asarray(action)[None])
-        return observations[0].copy(), float(rewards[0]), False, False, {}
+        self._worlds.check()
+        self._elapsed += 1
+        is_last = self._elapsed == self._worlds.episode_steps
+        return observations[0].copy(), float(rewards[0]), False, is_last, {}
 
     def render(self) -> NDArray[np.uint8] | None:
         """Returns an image (height, width, 3), or None without a render mode."""
         if self.render_mode is None:
             return None
-        if self._renderer is None:
-            buffer, (height, width) = self.model.vis.global_, self._size
-            buffer.offheight = max(buffer.offheight, height)
-            buffer.offwidth = max(buffer.offwidth, width)
-            self._renderer = mujoco.Renderer(self.model, *self._size)
-        self._renderer.update_scene(self.data, self._camera)
-        picture: NDArray[np.uint8] = self._renderer.render()
-        return picture
+        if self._artist is None:
+            assert self._camera is not None
+            self._artist = Artist(self.model, self.data, self._camera, *self._size)
+        return self._artist.draw(self.render_mode)
 
     def close(self) -> None:
-        """Frees the renderer and closes the environment."""
-        self._free_renderer()
+        """Frees what draws and closes the environment."""
+        self._free_artist()
         self._worlds.close()
 
     def _physics(self) -> Any:
@@ -117,17 +129,28 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise RequestError(f"{self.task} has no MuJoCo physics to draw.")
         return physics
 
-    def _free_renderer(self) -> None:
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+    def _free_artist(self) -> None:
+        if self._artist is not None:
+            self._artist.close()
+            self._artist = None
 
     def _find_camera(self, name: str | None) -> int:
         """Returns the number of a camera; -1 is the free one."""
         cameras = [self.model.camera(i).name for i in range(self.model.ncam)]
         if name is None:
-            return 0 if cameras else -1
+            return 0 if cameras else FREE_CAMERA
         if name not in cameras:
             choices = in_prose(cameras) if cameras else "leave the camera out"
             raise RequestError(f"{self.task} has no camera {name}; it has {choices}.")
         return cameras.index(name)
+
+
+def _raw(wrapped: Any) -> Any:
+    """Returns MuJoCo's own object, which dm_control wraps and Gymnasium does not."""
+    return getattr(wrapped, "ptr", wrapped)
+
+
+def _copied(given: tuple[Any, ...], random: Any, seed: int | None) -> SuiteEnv:
+    env = SuiteEnv(*given)
+    env._np_random, env._np_random_seed = random, seed
+    return env

@@ -2,6 +2,7 @@
 
 import importlib.util
 import inspect
+import json
 import logging
 import re
 from collections.abc import Mapping
@@ -9,14 +10,16 @@ from functools import lru_cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
+import gymnasium
+
 from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import TASKS, closest, in_prose
 from jbench.settings.records import Specs
 from jbench.sources import source_files
-from jbench.task_specs import SUITE, SUITE_TASKS, TASK_GROUP
+from jbench.task_specs import GYM, SUITE, SUITE_TASKS, TASK_GROUP
 from jbench.tasks.dm import DmTask
-from jbench.tasks.jitterbug.worlds import JitterbugTask
+from jbench.tasks.jitterbug.task import JitterbugTask
 from jbench.tasks.task import Task
 
 CODE = ("compiled", "sources")
@@ -34,8 +37,10 @@ def installed_tasks() -> dict[str, EntryPoint]:
 def find_task(name: str) -> Task:
     """Returns a task by name.
 
-    It is one of `jbench.names.TASKS`, dmc:DOMAIN-TASK of dm_control's suite, an installed task, or
-    MODULE:NAME of a factory, which returns a `dm_env.Environment`.
+    It is one of `jbench.names.TASKS`, dmc:DOMAIN-TASK of dm_control's suite, gym:ID of Gymnasium's
+    registry, to which arguments of `gymnasium.make` may be added as in gym:Pendulum-v1,g=9.8, an
+    installed task, or MODULE:NAME of a factory, which returns a `dm_env.Environment` or a
+    `gymnasium.Env`.
 
     Raises:
         RequestError: if there is no such task, or jbench can't use it.
@@ -45,6 +50,8 @@ def find_task(name: str) -> Task:
         return JitterbugTask(name)
     if name.startswith(SUITE):
         return _suite_task(name)
+    if name.startswith(GYM):
+        return _gym_task(name)
     if plugins.is_imported(name):
         factory = plugins.imported("task", name)
         return _made_by(name, factory, source_files(name.partition(":")[0]))
@@ -92,7 +99,7 @@ def code_provenance(name: str) -> dict[str, Any]:
     Raises as `find_task`.
     """
     specs = find_task(name).specs
-    if specs is None or name.startswith(SUITE):
+    if specs is None or name.startswith((SUITE, GYM)):
         return {}
     code = plugins.provenance("task", name, installed_tasks())
     made = {f"task_{key}": value for key, value in code.items()}
@@ -106,10 +113,11 @@ def unknown_task(name: str) -> RequestError:
         domains = {task.removeprefix(SUITE).partition("-")[0]: task for task in SUITE_TASKS[::-1]}
         close = next((task for domain, task in domains.items() if domain in name.lower()), None)
     hint = f"did you mean {close}? Choose" if close else "choose"
-    gym = " Gymnasium environments are not supported." if re.search(r"-v\d+$", name) else ""
+    if re.search(r"-v\d+$", name):
+        hint = f"did you mean {GYM}{name}? Choose"
     return RequestError(
         f"Unknown task {name!r}; {hint} {', '.join(TASKS)}, a task that jbench tasks lists, or "
-        f"MODULE:NAME.{gym}"
+        f"MODULE:NAME."
     )
 
 
@@ -128,11 +136,33 @@ def _suite_task(name: str) -> DmTask:
     return DmTask(name, lambda seed: suite.load(domain, task, task_kwargs={"random": seed}))
 
 
+def _gym_task(name: str) -> DmTask:
+    id, *options = name.removeprefix(GYM).split(",")
+    arguments: dict[str, Any] = {}
+    for option in options:
+        key, is_given, value = option.partition("=")
+        if not key.isidentifier() or not is_given:
+            raise RequestError(
+                f"{name}: {option!r} is no argument of gymnasium.make; type NAME=VALUE after the "
+                "comma."
+            )
+        try:
+            arguments[key] = json.loads(value)
+        except ValueError:
+            arguments[key] = value
+    try:
+        gymnasium.spec(id)
+    except (gymnasium.error.Error, ImportError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise RequestError(f"Gymnasium has no environment {id}: {reason}.") from None
+    return DmTask(name, lambda seed: gymnasium.make(id, **arguments))
+
+
 def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
     if not callable(factory):
         raise RequestError(
             f"{name} is of type {type(factory).__name__}; name a function that returns a "
-            "dm_env.Environment."
+            "dm_env.Environment or a gymnasium.Env."
         )
     takes_random = "random" in inspect.signature(factory).parameters
     return DmTask(

@@ -5,7 +5,6 @@ gymnasium.make("jbench:AugmentedJitterbug/FaceDirection-v0", augment=3)
 """
 
 import math
-import os
 from typing import Any
 
 import gymnasium
@@ -13,13 +12,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench import opengl
 from jbench.errors import RequestError
-from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
-from jbench.task_specs import TASK_SPECS
+from jbench.names import TASKS
+from jbench.task_specs import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASK_SPECS
+from jbench.tasks.dm_gym import SuiteEnv
 from jbench.tasks.jitterbug import features, model, resets, rewards
 from jbench.tasks.jitterbug.geometry import Array, State, Target, distance_to_target
 from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.pictures import Artist
 
 
 class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -73,8 +73,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         size = features.observation_size(task)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
-        self._picture: dict[str, Any] = {"camera_name": camera, "width": width, "height": height}
-        self._renderer: Any = None
+        self._camera, self._size = camera, (width, height)
+        self._artist: Artist | None = None
         self.model = load_model(augment, vary_masses=vary_masses)
         # Pixels outside the offscreen buffer would be black.
         buffer = self.model.vis.global_
@@ -141,37 +141,20 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if self.render_mode is None:
             return None
-        if self._renderer is None:
-            if self.render_mode == "human":
-                # Gymnasium's window would end the process.
-                if not opengl.open_display():
-                    raise RequestError(
-                        "There is no display to open a window on; render_mode='rgb_array' draws "
-                        "without one."
-                    )
-            elif os.environ.get("MUJOCO_GL", "").strip().lower() in ("", *opengl.OFF):
-                opengl.choose_backend()
-            # Deferred, since this import looks for a window system.
-            from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
-
-            self._renderer = MujocoRenderer(self.model, self.data, **self._picture)
-        # Positions of bodies and cameras are those before the last physics step.
-        mujoco.mj_forward(self.model, self.data)
-        # Another environment may have made its own context current.
-        self._renderer._get_viewer(self.render_mode).make_context_current()
-        picture = self._renderer.render(self.render_mode)
-        # Gymnasium returns a view with negative strides, which torch refuses.
-        return None if picture is None else np.ascontiguousarray(picture)
+        if self._artist is None:
+            camera = self.model.camera(self._camera).id
+            self._artist = Artist(self.model, self.data, camera, *self._size)
+        return self._artist.draw(self.render_mode)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns what is copied: all but the renderer, which the copy makes again."""
-        return {**vars(self), "_renderer": None}
+        """Returns what is copied: all but what draws, which the copy makes again."""
+        return {**vars(self), "_artist": None}
 
     def close(self) -> None:
         """Closes windows and frees the renderer."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        if self._artist is not None:
+            self._artist.close()
+            self._artist = None
 
     def _outcome(self) -> tuple[NDArray[np.float32], float, dict[str, Any]]:
         observation, reward, info = outcome(self.task, self.state, self._target)
@@ -204,3 +187,21 @@ def outcome(
     info.update({f"reward_{name}": term for name, term in terms.items()})
     observation = np.asarray(features.flatten(task, values), np.float32)
     return observation, math.prod(terms.values()), info
+
+
+def make_environment(
+    task: str,
+    render_mode: str | None,
+    camera: str | None,
+    width: int,
+    height: int,
+    augment: int | None = None,
+) -> JitterbugEnv | SuiteEnv:
+    """Returns an environment of any task, without a time limit of Gymnasium's.
+
+    Raises a RequestError if the robot has no such camera or, of another package, no physics.
+    """
+    if task not in TASKS:
+        return SuiteEnv(task, render_mode, camera, width, height, augment)
+    filmed_by = camera or "tracking"
+    return JitterbugEnv(task, render_mode, filmed_by, width, height, augment)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from jbench.names import EPISODE_STEPS
+from jbench.errors import WorkError
 from jbench.settings.records import Specs
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]
@@ -26,12 +26,44 @@ WorldsState = dict[str, NDArray[Any]]
 """What restores some worlds: arrays by name, each with a row per world."""
 
 
+class EpisodeError(WorkError):
+    """An episode that can't go on: its environment raised an error, or returned no finite numbers.
+
+    The same seed and actions make the same error, so repeating the work is of no use.
+    """
+
+    def __init__(self, task: str, seed: int, step: int, reason: str) -> None:
+        """Names the seed of the episode, and its control step, 0 before the first action."""
+        self.summary = {"episode_failed": {"task": task, "seed": seed, "step": step}}
+        self._arguments = task, seed, step, reason
+        super().__init__(
+            f"jbench can't use the task {task}: at control step {step} of the episode with seed "
+            f"{seed}, {reason}."
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return EpisodeError, self._arguments
+
+
 class Worlds(AbstractContextManager["Worlds"]):
     """Robots of one task in separate worlds, stepped together; their episodes begin together.
 
     A world's numbers depend neither on the other worlds nor on the number of threads. Use it as a
     context manager: it may hold threads.
+
+    Attributes:
+        episode_steps: control steps of an episode.
+        failures: errors of the episodes that can't go on, by world. Such a world is no longer
+            stepped: it has its last observation and rewards of 0.
     """
+
+    episode_steps: int
+    failures: dict[int, EpisodeError]
+
+    def check(self) -> None:
+        """Raises the error of the first world that failed, if there is one."""
+        for error in self.failures.values():
+            raise error
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -40,10 +72,13 @@ class Worlds(AbstractContextManager["Worlds"]):
         """Releases what the worlds hold: nothing by default, since threads end with the object."""
 
     @abstractmethod
-    def reset(self, generators: Sequence[Generator]) -> NDArray[np.float32]:
+    def reset(
+        self, generators: Sequence[Generator], yaw: float | None = None
+    ) -> NDArray[np.float32]:
         """Begins an episode in each world and returns the observations (worlds, size).
 
-        All random numbers of a world are drawn from its generator, which others may share.
+        All random numbers of a world are drawn from its generator, which others may share. `yaw`
+        (rad) is that of all targets, if the task records states; None for drawn ones.
         """
 
     @abstractmethod
@@ -71,21 +106,77 @@ class Worlds(AbstractContextManager["Worlds"]):
         """Returns the random numbers of the targets by name, each (worlds,)."""
         return {}
 
+    def whole_targets(self) -> dict[str, NDArray[np.float64]]:
+        """Returns x, y (m) and yaw (rad) of the targets by name, also those that are not drawn."""
+        return {}
+
+    def robot_columns(self) -> dict[str, NDArray[np.float32]]:
+        """Returns the columns of `policy_states` on the robots, each (worlds,), if any."""
+        return {}
+
+
+class HandWritten(Protocol):
+    """A hand-written policy."""
+
+    def reset(self, robots: int) -> None:
+        """Begins an episode of some robots."""
+
+    def act(self, observation: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Returns actions (robots, action_size) in [-1, 1] for observations (robots, dim(O))."""
+
 
 class Task(Protocol):
-    """A task with episodes of 1000 control steps, rewards in [0, 1] and actions in [-1, 1].
+    """A task with episodes of a fixed length and actions in [-1, 1].
+
+    What a task does not answer differently is unknown, as of a robot that jbench sees first.
 
     Attributes:
         parts: number of values of each part of the observation, in order, by name.
         control_timestep: simulated seconds in a control step; None if unknown.
+        episode_steps: control steps of an episode.
         specs: what settings record of the task besides its name; None for those of the Jitterbug.
+        notes: what users should know of it, in a sentence each, without a full stop.
+        units: SI unit of each value of an observation, 1 for none; None if they are unknown.
+        observed_range: least and largest value of each, in its unit, which are -1 and 1 in an
+            observation; None if observations are as the robot has them.
+        drawn: names of the target's random numbers.
+        cameras: names of the cameras; None if only the model has them.
+        default_camera: the one that films if users name none.
+        scale: what gives pictures a scale, such as the size of a check of the floor.
+        has_state_within_episode: whether a run can be resumed within an episode.
+        has_planar_reduction: whether it moves on a floor, and its heading frame is known to the
+            kinds of encoders that are called planar.
+        records_states: whether an evaluation can record states and choose targets.
     """
 
     name: str
     parts: Mapping[str, int]
     action_size: int
     control_timestep: float | None
+    episode_steps: int
     specs: Specs | None
+    notes: tuple[str, ...] = ()
+    units: Sequence[str] | None = None
+    observed_range: tuple[Sequence[float], Sequence[float]] | None = None
+    drawn: tuple[str, ...] = ()
+    cameras: tuple[str, ...] | None = None
+    default_camera: str | None = None
+    scale: str = ""
+    has_state_within_episode: bool = False
+    has_planar_reduction: bool = False
+    records_states: bool = False
+
+    def hand_written(self) -> HandWritten | None:
+        """Returns a new hand-written policy, if there is one."""
+        return None
+
+    def physical(self, observations: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Returns observations (..., dim(O)) in their units."""
+        return observations
+
+    def goal(self, observation: NDArray[np.floating]) -> str:
+        """Describes in words what is left to the goal of an observation (dim(O),)."""
+        return ""
 
     @property
     def observation_size(self) -> int:
@@ -130,7 +221,7 @@ class ControlStep(NamedTuple):
 
 def rollout(worlds: Worlds, observations: NDArray[np.float32], act: Act) -> Iterator[ControlStep]:
     """Yields the control steps of an episode in each world, from what `worlds.reset` returned."""
-    for _ in range(EPISODE_STEPS):
+    for _ in range(worlds.episode_steps):
         actions = np.asarray(act(observations))
         next_observations, rewards = worlds.step(actions)
         yield ControlStep(observations, actions, rewards, next_observations)

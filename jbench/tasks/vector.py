@@ -14,9 +14,10 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from jbench import task_specs
 from jbench.cores import cores
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, in_prose
+from jbench.names import in_prose
 from jbench.tasks.gym import JitterbugEnv, outcome
 from jbench.tasks.jitterbug import resets
 from jbench.tasks.jitterbug.geometry import State, Target
@@ -68,7 +69,7 @@ class JitterbugVectorEnv(
                 f"render_mode {settings['render_mode']!r} is not one of {in_prose(modes)}; "
                 "gymnasium.make has more."
             )
-        limit = EPISODE_STEPS if max_episode_steps is None else max_episode_steps
+        limit = task_specs.EPISODE_STEPS if max_episode_steps is None else max_episode_steps
         threads = cores() if threads is None else threads
         numbers = (num_envs, limit, threads)
         whole = all(isinstance(number, int | np.integer) for number in numbers)

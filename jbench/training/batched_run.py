@@ -15,6 +15,7 @@ from jbench.store import Record, Results
 from jbench.store.code import code_of
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, device_provenance, provenance
+from jbench.tasks.task import EpisodeError
 from jbench.training.checkpoints import copied, load
 from jbench.training.code import check_run_code, run_code
 from jbench.training.evaluation import load_run_encoder
@@ -89,8 +90,11 @@ def run_batch(
                 for member in group:
                     if member.is_unfinished:
                         member.failure = error
+                        details = error.summary if isinstance(error, EpisodeError) else {}
                         with contextlib.suppress(WorkError):
-                            member.record.fail(sentence_of_failure(error))
+                            member.log.commit()
+                        with contextlib.suppress(WorkError):
+                            member.record.fail(sentence_of_failure(error), details)
     return failures | {m.settings.id: m.failure for m in members if m.failure is not None}
 
 
@@ -115,7 +119,7 @@ def _begin(
             continue
         position = checkpoint.position
         try:
-            log = RunLog(source, position)
+            log = RunLog(source, run.episode_steps, position)
             copy = None if source is record else copied(checkpoint, source, run.id)
         except UnreadableError:
             raise  # the rows may be intact: keep them
@@ -128,7 +132,7 @@ def _begin(
             before = {**source.manifest.provenance, "command": provenance()["command"]}
             resumed, continues = results.create("run", run.id, run.values, before), source.id
             resumed.append(*copy)
-            log = RunLog(resumed, position)
+            log = RunLog(resumed, run.episode_steps, position)
         steps = position.control_steps
         where: dict[str, Any] = {"control_steps": steps}
         if continues:
@@ -148,4 +152,4 @@ def _begin(
         continues = shorter[0].id if shorter and record is None else ""
         report(Event("resumed", run.id, " ".join(refused), continues=continues))
     record = results.create("run", run.id, run.values, made_on)
-    return Member(run, encoder, record, RunLog(record))
+    return Member(run, encoder, record, RunLog(record, run.episode_steps))

@@ -93,7 +93,7 @@ def check_run_code(run: RunSettings, record: Record | None, now: Code) -> None:
         specs = run.specs
         expected = {
             "sources": run.sources,
-            "task_sources": None if specs is None else specs.sources,
+            "task_sources": specs.sources if specs else None,
         }
         known = all(value in (None, checksum(now.get(key, {}))) for key, value in expected.items())
     if not known:

@@ -15,7 +15,6 @@ from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
-from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
 from jbench.tasks.find import check_specs, find_task
@@ -55,7 +54,7 @@ def make_trainer(
         # On a CPU, learning dominates, and one process per core is faster.
         threads=cores() if train_on.type == "cuda" else 1,
         augment=lambda episode: settings.robot_seed(episode // settings.episodes_on_each),
-        episode_steps=EPISODE_STEPS,
+        episode_steps=settings.episode_steps,
     )
     options: dict[str, Any] = {"time_limit": settings.time_limit, "device": train_on}
     if settings.engine == "plugin":
@@ -115,7 +114,7 @@ def evaluation_steps(settings: RunSettings) -> float:
     """Returns the control steps in evaluations of a run per control step of its training."""
     evaluations = max(1, settings.steps // settings.evaluate_every) - 1
     episodes = evaluations * settings.evaluate_episodes + final_evaluation_episodes(settings, None)
-    return episodes * EPISODE_STEPS / settings.steps
+    return episodes * settings.episode_steps / settings.steps
 
 
 def stepping(
@@ -133,4 +132,5 @@ def stepping(
         began = clock()
         for _ in range(_STEPS // threads):
             worlds.step(actions)
+            worlds.check()
         return (clock() - began) / (_STEPS // threads * threads)

@@ -9,13 +9,20 @@ from numpy.typing import NDArray
 
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
-from jbench.names import EPISODE_STEPS
 from jbench.registration import environment_id
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import find_task
-from jbench.tasks.task import PATH_EVERY, Act, Path, Worlds, episode_generator, rollout
+from jbench.tasks.task import (
+    PATH_EVERY,
+    Act,
+    EpisodeError,
+    Path,
+    Worlds,
+    episode_generator,
+    rollout,
+)
 
 FINAL_EPISODES = 100
 """Episodes of the last evaluation, with which runs are compared. Ten are enough for a curve, but
@@ -36,6 +43,7 @@ def make_env(
     augment = settings.augment
     env: gymnasium.Env[Any, Any] = gymnasium.make(
         environment_id(settings.task, augmented=augment is not None),
+        max_episode_steps=settings.episode_steps,
         disable_env_checker=True,
         **({} if augment is None else {"augment": augment + robot}),
     )
@@ -62,7 +70,7 @@ def final_evaluation_episodes(settings: RunSettings, requested: int | None) -> i
     """
     if not settings.evaluate_episodes:
         return 0
-    most = min(FINAL_EPISODES, settings.steps // EPISODE_STEPS)
+    most = min(FINAL_EPISODES, settings.steps // settings.episode_steps)
     return max(settings.evaluate_episodes, most) if requested is None else requested
 
 
@@ -73,10 +81,14 @@ def derive_seeds(seed: int) -> tuple[int, int]:
 
 
 class Evaluation(NamedTuple):
-    """The returns (episodes,) of a policy, and the robot's path in the first, if there is one."""
+    """The returns (episodes,) of a policy, and the robot's path in the first, if there is one.
+
+    `failure` is the error of the first episode that could not go on.
+    """
 
     returns: NDArray[np.float64]
     path: Path | None
+    failure: EpisodeError | None = None
 
 
 def evaluate_policies(
@@ -124,10 +136,12 @@ def evaluate_policies(
         count = min(block, episodes - done)
         with task.worlds(count * len(seeds), threads, augment) as worlds:
             blocks.append(_evaluations(worlds, generators, count, act))
-    return [
-        parts[0]._replace(returns=np.concatenate([part.returns for part in parts]))
-        for parts in zip(*blocks, strict=True)
-    ]
+    evaluations = []
+    for parts in zip(*blocks, strict=True):
+        returns = np.concatenate([part.returns for part in parts])
+        failures = [part.failure for part in parts if part.failure is not None]
+        evaluations.append(Evaluation(returns, parts[0].path, next(iter(failures), None)))
+    return evaluations
 
 
 def _evaluations(
@@ -146,5 +160,7 @@ def _evaluations(
         here = [point[first] for point in points if point is not None]
         target = {name: float(numbers[first]) for name, numbers in targets.items()}
         path = Path(np.stack(here), target) if here else None
-        evaluations.append(Evaluation(total[first : first + episodes], path))
+        stopped = [number for number in worlds.failures if number in range(first, first + episodes)]
+        failure = worlds.failures[stopped[0]] if stopped else None
+        evaluations.append(Evaluation(total[first : first + episodes], path, failure))
     return evaluations

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.engine import DivergedError, Engine
 from jbench.encoders import Encoder
+from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
 from jbench.store import Record
+from jbench.tasks.task import EpisodeError
 from jbench.timing import part
 from jbench.training import evaluation
 from jbench.training.checkpoints import Checkpoint, newest, read_replay, save
@@ -82,6 +84,7 @@ class TrainingGroup:
         `returns` (seeds, environments) are of the episodes that ended, if any.
         """
         self._fail_diverged()
+        self._fail_stopped()
         steps = self._engine.control_steps
         if returns is not None and self._active():
             with part("rows"):
@@ -147,7 +150,11 @@ class TrainingGroup:
         self._fail_diverged()
         self._share_processor_time()
         for index, member in self._active():
-            member.log.evaluation(engine.control_steps, *evaluations[index])
+            made = evaluations[index]
+            if made.failure is not None:
+                self._fail(member, made.failure)
+                continue
+            member.log.evaluation(engine.control_steps, made.returns, made.path)
         self._note_policies()
 
     def _note_policies(self) -> None:
@@ -198,11 +205,22 @@ class TrainingGroup:
             if self._members[index].failure is None:
                 self._fail(self._members[index], divergence)
 
-    def _fail(self, member: Member, divergence: DivergedError) -> None:
+    def _fail_stopped(self) -> None:
+        """Fails the runs of which an episode could not go on."""
+        if isinstance(self._engine, Engine):
+            for index, error in self._engine.environments.failures.items():
+                if self._members[index].failure is None:
+                    self._fail(self._members[index], error)
+
+    def _fail(self, member: Member, error: DivergedError | EpisodeError) -> None:
         self._share_processor_time()
         member.log.commit()
-        member.record.fail(str(divergence), divergence.summary)
-        member.failure = divergence
+        sentence = str(error)
+        if isinstance(error, EpisodeError):
+            done = self._engine.control_steps
+            sentence = f"{sentence.rstrip('.')}; the run had made {done:,} control steps."
+        member.record.fail(sentence, error.summary)
+        member.failure = WorkError(sentence) if isinstance(error, EpisodeError) else error
 
     def _share_processor_time(self) -> None:
         self._clock.share([member.log for _, member in self._active()])

@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import Field
 
-from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
 from jbench.settings.base import Settings
 from jbench.store import Record, schema
+from jbench.task_specs import CONTROL_TIMESTEP
 from jbench.tasks.task import PATH_EVERY, Path
 
 POLICY_EVALUATION = "policy_evaluation"
@@ -37,9 +37,11 @@ class Position(Settings):
 class RunLog:
     """Pending rows of a run, and its progress, which includes them but for steps and wall time."""
 
-    def __init__(self, record: Record, position: Position | None = None) -> None:
+    def __init__(
+        self, record: Record, episode_steps: int, position: Position | None = None
+    ) -> None:
         """Starts the clock of a run, which resumes at a position; rows after it will be dropped."""
-        self._record = record
+        self._record, self._episode_steps = record, episode_steps
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.RUN_TABLES}
         self.progress = position or Position(processor_time=0.0)
         self._began = time.perf_counter() - self.progress.wall_time
@@ -127,7 +129,7 @@ class RunLog:
         common = {
             "run": self._record.id,
             "control_steps": control_steps,
-            "length": EPISODE_STEPS,
+            "length": self._episode_steps,
             "wall_time": self._wall_time(),
             "processor_time": self.progress.processor_time,
         }

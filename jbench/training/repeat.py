@@ -13,7 +13,6 @@ from jbench.agents.batched.engine import BatchedEngine
 from jbench.cores import one_thread
 from jbench.devices import find_device
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS
 from jbench.policies.saved import has_policy, load_agent
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.records import ExternalSettings
@@ -106,6 +105,8 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
     except (RequestError, ValueError) as error:
         reason = f"Its policy can't be run: {str(error).rstrip('.')}."
         return Repeated(record.id, "not comparable", reason)
+    if evaluation.failure is not None:
+        return Repeated(record.id, "not comparable", str(evaluation.failure))
     computed: _Rows = {
         (control_steps, "evaluation", number, episode): {"episode_return": episode_return}
         for episode, episode_return in enumerate(evaluation.returns.tolist())
@@ -144,7 +145,7 @@ def retrain(
         now = code_hash(run_code(settings, results))
         settings = settings.model_copy(update={"accepted": now})
     rounds = math.ceil(min(episodes, record.rows("episodes")) / settings.environments)
-    until = rounds * EPISODE_STEPS * settings.environments
+    until = rounds * settings.episode_steps * settings.environments
     recorded = _rows(record, "episode", "evaluation", until=until)
     evaluations = [number for _, kind, number, _ in recorded if kind == "evaluation"]
     with one_thread(), tempfile.TemporaryDirectory(prefix="jbench-") as directory:

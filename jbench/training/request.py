@@ -9,10 +9,10 @@ from jbench.devices import check_precision, find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, OFE
+from jbench.names import OFE
 from jbench.settings.algorithms import OffPolicySettings, default_time_limit
 from jbench.settings.base import validated
-from jbench.settings.records import requested_ofe
+from jbench.settings.records import episode_steps, requested_ofe
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.find import find_task
@@ -44,7 +44,7 @@ def request_runs(
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         engine: None for the engine that follows from the algorithm.
         accept_changed: whether the encoder may be one whose kind has other code now.
-        fields: the other fields of `RunSettings`.
+        fields: the other fields of `RunSettings`; `evaluate_every` is None for the default.
 
     Raises a RequestError if the encoder is not found or can't be mirrored, a setting is invalid, or
     the steps are not enough for an episode or can't be divided among the robots.
@@ -81,6 +81,9 @@ def make_runs(
     environments can't share the updates, or a class of stable-baselines3's interface refuses its
     settings.
     """
+    if fields.get("evaluate_every") is None:
+        length = episode_steps(fields["specs"])
+        fields["evaluate_every"] = names.evaluation_interval(fields["steps"], length)
     runs = [
         validated(
             RunSettings,
@@ -90,12 +93,13 @@ def make_runs(
         for seed in seeds
     ]
     count, steps = runs[0].environments, runs[0].steps
-    min_steps = EPISODE_STEPS * count
+    length = runs[0].episode_steps
+    min_steps = length * count
     if steps < min_steps:
         where = f" in each of {count} environments" if count > 1 else ""
         raise RequestError(
             f"No episode of {runs[0].algo} would end in {steps} control steps: it takes "
-            f"{EPISODE_STEPS}{where}; type {min_steps} or more."
+            f"{length}{where}; type {min_steps} or more."
         )
     if runs[0].engine == "batched":
         algorithm = hyperparameters(runs[0])

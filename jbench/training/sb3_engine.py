@@ -1,6 +1,7 @@
 """An agent of stable-baselines3, or of a class with its interface, trained by its own loop."""
 
 from contextlib import AbstractContextManager
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -13,6 +14,7 @@ from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
 from jbench.encoders import Encoder, on_observations
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
+from jbench.tasks.task import EpisodeError
 from jbench.training.evaluation import make_env
 
 
@@ -21,7 +23,8 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         self._encoder = encoder
-        env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
+        self._robots = [RobotSequence(settings, encoder) for _ in range(settings.environments)]
+        env = DummyVecEnv([partial(_made, robot) for robot in self._robots])
         values = settings.algorithm if settings.is_ours else settings.hyperparameters
         self._agent = sb3.build(settings.algo, values, env, seed)
         self.diverged: dict[int, DivergedError] = {}
@@ -52,7 +55,14 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
             returns = np.array([ended], np.float64) if ended else None
             return after_step(returns)
 
-        self._agent.learn(steps, on_step, log_interval=None)  # type: ignore[arg-type]
+        try:
+            self._agent.learn(steps, on_step, log_interval=None)  # type: ignore[arg-type]
+        except EpisodeError:
+            # An environment may refuse an action that is not finite before its step is counted.
+            self._check(actions=[robot.last_action for robot in self._robots])
+            if not self.diverged:
+                raise
+            after_step(None)
         self._policy = None
 
     def has_made(self, steps: int) -> bool:
@@ -87,6 +97,11 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
             self.diverged.setdefault(0, DivergedError(self.updates, self.control_steps, what))
 
 
+def _made(environment: "RobotSequence") -> "RobotSequence":
+    """Returns an environment, as the functions do that `DummyVecEnv` takes."""
+    return environment
+
+
 class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Switches through the robots of a run, one or several; each has as many episodes.
 
@@ -98,8 +113,15 @@ class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
-        super().__init__(make_env(settings, encoder))
+        env = make_env(settings, encoder)
+        super().__init__(env)
         self._settings, self._encoder, self._robot = settings, encoder, 0
+        self.last_action: Any = np.zeros(env.action_space.shape or ())
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the robot, and keeps the action, which may be the cause of its failure."""
+        self.last_action = action
+        return self.env.step(action)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -14,21 +14,28 @@ from typing import Literal, NamedTuple
 from jbench.agents.algorithms import find_class
 from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS
-from jbench.settings.recorded import read_run
+from jbench.settings.recorded import read_run, recorded_episode_steps
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
+from jbench.store.provenance import differences, provenance
+from jbench.tasks.find import code_provenance, find_task
 from jbench.wording import are, counted, repair_hint
 
 State = Literal["finished", "unfinished", "failed", "missing"]
 
 
 class RunStatus(NamedTuple):
-    """Status of a run; `error` is that of a failed run, or of an unreadable record."""
+    """Status of a run.
+
+    Attributes:
+        error: of a failed run, or of an unreadable record.
+        fails_again: whether a failed run would fail with the same error if it were repeated.
+    """
 
     state: State
     steps_left: int
     error: str = ""
+    fails_again: bool = False
 
 
 def run_status(run: RunSettings, results: Results) -> RunStatus:
@@ -43,12 +50,25 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
     if record.status == "finished":
         return RunStatus("finished", 0)
     done = _done(record) if record.roles() else 0
-    return RunStatus(record.status, max(0, run.steps - done), record.error or "")
+    fails_again = record.status == "failed" and _fails_again(run, record)
+    return RunStatus(record.status, max(0, run.steps - done), record.error or "", fails_again)
+
+
+def _fails_again(run: RunSettings, record: Record) -> bool:
+    """Returns whether a run failed by its own numbers, and the same code and machine repeat it."""
+    if not {"diverged", "episode_failed"} & record.manifest.summary.keys():
+        return False
+    try:
+        now = {**provenance(), **code_provenance(run.task)}
+    except (RequestError, WorkError):  # the code is not here
+        return False
+    now.pop("threads")  # of a worker, which may be other than this process
+    return not differences(record.manifest.provenance, now)
 
 
 def _done(record: Record) -> int:
     """Returns the control steps up to the last committed episode."""
-    return record.rows("episodes") * EPISODE_STEPS
+    return record.rows("episodes") * recorded_episode_steps(record.settings)
 
 
 def run_statuses(runs: Iterable[RunSettings], results: Results) -> dict[str, RunStatus]:
@@ -73,9 +93,13 @@ def sentences(statuses: Mapping[str, RunStatus], retry_failed: bool) -> Iterator
     failed = failures_among(statuses)
     for id, error in failed.items():
         yield f"The run {id} failed before: {error}"
-    if failed:
+    certain = [id for id in failed if statuses[id].fails_again]
+    if certain:
+        count = f"{counted(len(certain), 'run')} of these would fail again"
+        yield f"{count}: the same numbers, code and machine make the same error."
+    if others := len(failed) - len(certain):
         how = "trying again" if retry_failed else "--retry-failed tries again"
-        yield f"{counted(len(failed), 'run')} failed before; {how}."
+        yield f"{counted(others, 'run')} failed before; {how}."
 
 
 def record_failure(run: RunSettings, results: Results, reason: str) -> None:
@@ -162,8 +186,9 @@ def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
     """Raises a RequestError if no longer run could continue one of these runs."""
     for run in runs:
         why, hint = obstacle(run), "leave --keep-state out"
-        episodes = EPISODE_STEPS * run.environments  # control steps from one end to the next
-        if why is None and run.specs is not None and run.last_step % episodes:
+        episodes = run.episode_steps * run.environments  # control steps from one end to the next
+        is_between = run.last_step % episodes == 0
+        if why is None and not is_between and not find_task(run.task).has_state_within_episode:
             why = (
                 f"{run.task} has a state between two episodes only, and the run's last control "
                 f"step is the {run.last_step:,}th"

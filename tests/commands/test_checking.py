@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jbench import names
 from jbench.policies.saved import DESCRIPTION, WEIGHTS
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
@@ -60,7 +59,6 @@ def altered(trained, tmp_path):
 
 
 def test_reproduce_reports_equal_run(trained, run_command, monkeypatch):
-    monkeypatch.setattr(names, "EPISODE_STEPS", EPISODE)
     command = ("reproduce", RUNS[0].id[:-4])
     code, out, _ = run_command(*command, results=trained.path)
     assert code == 0

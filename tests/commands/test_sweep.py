@@ -46,8 +46,7 @@ def results(tmp_path):
 @pytest.fixture
 def short(monkeypatch):
     """Allows short runs and datasets in this process too, as it reads the matrix."""
-    for module in ("settings.records", "training.request"):
-        monkeypatch.setattr(f"jbench.{module}.EPISODE_STEPS", SHORT)
+    monkeypatch.setattr("jbench.task_specs.EPISODE_STEPS", SHORT)
 
 
 def sweep(matrix, results, *arguments):

@@ -4,27 +4,12 @@ import importlib
 
 import pytest
 
-from jbench.datasets import Dataset, collect, reader
-from jbench.settings import records as settings
+from jbench.datasets import Dataset, collect
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 
 # Imported by name, since the package has a function of the same name.
 collecting = importlib.import_module("jbench.datasets.collect")
-
-
-@pytest.fixture(scope="session")
-def shorten_datasets():
-    """Returns a function that sets the length of episodes by a setter like `monkeypatch.setattr`.
-
-    A dataset must be read with the length of its collection: that of `six_episodes` is 1000.
-    """
-
-    def shorten(set_attribute, steps):
-        for module in (collecting, reader, settings):
-            set_attribute(module, "EPISODE_STEPS", steps)
-
-    return shorten
 
 
 @pytest.fixture(scope="session")

@@ -15,8 +15,8 @@ import sys
 import time
 from pathlib import Path
 
+from jbench import task_specs
 from jbench.datasets import collect
-from jbench.settings import records as dataset_settings
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
 
@@ -24,7 +24,7 @@ from jbench.store import Results
 collecting = importlib.import_module("jbench.datasets.collect")
 # Two short episodes per file, so that most kills interrupt a write.
 collecting._PART_EPISODES = 2
-collecting.EPISODE_STEPS = dataset_settings.EPISODE_STEPS = 20
+task_specs.EPISODE_STEPS = 20
 SETTINGS = DatasetSettings(seed=3, steps=30 * 20)
 
 

@@ -15,6 +15,7 @@ from jbench.store import Results
 from jbench.tasks.jitterbug import geometry, model, resets
 from jbench.tasks.jitterbug.rewards import reward
 from jbench.tasks.jitterbug.robots import load_model
+from tests.training.small_runs import shorten_episodes
 
 SEED, AUGMENT = 3, 11
 EPISODE = 100
@@ -23,9 +24,9 @@ STEPS = 2 * EPISODE
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _short_episodes(shorten_datasets):
+def _short_episodes():
     with pytest.MonkeyPatch.context() as patch:
-        shorten_datasets(patch.setattr, EPISODE)
+        shorten_episodes(patch.setattr, EPISODE)
         yield
 
 

@@ -6,6 +6,7 @@ from pydantic import ValidationError
 from jbench.errors import WorkError
 from jbench.settings.records import DatasetSettings
 from jbench.store import Results
+from tests.training.small_runs import shorten_episodes
 
 
 def test_steps_are_whole_episodes():
@@ -18,10 +19,8 @@ def checksums(record):
     return {entry.name: entry.sha256 for entry in record.manifest.files}
 
 
-def test_bytes_do_not_depend_on_threads_or_length(
-    tmp_path, collect_in_files_of, shorten_datasets, monkeypatch
-):
-    shorten_datasets(monkeypatch.setattr, 100)
+def test_bytes_do_not_depend_on_threads_or_length(tmp_path, collect_in_files_of, monkeypatch):
+    shorten_episodes(monkeypatch.setattr, 100)
     longer = collect_in_files_of(2, tmp_path / "longer", 600)
     for threads, files in ((1, 1), (3, 2)):
         shorter = collect_in_files_of(2, tmp_path / str(threads), files * 200, threads=threads)

@@ -29,7 +29,7 @@ SCRIPT = {"initial_weights": "normal", "noise_per": "batch", "learning_rate": 5e
     ],
 )
 def test_epochs_of_dataset(kind, options, episodes, epochs):
-    found = options_with_epochs(kind, options, episodes, seed=0)
+    found = options_with_epochs(kind, options, episodes, episode_steps=1000, seed=0)
     assert found == options | ({"epochs": epochs} if epochs else {})
 
 

@@ -1,5 +1,5 @@
-"""Sets the length of episodes to 20 control steps; import it before other modules of jbench."""
+"""Sets the length of episodes to 20 control steps."""
 
-import jbench.names
+import jbench.task_specs
 
-jbench.names.EPISODE_STEPS = 20
+jbench.task_specs.EPISODE_STEPS = 20

@@ -11,7 +11,6 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium.envs.registration import registry
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import nn
 
@@ -19,7 +18,6 @@ import jbench
 from jbench.errors import RequestError
 from jbench.policies.actors import copy_module
 from jbench.policies.saved import has_policy, load_agent
-from jbench.registration import environment_id
 from jbench.settings.recorded import read_run
 from jbench.settings.records import ExternalSettings
 from jbench.store import Results
@@ -215,7 +213,10 @@ def test_block_that_raises_fails_run_which_can_restart(tmp_path, capfd):
         loop(recording, None)
     record = record_of(tmp_path, recording.id)
     assert (record.status, record.rows("episodes")) == ("finished", 2)
-    assert f"The run {record.id} is failed; it starts over." in capfd.readouterr().err
+    assert (
+        f"Recording the run {record.id} in {tmp_path}, which is failed and starts over."
+        in capfd.readouterr().err
+    )
     assert record.id in repr(recording)
     with pytest.raises(RequestError, match=r"Its loop must call recording\.keep_policy"):
         load_agent(tmp_path, record.id)
@@ -243,7 +244,7 @@ def test_killed_run_is_unfinished_and_restarts(tmp_path):
     again = program("end")
     assert again.returncode == 0, again.stderr
     assert again.stderr == (
-        f"The run {record.id} is unfinished; it starts over.\n"
+        f"Recording the run {record.id} in {tmp_path}, which is unfinished and starts over.\n"
         f"Recorded the run {record.id} in {tmp_path}.\n"
     )
     (record,) = Results(tmp_path).scan("run")[0]
@@ -275,9 +276,8 @@ def test_callback_records_model_of_stable_baselines3(tmp_path):
     np.testing.assert_allclose(acted, wanted, atol=1e-5)
 
 
-def test_loop_on_another_robot_is_recorded(tmp_path, monkeypatch):
-    task, returns = "dmc:cheetah-run", []
-    monkeypatch.setattr(registry[environment_id(task)], "max_episode_steps", EPISODE)
+def test_loop_on_another_robot_is_recorded(tmp_path):
+    task, returns = "tests.short_tasks:cheetah_run", []
     torch.manual_seed(0)
     actor = nn.Sequential(nn.Linear(17, 8), nn.Tanh(), nn.Linear(8, 6), nn.Tanh())
     with jbench.record(task, results=tmp_path, **RUN) as recording:
@@ -291,7 +291,7 @@ def test_loop_on_another_robot_is_recorded(tmp_path, monkeypatch):
                 returns[-1] += reward
                 recording.evaluate(actor)
         recording.keep_policy(actor)
-    assert recording.id.startswith("dmc.cheetah-run/mine/full/s07-")
+    assert recording.id.startswith("tests.short_tasks.cheetah_run/mine/full/s07-")
     record = record_of(tmp_path, recording.id)
     assert record.settings["specs"]["sizes"] == [8, 9]
     rows = record.read("episodes")["episode_return"].to_pylist()
@@ -388,12 +388,16 @@ def test_saved_layers_equal_torch():
     ("changes", "message"),
     [
         ({"task": "dmc:cheetah-ran"}, "did you mean dmc:cheetah-run?"),
-        ({"task": "dmc:cheetah-run", "augment": 3}, "cheetah-run has no augmented robots"),
-        ({"task": "tests.third_party_task.own_tasks:EndsEarly"}, "at control step 5, its episode"),
+        (
+            {"task": "tests.short_tasks:cheetah_run", "augment": 3},
+            "run has no augmented robots",
+        ),
+        ({"task": "tests.third_party_task.own_tasks:EndsEarly"}, "terminates at control step 5"),
         ({"task": "../x"}, "task of the run can't be '../x'"),
         ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
         ({"evaluate_episodes": 10**15 + 1}, "it should be less than or equal to 1000000000000000"),
         ({"steps": 40}, "No episode would end in 40 control steps"),
+        ({"steps": "1k"}, "steps of the run can't be '1k': it should be a valid integer"),
         ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
         ({"hyperparameters": [1]}, "hyperparameters is [1]: type a dictionary"),
         ({"hyperparameters": {1: 2}}, "is {1: 2}: type a dictionary of values by name"),
@@ -496,3 +500,28 @@ def test_examples_train_with_at_most_five_jbench_lines(example, tmp_path):
     # An evaluation after each of the two episodes, and one of the saved policy at the end.
     assert record.rows("evaluations") == 3 * 10
     assert load_agent(Results(tmp_path / "results"), record.id).policy.sizes[1] == 1
+
+
+def test_step_after_the_end_of_an_episode_is_refused(tmp_path):
+    with jbench.record("face_direction", results=tmp_path, **RUN) as recording:
+        env = recording.env()
+        for _ in range(2):
+            env.reset()
+            for _ in range(EPISODE):
+                env.step(np.zeros(1))
+            with pytest.raises(RequestError, match="The episode has ended: call reset before"):
+                env.step(np.zeros(1))
+    assert record_of(tmp_path, recording.id).rows("episodes") == 2
+
+
+def test_place_and_unplanned_length_of_a_recording_are_noted(tmp_path, capfd):
+    with jbench.record(
+        "face_direction", results=tmp_path, **{**RUN, "steps": EPISODE}
+    ) as recording:
+        loop(recording, Actor(), episodes=3)
+    assert capfd.readouterr().err.splitlines() == [
+        f"Recording the run {recording.id} in {tmp_path}.",
+        "The block made 150 control steps, but steps=50: pass the number that it makes, by which "
+        "runs are compared.",
+        f"Recorded the run {recording.id} in {tmp_path}.",
+    ]

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from jbench.names import CAMERAS
 from jbench.rendering.episode import Frame, Scene, render_episode, times, video_picture, write
+from jbench.task_specs import CAMERAS
 from jbench.tasks.dm_gym import SuiteEnv
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.jitterbug import features, geometry, resets

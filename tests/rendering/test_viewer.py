@@ -24,6 +24,7 @@ import time
 import mujoco.viewer
 import numpy as np
 from PIL import ImageGrab
+from jbench import task_specs
 from jbench.rendering import viewer
 from jbench.rendering.episode import Scene
 from jbench.tasks.find import find_task
@@ -34,7 +35,7 @@ def launch_and_keep(*arguments, **settings):
     windows.append(launch(*arguments, **settings))
     return windows[0]
 mujoco.viewer.launch_passive = launch_and_keep
-viewer.EPISODE_STEPS = 25
+task_specs.EPISODE_STEPS = 25
 
 class Closing(Constant):
     def act(self, observations):

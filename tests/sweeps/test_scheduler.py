@@ -169,12 +169,12 @@ def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
 
 
 def test_task_is_tried_only_if_a_run_of_it_is_new(tmp_path):
-    task, results = "tests.third_party_task.own_tasks:EndsEarly", Results(tmp_path / "results")
+    task, results = "tests.third_party_task.own_tasks:NotFinite", Results(tmp_path / "results")
     matrix = tmp_path / "lab.toml"
     matrix.write_text(f'tasks = ["{task}"]\nalgos = ["td3"]\nsteps = 1000\nseeds = "0"\n')
     cells = matrix_cells(read_matrix(str(matrix)), results)
     for begin in (lambda: sweep(cells, results), lambda: cell_statuses(cells, results, 1)):
-        with pytest.raises(RequestError, match="its episode ends, but must last"):
+        with pytest.raises(RequestError, match="height of its observation is not finite"):
             begin()
     assert not list(tmp_path.rglob("manifest.json"))
     (run,) = all_runs(cells)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jbench.errors import WorkError
-from jbench.names import PHYSICS_STEPS
+from jbench.task_specs import PHYSICS_STEPS
 from jbench.tasks.jitterbug import model, robots
 from jbench.tasks.jitterbug.robots import LEGS, Morphology, load_model
 

@@ -1,15 +1,20 @@
 """Tests of tasks of other robots against dm_control, and of those that are refused."""
 
+import os
+import pickle
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
 from dm_control import suite
 from gymnasium.envs.registration import registry
+from gymnasium.error import ResetNeeded
 
 import jbench.tasks  # noqa: F401 - registers the environments
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS
-from jbench.task_specs import SUITE_TASKS
+from jbench.task_specs import EPISODE_STEPS, SUITE_TASKS
 from jbench.tasks.dm_gym import SuiteEnv
 from jbench.tasks.find import check_specs, checked_task, find_task
 from tests.third_party_task import own_tasks
@@ -103,15 +108,21 @@ def test_parts_of_an_observation_have_the_order_of_the_specification():
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        (f"{OWN}:EndsEarly", "at control step 5, its episode ends, but must last 1000"),
+        (f"{OWN}:EndsEarly", "its episode terminates at control step 5: give it a time limit"),
         (f"{OWN}:WrongReward", "its reward is 1.*, not in"),
-        (f"{OWN}:NotFinite", "at control step 3, height of its observation is not finite"),
-        (f"{OWN}:ChangesSize", "at control step 4, its observation has 6 values instead of 5"),
+        (
+            f"{OWN}:NotFinite",
+            "at control step 3 of the episode .*, height of its observation is not finite",
+        ),
+        (
+            f"{OWN}:ChangesSize",
+            "at control step 4 of .*, its observation has 6 values instead of 5",
+        ),
         (f"{OWN}:Unnamed", "its observation has no names"),
         (f"{OWN}:Integers", "its actions are int32 of shape"),
         (f"{OWN}:Unbounded", r"its action 0 is in \[-inf, inf\]; give it two different finite bo"),
         (f"{OWN}:OneValue", r"its action 1 is in \[0.5, 0.5\]; give it two different finite boun"),
-        (f"{OWN}:LacksPart", "at control step 0, its observation lacks height"),
+        (f"{OWN}:LacksPart", "at control step 0 of .*, its observation lacks height"),
         (f"{OWN}:SameNames", "a dataset of it would have two columns place_0; rename that part"),
         (f"{OWN}:Rewarding", "a dataset of it would have two columns reward; rename that part"),
         (f"{OWN}:Broken", r"it fails \(OSError: no motor\)"),
@@ -171,3 +182,49 @@ def test_environments_that_are_replaced_are_closed():
         for _ in range(3):
             worlds.reset([np.random.default_rng(seed) for seed in (0, 1)])
     assert own_tasks.Counted.opened == 0
+
+
+PICTURES = """
+import gymnasium, jbench
+names = "jbench/dmc-cheetah-run-v0", "Jitterbug/FaceDirection-v0", "jbench/dmc-walker-walk-v0"
+made = [gymnasium.make(name, render_mode="rgb_array", width=64, height=48) for name in ORDER]
+for env in made:
+    env.reset(seed=0)
+drawn = [[env.render() for env in made] for _ in range(2)]
+print([picture.shape for picture in drawn[0]], [picture.std() > 10 for picture in drawn[0]])
+print(all((one == other).all() for one, other in zip(*drawn)))
+for env in made:
+    env.close()
+"""
+
+
+@pytest.mark.usefixtures("rendering")
+@pytest.mark.parametrize("order", ["names", pytest.param("names[::-1]", marks=pytest.mark.slow)])
+def test_robots_are_drawn_in_turn_without_display_or_setting(order):
+    unset = {"DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"}
+    kept = {name: value for name, value in os.environ.items() if name not in unset}
+    command = [sys.executable, "-W", "ignore", "-c", PICTURES.replace("ORDER", order)]
+    printed = subprocess.check_output(command, env=kept, text=True).splitlines()
+    assert printed == [f"{[(48, 64, 3)] * 3} {[True] * 3}", "True"]
+
+
+def test_episode_ends_with_the_task_and_is_begun_by_reset():
+    env = gymnasium.make("jbench/dmc-pendulum-swingup-v0", max_episode_steps=2000)
+    with pytest.raises(ResetNeeded, match="Call reset before step"):
+        env.unwrapped.step(np.zeros(1))
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(1, np.float32))[2:4] for _ in range(1000)]
+    assert ends == [(False, False)] * 999 + [(False, True)]
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(1, np.float32))
+    env.reset()
+    assert env.step(np.zeros(1, np.float32))[3] is False
+
+
+def test_pickled_environment_continues_the_random_numbers():
+    env = gymnasium.make("jbench/dmc-pendulum-swingup-v0")
+    env.reset(seed=3)
+    copied = pickle.loads(pickle.dumps(env))  # noqa: S301
+    with pytest.raises(ResetNeeded):
+        copied.unwrapped.step(np.zeros(1))
+    np.testing.assert_array_equal(copied.reset()[0], env.reset()[0])

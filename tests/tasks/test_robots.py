@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from dm_control import suite
 
-from jbench.names import PHYSICS_STEPS
+from jbench.task_specs import PHYSICS_STEPS
 from jbench.tasks.jitterbug import model
 
 EVERYTHING = mujoco.mjtState.mjSTATE_INTEGRATION  # with the solver's warm start

@@ -48,8 +48,18 @@ class Counted(Integrator):
         Counted.opened -= 1
 
 
+class Short(Integrator):
+    steps = 20
+
+
 class EndsEarly(Integrator):
-    steps = 5
+    """Falls after 5 control steps."""
+
+    def step(self, action):
+        timestep = super().step(action)
+        if self.made < 5:
+            return timestep
+        return dm_env.termination(timestep.reward, timestep.observation)
 
 
 class WrongReward(Integrator):

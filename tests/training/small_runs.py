@@ -1,23 +1,15 @@
 """Settings of short runs, and readers of their rows."""
 
-import itertools
 from collections import Counter
 
 import torch
-from gymnasium.envs.registration import registry
 
+from jbench import task_specs
 from jbench.encoders import Encoder
-from jbench.names import TASKS
-from jbench.policies import evaluate
-from jbench.recording import request
-from jbench.registration import environment_id, register_environments
-from jbench.settings import run
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.merge import TIMES
-from jbench.tasks import task as worlds
-from jbench.training import engines, log, repeat, status
 from jbench.training.batched_run import run_batch
 from jbench.training.request import request_runs
 
@@ -25,13 +17,8 @@ EPISODE = 50
 
 
 def shorten_episodes(set_attribute=setattr, steps=EPISODE):
-    """Makes the episodes of training, of evaluations and of Gymnasium's environments shorter."""
-    # Each module has its own constant for the length.
-    for module in (engines, evaluate, log, repeat, request, run, status, worlds):
-        set_attribute(module, "EPISODE_STEPS", steps)
-    register_environments()
-    for task, augmented in itertools.product(TASKS, (False, True)):
-        set_attribute(registry[environment_id(task, augmented)], "max_episode_steps", steps)
+    """Makes the episodes of the Jitterbug shorter."""
+    set_attribute(task_specs, "EPISODE_STEPS", steps)
 
 
 def small_run(algo, overrides, **changes):

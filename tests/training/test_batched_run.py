@@ -88,6 +88,7 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
         (0, 100),
         (1, 150),
         (1, 150),
+        (1, 150),
     ]
     assert len({row["episode_return"] for row in evaluations}) == 4
     # Points at control steps 0, 20 and 40 of episodes of 50 steps.
@@ -230,8 +231,8 @@ def test_last_evaluation_of_more_episodes_begins_with_those_of_fewer(tmp_path):
     ("steps", "each", "requested", "expected"),
     [
         (5_000_000, 10, None, 100),
-        (25_000, 10, None, 25),
-        (2_000, 10, None, 10),
+        (25 * EPISODE, 10, None, 25),
+        (2 * EPISODE, 10, None, 10),
         (100_000, 10, 7, 7),
         (100_000, 0, None, 0),
     ],

@@ -89,3 +89,25 @@ def test_failed_runs_are_retried_only_with_option(tmp_path, capsys, monkeypatch)
     assert main([*arguments, "--retry-failed"]) == 1
     assert "1 run failed before; trying again." in capsys.readouterr().out
     assert asked[1:] == [[new], [failed, new]]
+
+
+def test_run_that_must_fail_again_is_not_retried(tmp_path, capsys, monkeypatch):
+    results, asked = Results(tmp_path), []
+    monkeypatch.setattr("jbench.sweeps.scheduler.forecasts", lambda *_: [])
+    monkeypatch.setattr(
+        "jbench.sweeps.scheduler._Scheduler.train", lambda _, runs: asked.extend(runs) or {}
+    )
+    arguments = ["train", "--seeds", "0-1", "--retry-failed", "--results", str(tmp_path)]
+    assert main(arguments) == 0
+    diverged, other = asked
+    sentence = "The agent diverged: its weights are not finite at control step 7."
+    for run, made_on in ((diverged, {}), (other, {"processor": "another one"})):
+        record = results.create("run", run.id, run.model_dump(mode="json"), made_on)
+        record.fail(sentence, {"diverged": {"update": None, "control_steps": 7, "what": "weights"}})
+    asked.clear()
+    capsys.readouterr()
+    assert main(arguments) == 1
+    assert asked == [other]
+    printed = capsys.readouterr().out
+    assert "1 run of these would fail again: the same numbers, code and machine" in printed
+    assert "1 run failed before; trying again." in printed

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from gymnasium.envs.registration import registry
 
 from jbench.errors import RequestError
 from jbench.policies.saved import load_agent
-from jbench.registration import environment_id
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -15,7 +13,7 @@ from jbench.training.batched_run import run_batch
 from jbench.training.log import POLICY_EVALUATION
 from jbench.training.repeat import reevaluate, retrain
 from jbench.training.status import check_state_can_be_kept
-from tests.training.small_runs import EPISODE, rows, shorten_episodes, train
+from tests.training.small_runs import EPISODE, rows, train
 from tests.training.test_resume import kill
 
 SMALL = {"hidden_layers": [8], "batch_size": 16, "learning_starts": 50, "train_freq": 30}
@@ -34,7 +32,11 @@ def settings(algo, task, seed=0, **changes):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("algo", "task"), [("td3", "dmc:cheetah-run"), ("sac", "dmc:cartpole-swingup")]
+    ("algo", "task"),
+    [
+        ("td3", "tests.short_tasks:cheetah_run"),
+        ("sac", "tests.short_tasks:cartpole_swingup"),
+    ],
 )
 def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, task, tmp_path):
     runs = [settings(algo, task, seed) for seed in (0, 3)]
@@ -44,9 +46,8 @@ def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, task, tmp_path):
     assert {steps for folder in answer["steps"] for both in folder for steps in both} != {0}
 
 
-def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path, monkeypatch):
-    shorten_episodes(monkeypatch.setattr)
-    run, results = settings("sac", "dmc:cheetah-run"), Results(tmp_path)
+def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path):
+    run, results = settings("sac", "tests.short_tasks:cheetah_run"), Results(tmp_path)
     assert run_batch([run], results) == {}
     record = results.find("run", run.id)
     assert reevaluate(results, record).verdict == retrain(results, record, 2).verdict == "equal"
@@ -57,10 +58,8 @@ def test_run_is_reproduced_and_its_policy_moves_all_motors(tmp_path, monkeypatch
     assert all(0 <= row["episode_return"] <= EPISODE for row in rows(record))
 
 
-def test_run_of_stable_baselines3_moves_all_motors(tmp_path, monkeypatch):
-    shorten_episodes(monkeypatch.setattr)
-    run = settings("td3", "dmc:cheetah-run", engine="sb3", steps=4 * EPISODE)
-    monkeypatch.setattr(registry[environment_id(run.task)], "max_episode_steps", EPISODE)
+def test_run_of_stable_baselines3_moves_all_motors(tmp_path):
+    run = settings("td3", "tests.short_tasks:cheetah_run", engine="sb3", steps=4 * EPISODE)
     results = Results(tmp_path)
     record = train(run, results)
     assert record.rows("episodes") == 4

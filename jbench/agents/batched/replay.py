@@ -6,8 +6,6 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.names import EPISODE_STEPS
-
 
 class Batch:
     """Transitions (s, a, r, s') in reused buffers; a stack of seeds has a leading axis.
@@ -66,7 +64,7 @@ class ReplayBuffer:
         flush_every: int,
         dtype: torch.dtype = torch.float32,
         device: torch.device | str = "cpu",
-        episode_steps: int = EPISODE_STEPS,
+        episode_steps: int,
     ) -> None:
         """Allocates buffers for `capacity` transitions per seed; a CPU's memory fills with them."""
         self._episode_steps = episode_steps

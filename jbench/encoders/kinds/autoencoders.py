@@ -9,9 +9,10 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh, tanh_
-from jbench.encoders.states import StatePairs
-from jbench.names import EPISODE_STEPS, TASKS, EncoderBase
+from jbench.encoders.states import MAX_HORIZON, StatePairs
+from jbench.names import EncoderBase
 from jbench.settings.base import omissible
+from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.geometry import Array
 
 # Where the yaw rate is in every task's observation, after x, y, z, a quaternion and 5 velocities.
@@ -105,7 +106,7 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
     needs_all_features = True
 
     def latent_sizes(self, task: str, features: int) -> range:
-        return range(2, features + 2) if task in TASKS else range(0)
+        return range(2, features + 2) if find_task(task).has_planar_reduction else range(0)
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
         return super().initial(size, latents - 1, random)
@@ -127,7 +128,7 @@ class DynamicDenoisingAutoencoder(DenoisingAutoencoder):
 
     decodes_later = True
 
-    horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
+    horizon: int = Field(default=1, ge=1, lt=MAX_HORIZON, description="control steps; ours")
 
 
 def _times_slope_(tanhs: Tensor, error: Tensor) -> Tensor:

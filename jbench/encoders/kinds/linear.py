@@ -10,8 +10,8 @@ from pydantic import Field
 from jbench.encoders import scaling
 from jbench.encoders.kind import Fitted, Kind, Weights, tanh
 from jbench.encoders.scaling import FloatArray, Moments, inverse
-from jbench.encoders.states import States, state_pairs
-from jbench.names import EPISODE_STEPS, TASKS
+from jbench.encoders.states import MAX_HORIZON, States, state_pairs
+from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.geometry import Array
 
 _MIN_DYNAMIC_VARIANCE = 1e-9  # relative to the largest variance; smaller ones count as 0
@@ -127,7 +127,8 @@ class Raw(Fitted):
 
     def latent_sizes(self, task: str, features: int) -> range:
         # The units of other robots' observations are not known.
-        return range(features, features + 1) if task in TASKS else range(0)
+        has_units = find_task(task).units is not None
+        return range(features, features + 1) if has_units else range(0)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         gain, offset = states.physical_scaling()
@@ -153,7 +154,7 @@ class DynamicModes(Linear, Fitted):
     encoders of that size they give the best linear prediction of the whitened future.
     """
 
-    horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
+    horizon: int = Field(default=1, ge=1, lt=MAX_HORIZON, description="control steps; ours")
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         size = states.size

@@ -10,10 +10,8 @@ from torch import Tensor
 
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.encoders.scaling import Moments, inverse
-from jbench.encoders.states import StatePairs, States, state_pairs
-from jbench.names import EPISODE_STEPS
-from jbench.task_specs import TASK_SPECS
-from jbench.tasks.jitterbug.features import by_dimension
+from jbench.encoders.states import MAX_HORIZON, StatePairs, States, state_pairs
+from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.geometry import Array
 
 
@@ -28,7 +26,7 @@ class Predictive(Learned):
     uses_actions = True
 
     hidden: int = Field(default=64, ge=1, description="units of the predictor; ours")
-    horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
+    horizon: int = Field(default=1, ge=1, lt=MAX_HORIZON, description="control steps; ours")
 
     @abstractmethod
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
@@ -119,7 +117,7 @@ class Contrastive(Predictive):
 
     epochs: int = Field(default=50, ge=1, description="ours: a row is compared with 512 others")
     batch: int = Field(default=512, ge=2, description="rows in a step; ours")
-    horizon: int = Field(default=5, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
+    horizon: int = Field(default=5, ge=1, lt=MAX_HORIZON, description="control steps; ours")
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
         return {"hidden": (self.hidden, latents + actions), "query": (latents, self.hidden)}
@@ -144,9 +142,10 @@ def angle_periods(states: States) -> Tensor:
 
     Which features of another robot are angles is not known.
     """
-    if states.task not in TASK_SPECS:
+    task = find_task(states.task)
+    if task.units is None or task.observed_range is None:
         return torch.zeros(states.size)
-    observed = zip(*(by_dimension(states.task, part) for part in ("units", "high")), strict=True)
+    observed = zip(task.units, task.observed_range[1], strict=True)
     is_angle = np.array([pair == ("rad", np.pi) for pair in observed])
     periods = np.where(is_angle[states.columns], 2, 0).astype(np.float32)
     return torch.from_numpy(periods * states.scaling.gain_and_offset()[0])

@@ -9,7 +9,7 @@ import pandas as pd
 from jbench.report.analysis.judging import Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Range, ranges, strata, together
 from jbench.report.data.configuration import Configuration, Configurations
-from jbench.report.data.returns import FILE, KINDS
+from jbench.report.data.returns import FILE, KINDS, has_return_range
 from jbench.settings.recorded import comparable
 from jbench.settings.variants import variant_labels
 from jbench.statistics import bootstrap as st
@@ -55,8 +55,9 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
 
     The verdict rests on an interval that is corrected for the number of comparisons by the same
     kind of return. Differences are of interquartile means and of medians; p is the probability that
-    a run of the first has a higher final return than one of the second. Returns of a file have no
-    margin within which they are similar. A group is one pair, or one on each of several tasks.
+    a run of the first has a higher final return than one of the second. Returns of a file, and of
+    a task whose largest return is unknown, have no margin within which they are similar. A group is
+    one pair, or one on each of several tasks.
     """
     rows: list[dict[str, Any]] = []
     for kind in KINDS:
@@ -96,7 +97,7 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
         difference.estimate(),
         difference.interval,
         decidable=all(pair.decidable for pair in pairs),
-        margin=0.0 if ours.source == FILE else MARGIN,
+        margin=MARGIN if has_return_range([ours.task], [ours.source]) else 0.0,
     )
 
 

@@ -11,7 +11,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pandas as pd
 
-from jbench.names import EPISODE_STEPS
 from jbench.report.data.common_steps import means_over_run
 from jbench.report.data.configuration import ID, IMPORTED, Configuration, in_order, long_frame
 from jbench.report.data.curves import final_returns
@@ -19,6 +18,7 @@ from jbench.report.data.returns import EVALUATION, FILE
 from jbench.statistics import BoolArray, FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.statistics.agents import Agents, difference
+from jbench.task_specs import return_range
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
 # Names of several tasks together, which share a range or do not.
@@ -128,14 +128,13 @@ class Pair:
 
 
 def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
-    """Returns the range of each task: of a file that of its returns, else 0 to 1000."""
+    """Returns the range of each task's returns: the possible ones if known, else the recorded."""
     known: dict[str, Range] = {}
     for config in configurations:
-        lowest = 0.0
-        highest = float(EPISODE_STEPS)
-        if config.source == FILE:
-            lowest = float(np.nanmin(config.returns))
-            highest = float(np.nanmax(config.returns))
+        possible = return_range(config.task)
+        if config.source == FILE or possible is None:
+            possible = float(np.nanmin(config.returns)), float(np.nanmax(config.returns))
+        lowest, highest = possible
         low, high = known.get(config.task, (lowest, highest))
         known[config.task] = (min(low, lowest), max(high, highest))
     return known

@@ -132,7 +132,9 @@ def _build(same: pd.DataFrame, points: ByKind, source: str, words: str) -> Itera
         absent = np.isnan(stacks["returns"]) & np.isfinite(stacks["control_steps"])
         if diverged.any():
             longest = int(used["steps"].fillna(0).max())
-            stacks = count_divergence(stacks, used["diverged"].to_numpy(float), longest, kind)
+            length = used["typed"].iloc[0].episode_steps
+            at = used["diverged"].to_numpy(float)
+            stacks = count_divergence(stacks, at, longest, kind, length)
         config = Configuration(kind, used, stacks, source, words)
         config.notes = (*notes, *_notes_on_points(config, absent.sum(axis=1)))
         yield config

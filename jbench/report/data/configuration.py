@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from jbench.names import (
-    EPISODE_STEPS,
     FULL,
     TASKS,
     Order,
@@ -24,7 +23,7 @@ from jbench.report.data.common_steps import (
 )
 from jbench.report.data.curves import Curve, SeedCurve, learning_curve, seed_curve
 from jbench.report.data.points import FIELDS, Points
-from jbench.report.data.returns import EVALUATION, FILE, display_name
+from jbench.report.data.returns import EVALUATION, FILE, display_name, has_solved_return
 from jbench.report.request import WINDOW
 from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.recorded import comparable
@@ -94,7 +93,7 @@ class Configuration:
         self.diverged = runs["diverged"].notna().to_numpy()
         self.finished = (runs["status"] == "finished").to_numpy()
         self.draws, self.settings = runs["encoder"].nunique(), first["typed"]
-        self.has_solved_return = self.task in TASKS and source != FILE
+        self.has_solved_return = has_solved_return([self.task], [source])
         self.lengths = self.lengths_up_to(np.inf)
         planned = runs["steps"].fillna(0).to_numpy(np.int64)
         ends = self.control_steps[np.arange(len(runs)), self.lengths - 1]
@@ -104,7 +103,7 @@ class Configuration:
             longest = self.steps[~self.diverged].max()
             self.steps[self.diverged] = np.maximum(self.steps[self.diverged], longest)
         self.robots = 0 if self.settings.augment is None else self.settings.robots
-        episodes = max(int(planned.max()) // EPISODE_STEPS, self.returns.shape[1])
+        episodes = max(int(planned.max()) // self.settings.episode_steps, self.returns.shape[1])
         self.robot_episodes = -(-episodes // self.robots) if self.robots else 0
         self.set_words(words)
 

@@ -8,9 +8,10 @@ import pandas as pd
 import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
-from jbench.names import EPISODE_STEPS, FULL, Order, ReturnsName
+from jbench.names import FULL, Order, ReturnsName
 from jbench.returns import averaged_points, mean_over_run
 from jbench.statistics import FloatArray, IntArray
+from jbench.task_specs import EPISODE_STEPS
 
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
 PUBLISHED = "published"  # source of the paper's curves

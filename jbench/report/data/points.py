@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbench.names import EPISODE_STEPS, ReturnsName
+from jbench.names import ReturnsName
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.statistics import FloatArray
 
@@ -87,25 +87,26 @@ def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArr
 
 
 def count_divergence(
-    points: Points, at: FloatArray, planned: int, kind: ReturnsName
+    points: Points, at: FloatArray, planned: int, kind: ReturnsName, episode_steps: int
 ) -> dict[str, FloatArray]:
     """Returns the points with diverged seeds extended to the end of the others, or as planned.
 
-    They diverged `at` control steps (seeds,); NaN if they did not.
+    They diverged `at` control steps (seeds,); NaN if they did not. `episode_steps` are those of an
+    episode.
     """
     planned = max(planned, int(np.nanmax(at)))
     if np.isfinite(at).all():
         steps = points["control_steps"]
         more = int(not steps.size or np.nanmax(steps) < planned)
         if kind == TRAINING:
-            more = max(0, max(1, -(-planned // EPISODE_STEPS)) - steps.shape[1])
+            more = max(0, max(1, -(-planned // episode_steps)) - steps.shape[1])
         pad = ((0, 0), (0, more))
         points = {name: np.pad(f, pad, constant_values=np.nan) for name, f in points.items()}
     returns, control_steps = points["returns"], points["control_steps"]
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
     empty = np.flatnonzero(np.isinf(grid))
-    grid[empty] = (empty + 1) * EPISODE_STEPS if kind == TRAINING else planned
+    grid[empty] = (empty + 1) * episode_steps if kind == TRAINING else planned
     for row in np.flatnonzero(np.isfinite(at)):
         late = ~present[row] & (grid >= at[row])
         if not (present[row] | late).any():

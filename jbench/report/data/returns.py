@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterable
 
 import pandas as pd
 
-from jbench.names import TASKS, ReturnsName
+from jbench.names import ReturnsName
 from jbench.settings.algorithms import ALGORITHMS
+from jbench.task_specs import return_range, solved_return
 
 SOLVED = 900  # episode return from which a task of the Jitterbug is solved (paper, Figure 9)
 EVALUATION: ReturnsName = "evaluation"  # mean return of episodes with the deterministic policy
@@ -18,7 +19,12 @@ _ZERO, _SMALL = 1e-6, 9.95  # numbers between them have two significant digits
 
 def has_solved_return(tasks: Iterable[str], sources: Iterable[str]) -> bool:
     """Returns whether `SOLVED` counts for all tasks of some configurations and their sources."""
-    return {*tasks} <= {*TASKS} and FILE not in {*sources}
+    return FILE not in {*sources} and all(solved_return(task) is not None for task in {*tasks})
+
+
+def has_return_range(tasks: Iterable[str], sources: Iterable[str]) -> bool:
+    """Returns whether the returns of all tasks are from 0 to 1000, whatever was trained."""
+    return FILE not in {*sources} and all(return_range(task) is not None for task in {*tasks})
 
 
 def whole(value: float) -> str:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
 from jbench.report import style
-from jbench.report.data.returns import FILE, SOLVED, has_solved_return, whole
+from jbench.report.data.returns import SOLVED, has_return_range, has_solved_return, whole
 from jbench.report.style import Look, Looks
 
 MOST_POINTS = 100  # of a curve that are drawn; a panel of a page is about 300 pixels wide
@@ -91,7 +91,7 @@ def add_solved(axes: Axes, rows: pd.DataFrame) -> None:
 def set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
     """Sets the ranges and ticks of axes of returns over steps, linear or logarithmic."""
     low, high = float(rows["median"].min()), float(rows["median"].max())
-    if FILE not in {*rows["source"]}:
+    if has_return_range(rows["task"], rows["source"]):
         axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
     positive = rows["steps"][rows["steps"] > 0]
     scale = scale if len(positive) else "linear"

@@ -8,7 +8,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import FILE, ratio, whole
+from jbench.report.data.returns import has_return_range, ratio, whole
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
@@ -83,7 +83,7 @@ def _draw_forest(
         marks.add_points(axes, [row["median"]], [place], [tip], apart, 5.5)
     marks.add_solved(axes, rows)
     marks.name_rows(axes, [*rows["name"], *names])
-    if FILE not in {*rows["source"]}:
+    if has_return_range(rows["task"], rows["source"]):
         ends = np.array([0.0, 1000.0, *seeds["final"]])
         axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))
 
@@ -184,7 +184,9 @@ def predictions(frames: Frames) -> Chart:
             tip = f"{row['label']}: {row['iqm']:.0f}, R² {ratio(row['r2'])}"
             marks.add_points(axes, [at], [row["iqm"]], [tip], look, 6)
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
-        axes.set(xlim=(-0.03, 1.03), ylim=(0, 1000))
+        axes.set_xlim(-0.03, 1.03)
+        if has_return_range(rows["task"], ()):
+            axes.set_ylim(0, 1000)
         if marks.narrow(axes):
             axes.xaxis.set_major_locator(ticker.MaxNLocator(3))
 

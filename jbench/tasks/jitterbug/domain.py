@@ -20,7 +20,8 @@ except ModuleNotFoundError as error:
         "(labmaze has no wheel there); use Python 3.11 or 3.12, or the Gymnasium environments."
     ) from error
 
-from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS, TASKS
+from jbench.names import TASKS
+from jbench.task_specs import CONTROL_TIMESTEP, EPISODE_STEPS
 from jbench.tasks.jitterbug import features, geometry, model, resets, rewards
 from jbench.tasks.jitterbug.robots import load_model
 

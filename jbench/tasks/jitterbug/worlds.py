@@ -1,9 +1,8 @@
-"""The Jitterbug's tasks behind the interface of all tasks, and the simulation of many robots."""
+"""The simulation of many Jitterbugs."""
 
 import ctypes
 import os
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any
 from weakref import WeakSet
 
@@ -13,17 +12,14 @@ from mujoco.batch import Batch
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from jbench.names import CONTROL_TIMESTEP, PHYSICS_STEPS
-from jbench.task_specs import TASK_SPECS
+from jbench import task_specs
+from jbench.task_specs import PHYSICS_STEPS, TASK_SPECS
 from jbench.tasks.jitterbug import model as robot
 from jbench.tasks.jitterbug import resets
-from jbench.tasks.jitterbug.features import FEATURES, observation
+from jbench.tasks.jitterbug.features import observation
 from jbench.tasks.jitterbug.geometry import State, Target, heading
 from jbench.tasks.jitterbug.rewards import reward, upright_reward
-from jbench.tasks.jitterbug.robots import load_model
-from jbench.tasks.task import Task, Worlds, WorldsState
-
-_robot_model = lru_cache(maxsize=2)(load_model)
+from jbench.tasks.task import Worlds, WorldsState
 
 # The complete state of a MuJoCo step, including the solver's warm start.
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
@@ -115,28 +111,6 @@ if hasattr(os, "register_at_fork"):  # not on Windows
     os.register_at_fork(after_in_child=_restart_threads)
 
 
-class JitterbugTask(Task):
-    """One of the five tasks."""
-
-    action_size = 1
-    control_timestep = CONTROL_TIMESTEP
-    specs = None
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.parts = {part: FEATURES[part].size for part in TASK_SPECS[name].features}
-
-    @property
-    def labels(self) -> list[str]:
-        """A name for each value of an observation, such as `position_x`."""
-        names = ((part, axis) for part in self.parts for axis in FEATURES[part].axes)
-        return [f"{part}_{axis}" if axis else part for part, axis in names]
-
-    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> "JitterbugWorlds":
-        """Returns new worlds; see `Task.worlds`."""
-        return JitterbugWorlds(self.name, _robot_model(augment), count, threads)
-
-
 class JitterbugWorlds(Worlds):
     """Robots of one of the five tasks, with their state after the last step or reset."""
 
@@ -145,6 +119,8 @@ class JitterbugWorlds(Worlds):
 
     def __init__(self, task: str, model: mujoco.MjModel, count: int, threads: int) -> None:
         self._task, self._robots = task, Robots(model, count, threads)
+        self.episode_steps = task_specs.EPISODE_STEPS
+        self.failures = {}
         self.target = Target(np.zeros((count, 3)), np.zeros(count))
 
     def reset(
@@ -199,6 +175,11 @@ class JitterbugWorlds(Worlds):
         """Returns x, y (m) and yaw (rad) of the targets, those that the task draws."""
         numbers = resets.target_numbers(self._task, self.target).T
         return dict(zip(TASK_SPECS[self._task].drawn, numbers, strict=True))
+
+    def whole_targets(self) -> dict[str, NDArray[np.float64]]:
+        """Returns x, y (m) and yaw (rad) of the targets, also those that are not drawn."""
+        position, yaw = self.target
+        return {"x": position[:, 0], "y": position[:, 1], "yaw": yaw}
 
     def _observe(self, state: State) -> NDArray[np.float32]:
         self.robot_state = state

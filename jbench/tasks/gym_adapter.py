@@ -1,0 +1,146 @@
+"""A Gymnasium environment with the methods of a `dm_env.Environment`.
+
+What the observation is called is decided here, so a change of names changes the columns of
+datasets: `Box` observations are `observation`, and the parts of `Dict` and `Tuple` observations
+have their keys and numbers, joined by underscores.
+"""
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from jbench.errors import RequestError
+
+
+class Spec(NamedTuple):
+    """Shape and type of an array, as of `dm_env.specs.Array`."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    minimum: Any = -np.inf
+    maximum: Any = np.inf
+
+
+class TimeStep(NamedTuple):
+    """What follows a reset or a control step, as `dm_env.TimeStep`."""
+
+    observation: dict[str, Any]
+    reward: float | None = None
+    discount: float | None = None
+    has_ended: bool = False
+
+    def last(self) -> bool:
+        """Returns whether the episode has ended."""
+        return self.has_ended
+
+
+class GymAdapter:
+    """A Gymnasium environment whose episodes are seeded by `reseed`."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any], seed: int = 0) -> None:
+        self.env, self._seed = env, seed
+
+    @property
+    def physics(self) -> Any:
+        """The model and data of an environment of MuJoCo; None of others."""
+        inner = self.env.unwrapped
+        model, data = (getattr(inner, name, None) for name in ("model", "data"))
+        is_mujoco = type(model).__name__ == "MjModel" and type(data).__name__ == "MjData"
+        return SimpleNamespace(model=model, data=data) if is_mujoco else None
+
+    @property
+    def episode_steps(self) -> int | None:
+        """Control steps of the time limit of the environment's specification, if there is one."""
+        return None if self.env.spec is None else self.env.spec.max_episode_steps
+
+    def control_timestep(self) -> float | None:
+        """Returns the simulated seconds in a control step; None if unknown."""
+        timestep = getattr(self.env.unwrapped, "dt", None)
+        return float(timestep) if isinstance(timestep, float | int) and timestep > 0 else None
+
+    def reseed(self, seed: int) -> None:
+        """Seeds the next episode."""
+        self._seed = seed
+
+    def observation_spec(self) -> dict[str, Spec]:
+        """Returns the parts of the observation; one that is not of numbers is a RequestError."""
+        parts = dict(_parts("", self.env.observation_space))
+        for name, space in parts.items():
+            _check_part(name, space)
+        return {name: Spec(space.shape, space.dtype) for name, space in parts.items()}
+
+    def action_spec(self) -> Spec:
+        """Returns the bounds of the actions, flattened; those without are a RequestError."""
+        space = self.env.action_space
+        if not isinstance(space, spaces.Box):
+            raise RequestError(
+                f"its actions are {type(space).__name__}, and jbench trains on motors; give it a "
+                "Box of real numbers"
+            )
+        return Spec(
+            (int(np.prod(space.shape)),), space.dtype, space.low.ravel(), space.high.ravel()
+        )
+
+    def reset(self) -> TimeStep:
+        """Begins an episode."""
+        observation, _ = self.env.reset(seed=self._seed)
+        return TimeStep(dict(_values("", observation)))
+
+    def step(self, action: NDArray[np.float64]) -> TimeStep:
+        """Applies an action (size,) for one control step."""
+        space = self.env.action_space
+        command = np.asarray(action, space.dtype).reshape(space.shape)
+        observation, reward, terminated, truncated, _ = self.env.step(command)
+        discount = 0.0 if terminated else 1.0
+        ended = bool(terminated or truncated)
+        return TimeStep(dict(_values("", observation)), float(reward), discount, ended)
+
+    def close(self) -> None:
+        """Closes the environment."""
+        self.env.close()
+
+
+def _joined(prefix: str, name: object) -> str:
+    return f"{prefix}_{name}" if prefix else str(name)
+
+
+def _parts(prefix: str, space: spaces.Space[Any]) -> Iterator[tuple[str, Any]]:
+    """Yields the spaces of the parts of an observation, each with its name."""
+    if isinstance(space, spaces.Dict):
+        for name, part in space.spaces.items():
+            yield from _parts(_joined(prefix, name), part)
+    elif isinstance(space, spaces.Tuple):
+        for number, part in enumerate(space.spaces):
+            yield from _parts(_joined(prefix or "part", number), part)
+    else:
+        yield prefix or "observation", space
+
+
+def _values(prefix: str, observation: Any) -> Iterator[tuple[str, Any]]:
+    """Yields the values of the parts of an observation, each with its name."""
+    if isinstance(observation, dict):
+        for name, part in observation.items():
+            yield from _values(_joined(prefix, name), part)
+    elif isinstance(observation, tuple):
+        for number, part in enumerate(observation):
+            yield from _values(_joined(prefix or "part", number), part)
+    else:
+        yield prefix or "observation", observation
+
+
+def _check_part(name: str, space: spaces.Space[Any]) -> None:
+    if not isinstance(space, spaces.Box):
+        raise RequestError(
+            f"its observation {name} is {type(space).__name__}, and jbench takes real numbers; "
+            "wrap it in gymnasium.wrappers.FlattenObservation"
+        )
+    if space.dtype == np.uint8 and len(space.shape) > 1:
+        raise RequestError(
+            f"its observation {name} is a picture of shape {space.shape}, and jbench takes a few "
+            "numbers; give it an observation of positions and velocities"
+        )

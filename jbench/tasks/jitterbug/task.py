@@ -1,0 +1,69 @@
+"""The Jitterbug's tasks behind the interface of all tasks."""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench import task_specs
+from jbench.task_specs import CAMERAS, CONTROL_TIMESTEP, TASK_SPECS
+from jbench.tasks.jitterbug import features
+from jbench.tasks.jitterbug.control_laws import Law
+from jbench.tasks.jitterbug.heuristics import heuristic
+from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.jitterbug.worlds import JitterbugWorlds
+from jbench.tasks.task import Task
+
+_robot_model = lru_cache(maxsize=2)(load_model)
+
+
+class JitterbugTask(Task):
+    """One of the five tasks."""
+
+    action_size = 1
+    control_timestep = CONTROL_TIMESTEP
+    specs = None
+    cameras = CAMERAS
+    default_camera = "tracking"
+    scale = "1 check = 1 cm"
+    has_state_within_episode = True
+    has_planar_reduction = True
+    records_states = True
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.drawn = TASK_SPECS[name].drawn
+        self.parts = {part: features.FEATURES[part].size for part in TASK_SPECS[name].features}
+        self.units = features.by_dimension(name, "units")
+        self.observed_range = (
+            features.by_dimension(name, "low"),
+            features.by_dimension(name, "high"),
+        )
+
+    @property
+    def episode_steps(self) -> int:  # type: ignore[override]
+        """Control steps of an episode."""
+        return task_specs.EPISODE_STEPS
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each value of an observation, such as `position_x`."""
+        names = ((part, axis) for part in self.parts for axis in features.FEATURES[part].axes)
+        return [f"{part}_{axis}" if axis else part for part, axis in names]
+
+    def worlds(self, count: int, threads: int = 1, augment: int | None = None) -> JitterbugWorlds:
+        """Returns new worlds; see `Task.worlds`."""
+        return JitterbugWorlds(self.name, _robot_model(augment), count, threads)
+
+    def hand_written(self) -> Law:
+        """Returns a new hand-written policy with its tuned constants."""
+        return heuristic(self.name)
+
+    def physical(self, observations: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Returns observations (..., dim(O)) in their units."""
+        physical: NDArray[np.floating] = features.denormalize(self.name, observations)
+        return physical
+
+    def goal(self, observation: NDArray[np.floating]) -> str:
+        """Describes distance and direction of the target of an observation (dim(O),)."""
+        return features.goal(self.name, observation)

@@ -1,0 +1,84 @@
+"""Tests of tasks that Gymnasium environments implement."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+from jbench.errors import RequestError
+from jbench.settings.records import DatasetSettings
+from jbench.tasks.find import checked_task, dataset_robot, find_task
+
+LAB = "tests.gym_tasks"
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        (
+            f"{LAB}:falls",
+            "at control step 7 of the episode with seed .*, its episode terminates, and jbench "
+            "trains on episodes of one length, here 20 control steps",
+        ),
+        (f"{LAB}:huge_reward", "at control step 3 of the episode with seed .*, its reward is inf"),
+        (f"{LAB}:discrete", "its actions are Discrete, and jbench trains on motors"),
+        (f"{LAB}:unbounded", r"its action 0 is in \[-inf, inf\]; give it two different finite"),
+        (f"{LAB}:pixels", r"its observation observation is a picture of shape \(8, 8, 3\)"),
+        (f"{LAB}:counts", "its observation gear is Discrete, and jbench takes real numbers"),
+        (f"{LAB}:endless", "an episode has more than 100,000 control steps: give it a time limit"),
+        ("gym:Pendulun-v1", "Gymnasium has no environment Pendulun-v1"),
+        ("gym:Pendulum-v1,g", "'g' is no argument of gymnasium.make; type NAME=VALUE"),
+        ("Pendulum-v1", "did you mean gym:Pendulum-v1?"),
+    ],
+)
+def test_environment_that_is_refused(name, sentence):
+    with pytest.raises(RequestError, match=sentence):
+        checked_task(name)
+
+
+def test_parts_of_an_observation_are_named_and_actions_scaled():
+    task = checked_task(f"{LAB}:cart")
+    assert dict(task.parts) == {"cart": 2, "goal_0": 1, "goal_1": 1}
+    assert task.labels == ["cart_0", "cart_1", "goal_0", "goal_1"]
+    assert (task.episode_steps, task.action_size) == (20, 1)
+    with task.worlds(2) as worlds:
+        generators = [np.random.default_rng(seed) for seed in (0, 1)]
+        seeds = [int(np.random.default_rng(seed).integers(2**32)) for seed in (0, 1)]
+        begun = worlds.reset(generators)
+        observations, rewards = worlds.step(np.array([[0.0], [1.0]]))
+    for i, (seed, action) in enumerate(zip(seeds, (1.0, 4.0), strict=True)):  # of [-2, 4]
+        position, velocity = np.random.Generator(np.random.PCG64(seed)).uniform(-1, 1, 2)
+        np.testing.assert_allclose(begun[i], [position, velocity, 0.25, -0.5], rtol=1e-6)
+        velocity += 0.1 * action
+        position += 0.1 * velocity
+        np.testing.assert_allclose(observations[i], [position, velocity, 0.25, -0.5], rtol=1e-5)
+        np.testing.assert_allclose(rewards[i], -10 * abs(position), rtol=1e-5)
+
+
+def test_worlds_are_the_environments_of_gymnasium():
+    with find_task("gym:Pendulum-v1,g=9.0").worlds(1) as worlds:
+        observations = worlds.reset([np.random.default_rng(5)])
+        env = gymnasium.make("Pendulum-v1", g=9.0)
+        seed = int(np.random.default_rng(5).integers(2**32))
+        np.testing.assert_array_equal(observations[0], env.reset(seed=seed)[0])
+        for action in np.linspace(-1, 1, 200, dtype=np.float32):
+            observations, rewards = worlds.step(action[None, None])
+            seen, reward, terminated, truncated, _ = env.step(2 * action[None])
+            np.testing.assert_allclose(observations[0], seen, rtol=1e-6)
+            assert rewards[0] == pytest.approx(reward, rel=1e-6)
+        assert (terminated, truncated) == (False, True)
+
+
+def test_what_settings_record_of_an_environment():
+    specs = find_task("gym:Pendulum-v1").specs
+    assert specs.values == {
+        "model": None,
+        "parts": ["observation"],
+        "sizes": [3],
+        "action_minimum": [-2.0],
+        "action_maximum": [2.0],
+        "control_timestep": 0.05,
+        "episode_steps": 200,
+        "unit_rewards": False,
+    }
+    other = DatasetSettings(**dataset_robot(find_task("gym:Pendulum-v1,g=9.0")), steps=400)
+    assert other.id.startswith("gym.Pendulum-v1.g.9.0/random/s00-")

@@ -1,0 +1,73 @@
+"""Tests of robots with odd specifications and observations."""
+
+import re
+
+import numpy as np
+import pytest
+
+from jbench.tasks.find import checked_task, find_task
+from jbench.tasks.task import EpisodeError
+
+ODD = "tests.odd_tasks"
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("NoObservationSpec", "its observation_spec fails (NotImplementedError: later)."),
+        ("NoActionSpec", "its action_spec fails (KeyError: 'nope')."),
+        ("nothing_observed", "its observation has no values: give it at least one number."),
+        (
+            "two_cases",
+            "a dataset of it would have the columns q and Q, which SQL takes for one; rename that "
+            "part of its observation.",
+        ),
+    ],
+)
+def test_task_is_refused_in_a_sentence(name, sentence, refused):
+    assert refused("tasks", f"{ODD}:{name}") == (
+        f"Error: jbench can't use the task {ODD}:{name}: {sentence}\n"
+    )
+
+
+def test_part_without_values_is_left_out_with_a_note(run_command, tmp_path):
+    name = f"{ODD}:without_sensors"
+    task = checked_task(name)
+    assert dict(task.parts) == {"q": 1}
+    assert task.episode_steps == 20
+    note = f"Warning: {name}: sensors of its observation has no values and is left out.\n"
+    assert run_command("tasks", name)[::2] == (0, note)
+    code, _, err = run_command("collect", "--task", name, "--steps", 40, results=tmp_path)
+    assert code == 0
+    assert note in err
+
+
+def test_floats_and_lists_are_parts_of_an_observation():
+    task = checked_task(f"{ODD}:scalars")
+    assert dict(task.parts) == {"q": 1, "v": 1}
+    with task.worlds(1) as worlds:
+        worlds.reset([np.random.default_rng(0)])
+        observations, _ = worlds.step(np.array([[0.5]]))
+    # Semi-implicit Euler: a force of 3 * 0.5 N moves 1 kg for 0.01 s.
+    np.testing.assert_allclose(observations, [[1.5e-4, 1.5e-2]], rtol=1e-6)
+
+
+def test_physics_that_diverges_stops_its_world_alone():
+    name = f"{ODD}:diverging"
+    pushes = np.array([[1.0], [0.01]])
+    with find_task(name).worlds(2) as worlds:
+        first = worlds.reset([np.random.default_rng(seed) for seed in (0, 1)])
+        stopped, moved = worlds.step(pushes)[0]
+        assert list(worlds.failures) == [0]
+        assert re.fullmatch(
+            rf"jbench can't use the task {name}: at control step 1 of the episode with seed "
+            r"\d+, it fails \(PhysicsError: .*\)\.",
+            str(worlds.failures[0]),
+        )
+        np.testing.assert_array_equal(stopped, first[0])
+        # 1e9 N move 1 kg for 0.01 s to 1e7 m/s, of which the hyperbolic tangent of 1e-2 is seen.
+        np.testing.assert_allclose(moved, np.tanh([1e-2]), rtol=1e-6)
+        with pytest.raises(EpisodeError):
+            worlds.check()
+        worlds.reset([np.random.default_rng(seed) for seed in (0, 1)])
+        assert not worlds.failures

@@ -1,0 +1,47 @@
+"""Which robot it is, only tasks and settings ask; everything else asks the task."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+JBENCH = Path(__file__).parents[2] / "jbench"
+MAY_ASK = ("tasks/", "settings/", "task_specs.py")
+
+
+def last_name(node):
+    """Returns the last name of an expression, such as specs of run.specs."""
+    return getattr(node, "attr", getattr(node, "id", None))
+
+
+def is_question(node):
+    """Returns whether a comparison is such as `task in TASKS` or `specs is None`."""
+    if not isinstance(node, ast.Compare):
+        return False
+    (right,) = node.comparators[:1]
+    if isinstance(node.ops[0], ast.In | ast.NotIn):
+        return last_name(right) in ("TASKS", "TASK_SPECS")
+    is_none = isinstance(right, ast.Constant) and right.value is None
+    return is_none and last_name(node.left) == "specs"
+
+
+def questions(source):
+    return [node.lineno for node in ast.walk(ast.parse(source)) if is_question(node)]
+
+
+@pytest.mark.parametrize(
+    "question", ["task in TASKS", "run.task not in names.TASKS", "run.specs is not None"]
+)
+def test_question_is_found(question):
+    assert questions(f"if {question}:\n    pass") == [1]
+    assert questions("for task in TASKS:\n    pass") == []
+
+
+def test_only_tasks_and_settings_ask_which_robot_it_is():
+    found = {
+        str(path.relative_to(JBENCH)): lines
+        for path in JBENCH.rglob("*.py")
+        if not str(path.relative_to(JBENCH)).startswith(MAY_ASK)
+        and (lines := questions(path.read_text()))
+    }
+    assert found == {}

@@ -1,0 +1,112 @@
+"""Tests of work on robots whose episodes can't go on: what ended is kept, other seeds go on."""
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+
+from jbench.datasets import Dataset, collect
+from jbench.errors import WorkError
+from jbench.policies.evaluate import evaluate
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.records import DatasetSettings, EvaluationSettings
+from jbench.settings.run import RunSettings
+from jbench.store import Results
+from jbench.tasks.find import dataset_robot, find_task
+from jbench.tasks.task import EpisodeError, episode_generator
+from jbench.training.batched_run import run_batch
+from tests.odd_tasks import EPISODE
+from tests.training.small_runs import rows
+
+FRAGILE = "tests.odd_tasks:Fragile"
+SMALL = {"hidden_layers": [8], "batch_size": 8, "learning_starts": 10, "train_freq": 10}
+SENTENCE = (
+    rf"jbench can't use the task {FRAGILE}: at control step 7 of the episode with seed (\d+), it "
+    r"fails \(OSError: a leg broke\)"
+)
+
+
+def is_broken(seed):
+    """Returns whether the episode with this seed breaks."""
+    state = np.random.RandomState(seed)
+    state.uniform(-1, 1, (2, 2))
+    return state.uniform() < 0.2
+
+
+def run_of(seed, algo="td3", task=FRAGILE, **changes):
+    chosen = algorithm_settings(algo, "suite", {**SMALL, "gradient_steps": 1})
+    about = {
+        "task": task,
+        "specs": find_task(task).specs,
+        "algo": algo,
+        "seed": seed,
+        "hyperparameters": chosen.model_dump(mode="json"),
+        "steps": 4 * EPISODE,
+        "evaluate_every": 4 * EPISODE,
+        "evaluate_episodes": 1,
+    }
+    return RunSettings(**{**about, **changes})
+
+
+def test_seed_whose_episode_breaks_fails_and_the_others_go_on(tmp_path):
+    runs = [run_of(seed) for seed in range(6)]
+    together = Results(tmp_path / "together")
+    failures = run_batch(runs, together, final_episodes=1)
+    assert 0 < len(failures) < len(runs)
+    for run in runs:
+        alone = Results(tmp_path / f"alone-{run.seed}")
+        assert run_batch([run], alone, final_episodes=1).keys() == failures.keys() & {run.id}
+        record = together.find("run", run.id)
+        assert rows(record) == rows(alone.find("run", run.id))
+        if run.id not in failures:
+            assert record.rows("episodes") == 4
+            continue
+        assert record.status == "failed"
+        found = re.match(SENTENCE, record.error)
+        assert is_broken(int(found[1]))
+        # The episodes before the broken one are kept, each of 20 control steps.
+        made = record.rows("episodes") * EPISODE
+        ending = rf"; the run had made ({made + 7}|{4 * EPISODE}) control steps\."
+        assert re.fullmatch(ending, record.error[found.end() :])
+        assert record.manifest.summary["episode_failed"]["step"] == 7
+
+
+def test_finished_episodes_of_an_evaluation_are_kept(tmp_path):
+    settings = EvaluationSettings(
+        task=FRAGILE, specs=find_task(FRAGILE).specs, policy="constant:0.5", episodes=12
+    )
+    results = Results(tmp_path)
+    with pytest.raises(EpisodeError, match=SENTENCE):
+        evaluate(settings, results, threads=1)
+    seeds = [int(episode_generator(0, episode).integers(2**32)) for episode in range(12)]
+    whole = [episode for episode, seed in enumerate(seeds) if not is_broken(seed)]
+    assert 0 < len(whole) < 12
+    record = results.find("evaluation", settings.id)
+    assert record.read("policy_episodes")["episode"].to_pylist() == whole
+    assert record.status == "failed"
+
+
+def test_episodes_of_a_dataset_before_the_broken_one_are_kept(tmp_path):
+    task = find_task(FRAGILE)
+    settings = DatasetSettings(**dataset_robot(task), steps=40 * EPISODE)
+    results = Results(tmp_path)
+    seeds = [int(episode_generator(0, episode).integers(2**32)) for episode in range(40)]
+    before = len([*itertools.takewhile(lambda seed: not is_broken(seed), seeds)])
+    assert 0 < before < 40
+    for _ in range(2):  # the second time, it begins with the broken one
+        with pytest.raises(EpisodeError, match=SENTENCE):
+            collect(settings, results, threads=1)
+        (block,) = Dataset(results.find("dataset", settings.id)).blocks(FRAGILE, parts=[0])
+        assert len(block.observations) == before
+
+
+def test_agent_of_stable_baselines3_that_diverges_is_called_so(tmp_path):
+    changes = {"engine": "sb3", "task": "tests.odd_tasks:NeedsFinite"}
+    changes |= {"specs": find_task(changes["task"]).specs}
+    run = run_of(0, **changes)
+    hyperparameters = {**run.hyperparameters, "learning_rate": 1e20}
+    run = run.model_copy(update={"hyperparameters": hyperparameters})
+    (error,) = run_batch([run], Results(tmp_path)).values()
+    assert isinstance(error, WorkError)
+    assert str(error).startswith("The agent diverged: its ")

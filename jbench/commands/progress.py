@@ -164,15 +164,25 @@ class _Process:
         at = steps / len(self.runs)
         published = published_median(self.runs[0], at) if self._alike else None
         ending = "" if published is None else f" (published {published:.0f})"
-        return f"{sparkline(self.curve, self.runs[0].episode_steps)} training return {text}{ending}"
+        lowest, highest = self._range
+        return f"{sparkline(self.curve, highest, lowest)} training return {text}{ending}"
+
+    @property
+    def _range(self) -> tuple[float, float]:
+        """The possible returns of the runs, or those of the curve where they are unknown."""
+        run = self.runs[0]
+        if run.specs and not run.specs.unit_rewards:
+            return min(self.curve), max(self.curve)
+        return 0.0, float(run.episode_steps)
 
 
-def sparkline(returns: Sequence[float], highest: float) -> str:
-    """Returns means of consecutive episode returns as bars, from 0 to the highest return."""
+def sparkline(returns: Sequence[float], highest: float, lowest: float = 0.0) -> str:
+    """Returns means of consecutive episode returns as bars, between two returns."""
+    span = (highest - lowest) or 1.0
     width = min(len(returns), _SPARKLINE)
     bounds = [len(returns) * i // width for i in range(width + 1)] if width else []
     means = [fmean(returns[first:last]) for first, last in itertools.pairwise(bounds)]
-    levels = [round(mean / highest * (len(_BARS) - 1)) for mean in means]
+    levels = [round((mean - lowest) / span * (len(_BARS) - 1)) for mean in means]
     return "".join(_BARS[min(max(level, 0), len(_BARS) - 1)] for level in levels)
 
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from jbench import task_specs
 from jbench.errors import RequestError
 from jbench.importing.readers import FORMATS, Series
 from jbench.importing.request import ImportRequest
@@ -16,6 +15,7 @@ from jbench.settings.records import ImportSettings, Labels
 from jbench.store import Results, schema
 from jbench.store.listed import to_table
 from jbench.store.manifest import check_settings
+from jbench.task_specs import return_range
 
 _ROUNDING = 0.01  # of rewards that were summed in single precision
 _MAX = {"control_steps": MAX_STEPS, "length": (1 << 31) - 1}  # the column of lengths is int32
@@ -51,7 +51,7 @@ def import_curves(
     read, _ = FORMATS[request.format]
     for file in by_hash.values():
         for series in read(file, request):
-            _check_points(series.points, file)
+            _check_points(series.points, file, request.task)
             by_seed.setdefault(series.seed, []).append(series)
     imported = []
     for settings, rows, names in [_curve(parts, request) for _, parts in sorted(by_seed.items())]:
@@ -67,7 +67,7 @@ def import_curves(
     return imported
 
 
-def _check_points(points: pd.DataFrame, file: ImportedFile) -> None:
+def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
     """Raises a RequestError if returns, control steps or lengths can't be those of a task."""
 
     def check(is_right: pd.Series, reason: str) -> None:
@@ -78,12 +78,15 @@ def _check_points(points: pd.DataFrame, file: ImportedFile) -> None:
 
     if points.empty:
         raise RequestError(f"{file.path} has no episode; leave the file out.")
-    check(
-        points["episode_return"].between(-_ROUNDING, task_specs.EPISODE_STEPS + _ROUNDING),
-        "the return is {episode_return:g}, but that of an episode is from 0 to "
-        f"{task_specs.EPISODE_STEPS}; import returns of the task's own rewards, not scaled ones or "
-        "those of another environment.",
-    )
+    possible = return_range(task)
+    if possible is not None:
+        lowest, highest = possible
+        check(
+            points["episode_return"].between(lowest - _ROUNDING, highest + _ROUNDING),
+            "the return is {episode_return:g}, but that of an episode is from 0 to "
+            f"{highest:g}; import returns of the task's own rewards, not scaled ones or those of "
+            "another environment.",
+        )
     for name in points.columns.intersection([*_MAX]):
         is_count = points[name].between(0, _MAX[name]) & (points[name] % 1 == 0)
         check(is_count, f"{{{name}:g}} is no number of control steps.")

@@ -15,7 +15,6 @@ from jbench.store import Record, Results
 from jbench.store.code import code_of
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import describe_changes, device_provenance, provenance
-from jbench.tasks.task import EpisodeError
 from jbench.training.checkpoints import copied, load
 from jbench.training.code import check_run_code, run_code
 from jbench.training.evaluation import load_run_encoder
@@ -90,11 +89,10 @@ def run_batch(
                 for member in group:
                     if member.is_unfinished:
                         member.failure = error
-                        details = error.summary if isinstance(error, EpisodeError) else {}
                         with contextlib.suppress(WorkError):
                             member.log.commit()
                         with contextlib.suppress(WorkError):
-                            member.record.fail(sentence_of_failure(error), details)
+                            member.record.fail(sentence_of_failure(error))
     return failures | {m.settings.id: m.failure for m in members if m.failure is not None}
 
 

@@ -72,7 +72,11 @@ class TrainingGroup:
         """Trains to a control step (None: to the end), or until all runs have failed."""
         self._until = until
         with self._engine as engine:
-            engine.train(self._settings.steps, self._after_step)
+            try:
+                engine.train(self._settings.steps, self._after_step)
+            except EpisodeError as error:  # of the loop of stable-baselines3, with one run
+                for _, member in self._active():
+                    self._fail(member, error)
             if until is None:
                 self._end()
             else:

@@ -65,6 +65,7 @@ def test_published_median_at_same_step_follows_last_returns(tmp_path):
 def test_sparkline_shows_means_of_returns_between_0_and_1000():
     assert sparkline([], 1000) == ""
     assert sparkline([-50.0, 0.0, 500.0, 1000.0], 1000) == "▁▁▅█"
+    assert sparkline([-1500.0, -800.0, -100.0], -100, -1500) == "▁▅█"
     # 16 means of two returns each: 0, 0, 1000, 1000, ...
     assert sparkline([0.0, 0.0, 1000.0, 1000.0] * 8, 1000) == "▁█" * 8
 

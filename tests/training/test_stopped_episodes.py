@@ -101,6 +101,26 @@ def test_episodes_of_a_dataset_before_the_broken_one_are_kept(tmp_path):
         assert len(block.observations) == before
 
 
+def test_finished_episodes_of_stable_baselines3_are_kept(tmp_path):
+    results = Results(tmp_path)
+    failed = 0
+    for run in (run_of(seed, engine="sb3") for seed in range(5)):
+        failures = run_batch([run], results, final_episodes=1)
+        record = results.find("run", run.id)
+        if not failures:
+            assert (record.status, record.rows("episodes")) == ("finished", 4)
+            continue
+        failed += 1
+        assert record.status == "failed"
+        found = re.match(SENTENCE, record.error)
+        assert is_broken(int(found[1]))
+        made = record.rows("episodes") * EPISODE
+        # The step that broke was not counted.
+        ending = rf"; the run had made ({made + 6}|{4 * EPISODE}) control steps\."
+        assert re.fullmatch(ending, record.error[found.end() :])
+    assert 0 < failed < 5
+
+
 def test_agent_of_stable_baselines3_that_diverges_is_called_so(tmp_path):
     changes = {"engine": "sb3", "task": "tests.odd_tasks:NeedsFinite"}
     changes |= {"specs": find_task(changes["task"]).specs}

@@ -1,16 +1,17 @@
 """Reads all files of an import, then writes a record for each seed."""
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
 from jbench.importing.readers import FORMATS, Series
 from jbench.importing.request import ImportRequest
 from jbench.importing.tables import MAX_STEPS, ImportedFile, open_file
+from jbench.names import in_prose
 from jbench.settings.records import ImportSettings, Labels
 from jbench.store import Results, schema
 from jbench.store.listed import to_table
@@ -52,6 +53,7 @@ def import_curves(
     for file in by_hash.values():
         for series in read(file, request):
             _check_points(series.points, file, request.task)
+            _check_steps(series, request)
             by_seed.setdefault(series.seed, []).append(series)
     imported = []
     for settings, rows, names in [_curve(parts, request) for _, parts in sorted(by_seed.items())]:
@@ -78,6 +80,10 @@ def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
 
     if points.empty:
         raise RequestError(f"{file.path} has no episode; leave the file out.")
+    check(
+        pd.Series(np.isfinite(points["episode_return"]), points.index),
+        "the return is {episode_return:g}, which is not a finite number.",
+    )
     possible = return_range(task)
     if possible is not None:
         lowest, highest = possible
@@ -97,6 +103,35 @@ def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
     )
 
 
+def _check_steps(series: Series, request: ImportRequest) -> None:
+    """Raises a RequestError if a curve has no steps, or two returns at one step."""
+    points, path = series.points, series.file.path
+    several = len(points) > 1 if "point" not in points else points["point"].nunique() > 1
+    if several and not points["control_steps"].any():
+        raise RequestError(
+            f"{path}: all control steps of seed {series.seed} are 0; export the curve with its "
+            "control steps."
+        )
+    # Episodes of several environments may end at one step, which a log of training says.
+    in_log = request.format in ("sb3-monitor", "tensorboard") or request.returns == "training"
+    if "point" in points or (series.returns == "training" and in_log):
+        return
+    doubled = points[points["control_steps"].duplicated(keep=False)]
+    if len(doubled):
+        step = doubled["control_steps"].iloc[0]
+        returns = doubled["episode_return"][doubled["control_steps"] == step]
+        values = in_prose(map("{:g}".format, returns), "and")
+        instead = (
+            ", or type --returns training if they are episodes of several environments"
+            if series.returns == "training"
+            else ""
+        )
+        raise RequestError(
+            f"{path}: seed {series.seed} has the returns {values} at {step:,.0f} control steps; "
+            f"keep one of them{instead}."
+        )
+
+
 def _curve(
     parts: Sequence[Series], request: ImportRequest
 ) -> tuple[ImportSettings, pd.DataFrame, list[str]]:
@@ -104,7 +139,10 @@ def _curve(
     _, order = FORMATS[request.format]
     if order is not None:
         # The id must not depend on the order in which the files are named.
-        parts = sorted(parts, key=lambda part: (part.points[order].iloc[0], part.file.sha256))
+        parts = sorted(
+            parts,
+            key=lambda part: (*part.points[[order, "wall_time"]].iloc[0], part.file.sha256),
+        )
     elif len(parts) > 1:
         where = " and ".join(dict.fromkeys(str(part.file.path) for part in parts))
         raise RequestError(
@@ -130,18 +168,31 @@ def _curve(
 
 def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:
     """Returns the points of a seed's files: several environments', or of a continued training."""
-    for earlier, later in itertools.pairwise(parts if order == "control_steps" else ()):
-        first = later.points["control_steps"].iloc[0]
-        if first <= earlier.points["control_steps"].iloc[-1]:
-            raise RequestError(
-                f"{earlier.file.path} and {later.file.path} are both of seed {later.seed} and both "
-                f"have values at {first:,.0f} control steps: they are two trainings; import one of "
-                "them."
-            )
-    points = pd.concat([part.points for part in parts], ignore_index=True)
+    kept = _continued(parts) if order == "control_steps" else [part.points for part in parts]
+    points = pd.concat(kept, ignore_index=True)
     if order == "wall_time":  # the order in which episodes ended
         points = points.sort_values("wall_time", kind="stable", ignore_index=True)
         points["control_steps"] = points["length"].cumsum()
     if order is not None:
         points["wall_time"] -= points["wall_time"].min()
     return points if "point" in points else points.assign(point=points.index, episode=0)
+
+
+def _continued(parts: Sequence[Series]) -> list[pd.DataFrame]:
+    """Returns the points of each file of a training, without those that a later file replaces.
+
+    Raises a RequestError if files overlap of which none says that it resumes the training.
+    """
+    kept: list[pd.DataFrame] = []
+    for place, part in enumerate(parts):
+        kept = [points[points["control_steps"] < part.resumed_at] for points in kept]
+        first = part.points["control_steps"].iloc[0]
+        for earlier, points in zip(parts[:place], kept, strict=True):
+            if len(points) and first <= points["control_steps"].iloc[-1]:
+                raise RequestError(
+                    f"{earlier.file.path} and {part.file.path} are both of seed {part.seed} and "
+                    f"both have values at {first:,.0f} control steps: they are two trainings; "
+                    "import one of them."
+                )
+        kept.append(part.points)
+    return kept

@@ -39,6 +39,7 @@ class Series(NamedTuple):
     returns: ReturnsName
     points: pd.DataFrame
     columns: Mapping[str, str] = {}
+    resumed_at: float = np.inf  # control step from which it replaces earlier files of the seed
 
 
 def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
@@ -107,6 +108,34 @@ def _points(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
 
 def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the episodes of one environment of stable-baselines3, at times of the clock in s."""
+    monitor = read_monitor(file)
+    for task in (*TASKS, *SUITE_TASKS):
+        ids = environment_id(task), environment_id(task, augmented=True)
+        if task != request.task and monitor.env_id in ids:
+            raise RequestError(
+                f"{file.path} is of {monitor.env_id}, which is --task {task}, not {request.task}."
+            )
+    if monitor.restarts:
+        raise RequestError(
+            f"{file.path}, line {monitor.restarts[0]}: the time t goes back, so a second training "
+            "was appended; split the file."
+        )
+    return [Series(file, request.seed_in(str(file.path)), "training", monitor.points)]
+
+
+class Monitor(NamedTuple):
+    """The file of a Monitor of stable-baselines3, which has the episodes of one environment.
+
+    Points are episode_return, length, wall_time (of the clock, in s) and control_steps.
+    """
+
+    env_id: str  # of Gymnasium; empty if unknown
+    points: pd.DataFrame
+    restarts: list[int]  # lines at which the time goes back, as after a training was resumed
+
+
+def read_monitor(file: ImportedFile) -> Monitor:
+    """Reads the file of a Monitor; a later restart counts on from the episode before it."""
     first, _, _ = file.content.partition(b"\n")
     try:
         head = json.loads(first.removeprefix(b"#"))
@@ -119,27 +148,23 @@ def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
             f'{file.path}, line 1: not a file of a Monitor, which begins with {{"t_start": …}} '
             "after a #."
         )
-    for task in (*TASKS, *SUITE_TASKS):
-        ids = environment_id(task), environment_id(task, augmented=True)
-        if task != request.task and head.get("env_id") in ids:
-            raise RequestError(
-                f"{file.path} is of {head['env_id']}, which is --task {task}, not {request.task}."
-            )
     columns = {"episode_return": "r", "length": "l", "wall_time": "t"}
     points = numbers(read_table(file, skip=1), columns, file)
-    back = points.index[points["wall_time"].diff() < 0]
-    if len(back):
-        raise RequestError(
-            f"{file.path}, line {back[0]}: the time t goes back, so a second training was "
-            "appended; split the file."
-        )
-    points["wall_time"] += start
+    back = points["wall_time"].diff() < 0
+    lost = points["wall_time"].shift().where(back, 0.0).cumsum()
+    points["wall_time"] += start + lost
     points["control_steps"] = points["length"].cumsum()
-    return [Series(file, request.seed_in(str(file.path)), "training", points)]
+    return Monitor(str(head.get("env_id") or ""), points, [*points.index[back]])
 
 
 def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the episodes of all evaluations of an `EvalCallback` of stable-baselines3."""
+    points = read_evaluations(file)
+    return [Series(file, request.seed_in(str(file.path)), "evaluation", points)]
+
+
+def read_evaluations(file: ImportedFile) -> pd.DataFrame:
+    """Returns point, control_steps, episode, episode_return and length of an evaluations.npz."""
     try:
         with np.load(io.BytesIO(file.content), allow_pickle=False) as saved:
             arrays = {n: saved[n].astype(np.float64) for n in _ARRAYS if n in saved}
@@ -150,8 +175,13 @@ def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series
         ) from None
     if missing := [name for name in _ARRAYS if name not in arrays]:
         raise RequestError(f"{file.path} is not of an EvalCallback: no {', '.join(missing)}.")
-    steps, returns, lengths = arrays.values()
-    shapes, dimensions = [a.shape for a in arrays.values()], [a.ndim for a in arrays.values()]
+    # Returns of some environments are arrays of one number.
+    steps, returns, lengths = (
+        array[..., 0] if array.ndim == 3 and array.shape[-1] == 1 else array
+        for array in arrays.values()
+    )
+    shapes = [array.shape for array in (steps, returns, lengths)]
+    dimensions = [len(shape) for shape in shapes]
     if dimensions != [1, 2, 2] or shapes[0] != shapes[1][:1] or shapes[1] != shapes[2]:
         raise RequestError(
             f"{file.path} is not of an EvalCallback: its arrays have the shapes "
@@ -160,13 +190,13 @@ def _read_evaluations(file: ImportedFile, request: ImportRequest) -> list[Series
     point, episode = (index.ravel() for index in np.indices(returns.shape))
     values = {"episode_return": returns.ravel(), "length": lengths.ravel()}
     columns = {"point": point, "control_steps": steps[point], "episode": episode, **values}
-    points = pd.DataFrame(columns, pd.Index(point + 1, name="evaluation"))
-    return [Series(file, request.seed_in(str(file.path)), "evaluation", points)]
+    return pd.DataFrame(columns, pd.Index(point + 1, name="evaluation"))
 
 
 def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the values of one tag of TensorBoard; their time is that of the clock, in s."""
-    scalars, tag = _scalars(file), request.tag
+    read, tag = _scalars(file), request.tag
+    scalars = read.scalars
     if not scalars:
         raise RequestError(f"{file.path} has no scalars; leave the file out.")
     tags = [name for name in ([tag] if tag is not None else TAGS) if name in scalars]
@@ -179,24 +209,41 @@ def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     points = pd.DataFrame(scalars[tags[0]], columns=names).rename_axis("value")
     points.index += 1
     seed, kind = request.seed_in(str(file.path)), request.returns_kind(tags[0])
-    return [Series(file, seed, kind, points, {"return": tags[0]})]
+    return [Series(file, seed, kind, points, {"return": tags[0]}, read.resumed_at)]
 
 
-def _scalars(file: ImportedFile) -> dict[str, list[tuple[int, float, float]]]:
-    """Returns the step, the time in s and the value of all scalars, by tag."""
+class _Events(NamedTuple):
+    """The scalars of a TensorBoard file: step, time in s and value, by tag.
+
+    A writer with `purge_step` marks a training that was resumed: from there on, earlier values are
+    replaced, those of earlier files as well.
+    """
+
+    scalars: dict[str, list[tuple[int, float, float]]]
+    resumed_at: float  # the first such step; infinite if there is none
+
+
+def _scalars(file: ImportedFile) -> _Events:
+    """Reads a TensorBoard file as TensorBoard does."""
     try:
         from tensorboard.backend.event_processing.event_file_loader import RawEventFileLoader
-        from tensorboard.compat.proto.event_pb2 import Event
+        from tensorboard.compat.proto.event_pb2 import Event, SessionLog
         from tensorboard.data_compat import migrate_event
         from tensorboard.util.tensor_util import make_ndarray
     except ImportError:
         raise RequestError(
             'TensorBoard is not installed; type pip install "jbench[tensorboard]".'
         ) from None
-    end, scalars, plugins = 0, dict[str, list[tuple[int, float, float]]](), dict[str, str]()
+    scalars = dict[str, list[tuple[int, float, float]]]()
+    plugins = dict[str, str]()
+    end, resumed_at = 0, np.inf
     for record in RawEventFileLoader(str(file.path)).Load():
         end += _FRAME + len(record)
         event = migrate_event(Event.FromString(record))
+        if event.HasField("session_log") and event.session_log.status == SessionLog.START:
+            resumed_at = min(resumed_at, event.step)
+            for tag, values in scalars.items():
+                scalars[tag] = [value for value in values if value[0] < event.step]
         for value in event.summary.value:
             # Only the first value of a tag says which plugin the tag belongs to.
             plugin = plugins.setdefault(value.tag, value.metadata.plugin_data.plugin_name)
@@ -213,7 +260,7 @@ def _scalars(file: ImportedFile) -> dict[str, list[tuple[int, float, float]]]:
         raise RequestError(
             f"{file.path} is cut off or damaged after {end:,} bytes, or no file of TensorBoard."
         )
-    return scalars
+    return _Events({tag: values for tag, values in scalars.items() if values}, resumed_at)
 
 
 _Reader = Callable[[ImportedFile, ImportRequest], list[Series]]

@@ -99,8 +99,12 @@ class ImportRequest(Labels):
 
 
 def parse_seed(text: str, where: str) -> int:
-    """Returns the seed in a text, a whole number; an error begins with `where`."""
-    digits = text.lstrip("0") or text[:1]
+    """Returns the seed in a text, a whole number; an error begins with `where`.
+
+    Spreadsheets and data frames with missing values write it as 3.0.
+    """
+    whole = re.sub(r"\.0*$", "", text.strip())
+    digits = whole.lstrip("0") or whole[:1]
     if not (digits.isascii() and digits.isdigit() and int(digits[:20]) <= MAX_SEED):
         raise RequestError(
             f"{where} {text[:40]!r}; a seed is a whole number from 0 up to {MAX_SEED}."

@@ -6,8 +6,10 @@ A `RequestError` says what is wrong with a file that is cut off or not of its fo
 import csv
 import hashlib
 import io
+import re
 from codecs import BOM_UTF8
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +21,9 @@ from jbench.importing.request import parse_seed
 
 MAX_STEPS = 1 << 53
 """Largest number of control steps; float64 counts no further."""
+
+_SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)
+"""First line of a file that Excel has written, or that is meant for it."""
 
 
 class ImportedFile(NamedTuple):
@@ -45,6 +50,9 @@ def open_file(path: Path) -> ImportedFile:
 def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> pd.DataFrame:
     """Returns the rows of a CSV file as texts, indexed by their line, without lines to skip.
 
+    Columns without a name and a value are left out, as are rows without a value: spreadsheets write
+    both.
+
     ends_line: whether the last line of a whole file ends with a line break.
     """
     try:
@@ -52,20 +60,17 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
     except UnicodeDecodeError:
         raise RequestError(f"{file.path} is not a CSV file: it is not text (UTF-8).") from None
     lines = list(io.StringIO(text, newline=""))
+    named = _SEPARATOR.fullmatch(lines[0]) if not skip else None
+    skip = 1 if named else skip
+    with _fields_of_any_length(text):
+        separator = named[1] if named else _separator(lines[skip:])
+        rows = _rows(file, lines, skip, separator)
+
     last = f"{file.path}, line {len(lines)}: "
-    # The separator that the header has most; spreadsheets of some languages write ;.
-    separator = max(",;\t", key="".join(lines[skip : skip + 1]).count)
-    reader = csv.reader(lines[skip:], delimiter=separator, strict=True)
-    rows: dict[int, list[str]] = {}
-    try:
-        for fields in filter(None, reader):
-            rows[skip + reader.line_num] = fields
-    except csv.Error as error:
-        is_cut = "end of data" in str(error)
-        reason = f"{last}the file is cut off" if is_cut else f"{file.path}: {error}"
-        raise RequestError(f"{reason}; it can't be read as CSV.") from None
-    header = next(iter(rows.values()), [])
+    header = [name.strip() for name in next(iter(rows.values()), [])]
     for line, fields in rows.items():
+        while len(fields) > len(header) and not fields[-1].strip():
+            fields.pop()
         if len(fields) != len(header):
             is_cut = line == len(lines) and len(fields) < len(header)
             raise RequestError(
@@ -77,12 +82,64 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
             f"{last}the line has no end, so the file is cut off; copy it again, or remove that "
             "line."
         )
-    doubled = {name for name in header if header.count(name) > 1}
-    if doubled:
-        raise RequestError(f"{file.path} has two columns {min(doubled)!r}; rename one of them.")
     if len(rows) < 2:
         raise RequestError(f"{file.path} has a header, but no rows; leave the file out.")
-    return pd.DataFrame(list(rows.values()), pd.Index(rows, name="line"), header).iloc[1:]
+
+    table = pd.DataFrame(list(rows.values())[1:], pd.Index([*rows][1:], name="line"))
+    kept = [place for place, name in enumerate(header) if name or (table[place] != "").any()]
+    names = [header[place] for place in kept]
+    doubled = {name for name in names if names.count(name) > 1}
+    if doubled == {""}:
+        raise RequestError(f"{file.path} has several columns without a name; name them.")
+    if doubled:
+        raise RequestError(f"{file.path} has two columns {min(doubled)!r}; rename one of them.")
+    return table[kept].set_axis(names, axis=1)
+
+
+def _separator(lines: list[str]) -> str:
+    """Returns the separator with which header and first row have equally many, and most, fields.
+
+    Names may contain other separators, quoted or not.
+    """
+    known: dict[str, tuple[bool, int]] = {}
+    for separator in ",;\t":
+        records = filter(None, csv.reader(lines, delimiter=separator, strict=True))
+        try:
+            header = next(records, [])
+        except csv.Error:
+            continue
+        try:
+            row = next(records, header)
+        except csv.Error:  # a damaged row says nothing
+            row = header
+        known[separator] = len(header) == len(row) > 1, len(header)
+    return max(known, key=known.__getitem__, default=",")
+
+
+def _rows(file: ImportedFile, lines: list[str], skip: int, separator: str) -> dict[int, list[str]]:
+    """Returns the fields of each row by the number of its last line."""
+    reader = csv.reader(lines[skip:], delimiter=separator, strict=True)
+    rows: dict[int, list[str]] = {}
+    try:
+        for fields in reader:
+            if any(field.strip() for field in fields):
+                rows[skip + reader.line_num] = fields
+    except csv.Error as error:
+        is_cut = "end of data" in str(error)
+        last = f"{file.path}, line {len(lines)}: "
+        reason = f"{last}the file is cut off" if is_cut else f"{file.path}: {error}"
+        raise RequestError(f"{reason}; it can't be read as CSV.") from None
+    return rows
+
+
+@contextmanager
+def _fields_of_any_length(text: str) -> Iterator[None]:
+    """Lets Python's reader take fields as long as a text; RLlib's exceed its limit."""
+    before = csv.field_size_limit(max(csv.field_size_limit(), len(text) + 1))
+    try:
+        yield
+    finally:
+        csv.field_size_limit(before)
 
 
 def check_column(

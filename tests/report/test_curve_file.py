@@ -10,7 +10,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from jbench.cli import main
-from jbench.importing.curves import read_curves, to_json
+from jbench.importing.curves import to_json
+from jbench.importing.dialects import read_curves
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from tests.report.browser import HOSTILE, SIDEWAYS
@@ -202,7 +203,7 @@ def test_bad_file_is_refused_in_a_sentence(text, says, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("typed", "says"),
     [
-        (["--curves", "."], ". is a directory"),
+        (["--curves", "empty"], "empty is a directory without a .csv, .json or .npz file"),
         (["--curves", "missing.csv"], "missing.csv can't be read"),
         (["--curves", "two.csv", "--compare", "a=1", "b=2"], "exclude each other"),
         (["--curves", "two.csv", "--claims"], "exclude each other"),
@@ -212,6 +213,7 @@ def test_bad_file_is_refused_in_a_sentence(text, says, tmp_path, capsys):
 )
 def test_bad_request_is_refused(typed, says, two_methods, monkeypatch, capsys):
     monkeypatch.chdir(two_methods.parent)
+    Path("empty").mkdir(exist_ok=True)
     assert main(["report", *typed]) == 2
     assert says in capsys.readouterr().err
 
@@ -221,7 +223,7 @@ def test_file_of_humanoidbench_is_read(tmp_path):
     # A cut of logs/hand_ablation.json of carlosferrazza/humanoid-bench.
     curve = {"million_steps": [0.0, 0.01, 0.35000000000000003], "return": [-860.0, -838.1, -429.2]}
     path.write_text(json.dumps({"push": {"Blocked DreamerV3": {"seed_0": curve}}}))
-    points = read_curves(path)
+    points = read_curves(path).points
     assert points["steps"].tolist() == [0, 10_000, 350_000]
     assert points["return"].tolist() == curve["return"]
     curve["million_steps"] = [0.0, 0.01, 0.35]

@@ -12,7 +12,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbench.errors import NothingYetError, RequestError
-from jbench.importing.curves import as_imports, as_runs, read_curves
+from jbench.importing.curves import as_imports, as_runs
+from jbench.importing.dialects import read_curves
 from jbench.names import REFERENCE, in_prose, shown_representation
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
@@ -87,9 +88,11 @@ def own_and_imported(results: Results, request: Request) -> Source:
 
 
 def from_file(request: Request, path: Path) -> Source:
-    """Returns the curves of a file of the requested task and algorithm."""
-    runs, _, problems = as_runs(*as_imports(read_curves(path), request.returns))
+    """Returns the curves of a file, or of a folder, of the requested task and algorithm."""
+    file = read_curves(path, request.returns)
+    runs, _, problems = as_runs(*as_imports(file.points, request.returns))
     source = _source(query.Tables(runs, problems), request, FILE)
+    source.notes += file.notes
     _compare_over_run(source.configurations)
     return source
 

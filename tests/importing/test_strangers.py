@@ -1,0 +1,295 @@
+"""Tests of files as other programs and people write them (tests/importing/strangers)."""
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jbench.cli import main
+from jbench.errors import RequestError
+from jbench.importing.dialects import read_curves
+from jbench.importing.request import parse_seed
+from jbench.report.figures.marks import shortened
+from jbench.report.frames import Frames
+from jbench.report.request import Request
+
+STRANGERS = Path(__file__).parent / "strangers"
+LINE = pd.DataFrame(
+    {
+        "steps": [0, 1, 2] * 3,
+        "return": [0.0, 1.0, 2.0] * 3,
+        "seed": np.repeat([0, 1, 2], 3),
+    }
+)
+"""Three seeds with the returns 0, 1, 2 after as many steps."""
+
+
+def written(path, text):
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", ["empty-columns", "excel-sep", "float-seed"])
+def test_files_of_spreadsheets_and_data_frames_are_read(name):
+    points = read_curves(STRANGERS / f"{name}.csv").points
+    pd.testing.assert_frame_equal(points[[*LINE]], LINE, check_dtype=False)
+    assert {*points["method"]} == {"A"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "method, task, seed, steps, return\nA, t, 0, 5, 1\n",
+        "method;task;seed;steps;return\nA;t;0;5;1\n",
+        "sep=;\nmethod;task;seed;steps;return\nA;t;0;5;1\n",
+        "SEP=\t\nmethod\ttask\tseed\tsteps\treturn\nA\tt\t0\t5\t1\n",
+        "method,task,seed,steps,return,a;b;c;d;e;f\nA,t,0,5,1,x\n",
+        '"method","task","seed","steps","return","a;b;c;d;e;f"\nA,t,0,5,1,x\n',
+        "method,task,seed,steps,return\nA,t,0,5,1,,\n,,,,\n",
+        ",method,task,seed,steps,return\n0,A,t,0,5,1\n",
+        "Method,Task,Seed,Steps,Return\r\nA,t,0.00,5.0,1e0",
+    ],
+)
+def test_separators_blanks_and_cases_of_columns_are_understood(text, tmp_path):
+    (row,) = read_curves(written(tmp_path / "c.csv", text)).points.to_dict("records")
+    found = (row["method"].strip(), row["task"].strip(), row["seed"], row["steps"], row["return"])
+    assert found == ("A", "t", 0, 5, 1)
+
+
+def test_cell_of_any_length_is_read(tmp_path):
+    text = f"method,task,seed,steps,return,config\nA,t,0,5,1,{'x' * 200_000}\n"
+    assert len(read_curves(written(tmp_path / "c.csv", text)).points) == 1
+
+
+@pytest.mark.parametrize(("text", "seed"), [("0.0", 0), ("3.", 3), (" 12 ", 12), ("007.00", 7)])
+def test_seed_may_be_written_as_a_float(text, seed):
+    assert parse_seed(text, "") == seed
+
+
+@pytest.mark.parametrize("text", ["0.5", "-1", "1e3", ".0", "nan", ""])
+def test_other_numbers_are_no_seeds(text):
+    with pytest.raises(RequestError, match="whole number"):
+        parse_seed(text, "the seed is")
+
+
+@pytest.mark.parametrize("limit", ["1e308", "-1e308", "1e300", "1.1e15"])
+def test_returns_beyond_exact_numbers_are_refused(limit, tmp_path):
+    text = f"method,task,seed,steps,return\nA,t,0,0,{limit}\nA,t,0,1,0\n"
+    with pytest.raises(RequestError, match=r"'A' on 't', seed 0: the return .* is not between"):
+        read_curves(written(tmp_path / "c.csv", text))
+    with pytest.raises(RequestError, match="is not between"):
+        read_curves(STRANGERS / "overflow.csv")
+
+
+def test_curve_without_steps_is_refused(imports, import_error, tmp_path):
+    file = STRANGERS / "no-steps.csv"
+    assert "all control steps of seed 0 are 0" in import_error("csv", file, seed_from=None)
+    text = "method,task,seed,steps,return\nA,t,0,0,1\nA,t,0,0,2\n"
+    with pytest.raises(RequestError, match="all of its points are at 0 steps"):
+        read_curves(written(tmp_path / "c.csv", text))
+
+
+def test_two_returns_of_a_seed_at_a_step_are_refused(imports, import_error, rows, tmp_path):
+    file = STRANGERS / "two-returns-at-a-step.csv"
+    error = import_error("csv", file, seed_from=None)
+    assert f"{file}: seed 0 has the returns 900 and 100 at 2,000 control steps" in error
+    evaluated = import_error("csv", file, seed_from=None, more=("--returns", "evaluation"))
+    assert "environments" not in evaluated
+    # Episodes of a vector environment may end at one step.
+    assert imports("csv", file, seed_from=None, more=("--returns", "training"))[0] == 0
+    assert rows()[0]["episode_return"].tolist() == [10, 500, 900, 100]
+
+
+def test_wandb_chart_whose_runs_have_semicolons_is_read(imports, rows):
+    file = STRANGERS / "wandb-run-with-semicolons.csv"
+    assert imports("wandb-csv", file, seed_from=r"seed(\d+)")[0] == 0
+    assert rows()[1]["episode_return"].tolist() == [10, 20]
+
+
+def test_evaluations_of_arrays_of_one_number_are_read(imports, rows):
+    file = STRANGERS / "evaluations-seed1.npz"
+    with np.load(file) as arrays:
+        assert arrays["results"].ndim == 3
+        returns, steps = arrays["results"].ravel(), arrays["timesteps"]
+    if (returns >= 0).all() and (returns <= 1000).all():
+        assert imports("sb3-evaluations", file, seed_from=r"seed(\d+)")[0] == 0
+        assert rows()[1]["episode_return"].tolist() == returns.tolist()
+    points = read_curves(file).points
+    assert points["steps"].tolist() == steps.tolist()
+    assert points["return"].tolist() == pytest.approx(
+        returns.reshape(len(steps), -1).mean(axis=1).tolist()
+    )
+    assert set(points["seed"]) == {1}
+
+
+def resumed(path, first, last, **purge):
+    """Writes an event file as torch does; returns it."""
+    from torch.utils.tensorboard import SummaryWriter
+
+    writer = SummaryWriter(str(path), **purge)
+    for step in range(first, last + 1, 1000):
+        writer.add_scalar("charts/episodic_return", step / 100 + (0.5 if purge else 0), step)
+    writer.close()
+    (file,) = path.iterdir()
+    return file
+
+
+def test_resumed_training_is_joined_as_by_tensorboard(imports, rows, tmp_path):
+    """It crashed at 10,000 steps, and again at 12,000, after a checkpoint of 6,000."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    files = [
+        resumed(tmp_path / "seed0_a", 1000, 10_000),
+        resumed(tmp_path / "seed0_b", 7000, 12_000, purge_step=7000),
+        resumed(tmp_path / "seed0_c", 9000, 20_000, purge_step=9000),
+    ]
+    assert imports("tensorboard", *reversed(files), seed_from=r"seed(\d+)")[0] == 0
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    joined = whole / files[0].name
+    joined.write_bytes(b"".join(file.read_bytes() for file in files))
+    theirs = EventAccumulator(str(joined), size_guidance={"scalars": 0}).Reload()
+    steps = [event.step for event in theirs.Scalars("charts/episodic_return")]
+    assert rows()[0]["control_steps"].tolist() == steps == list(range(1000, 20_001, 1000))
+    assert rows()[0]["episode_return"].tolist()[5:7] == [60, 70.5]
+
+
+def test_single_file_with_a_restart_is_read_as_by_tensorboard(imports, rows, tmp_path):
+    parts = [
+        resumed(tmp_path / "a", 1000, 5000),
+        resumed(tmp_path / "b", 3000, 6000, purge_step=3000),
+    ]
+    file = tmp_path / f"seed4.{parts[0].name}"
+    file.write_bytes(b"".join(part.read_bytes() for part in parts))
+    assert imports("tensorboard", file, seed_from=r"seed(\d+)")[0] == 0
+    assert rows()[4]["episode_return"].tolist() == [10, 20, 30.5, 40.5, 50.5, 60.5]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_scalar_that_is_not_finite_is_named(value, event_file, import_error):
+    file = event_file(1, [value, 5.0])
+    error = import_error("tensorboard", file, seed_from=r"td3__(\d+)__")
+    assert f"the return is {value:g}, which is not a finite number." in error
+
+
+def test_long_names_that_are_cut_stay_different():
+    report = Frames(None, Request(curves=STRANGERS / "long-names.csv"))
+    names = [*report.configurations["label"].unique()]
+    assert len({*shortened(names)}) == len(names) == 2
+    assert "sac" in "".join(shortened(names))
+    assert shortened(["short", "other"]) == ["short", "other"]
+    random = np.random.default_rng(0)
+    for _ in range(100):
+        letters = [random.choice([*"ab"], 60) for _ in range(6)]
+        many = [f"{'x' * 30}{''.join(word)}{'y' * 30}" for word in letters]
+        cut = shortened(many)
+        assert len({*cut}) == len({*many})
+        assert max(map(len, cut)) <= 40
+
+
+SIMBA = """,exp_name,env_name,seed,metric,env_step,value
+0,bro,dog-run,1,avg_return,25000,0.5
+1,bro,dog-run,1,avg_return,50000,10.5
+2,bro,dog-run,1,success,25000,0
+3,bro,dog-run,1,success,50000,1
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "labels", "points"),
+    [
+        ("simba.csv", SIMBA, ("bro", "dog-run", 1), [(25_000, 0.5), (50_000, 10.5)]),
+        (
+            "dreamerv3/dog-run.csv",  # as in results/ of TD-MPC2
+            "step,reward,seed\n0,0.3,3\n100000,85.3,3\n",
+            ("dreamerv3", "dog-run", 3),
+            [(0, 0.3), (100_000, 85.3)],
+        ),
+        (
+            "h1.csv",
+            "algorithm,env,seed,million_steps,return\nSAC,h1-walk,0,0.35,7\n",
+            ("SAC", "h1-walk", 0),
+            [(350_000, 7)],
+        ),
+        (
+            "mine.csv",
+            "algo,env,seed,global_step,episodic_return\nmine,hopper,2,1000,5\nmine,hopper,2,2000,\n",
+            ("mine", "hopper", 2),
+            [(1000, 5)],
+        ),
+        (
+            "ppo.csv",  # one method
+            "env_id,seed,step,env_step,score\nant,0,3,3000,4\n",
+            ("ppo", "ant", 0),
+            [(3000, 4)],
+        ),
+    ],
+)
+def test_dialects_of_the_field_are_read(name, text, labels, points, tmp_path):
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    read = read_curves(written(path, text)).points
+    assert read[["method", "task", "seed"]].drop_duplicates().values.tolist() == [[*labels]]
+    assert read[["steps", "return"]].values.tolist() == [list(point) for point in points]
+
+
+def test_several_metrics_that_may_be_returns_are_refused(tmp_path):
+    text = SIMBA.replace("success", "episode_reward")
+    with pytest.raises(RequestError, match="metrics avg_return, episode_reward in the column"):
+        read_curves(written(tmp_path / "c.csv", text))
+
+
+def test_folder_with_a_file_for_each_task_is_one_set(tmp_path):
+    for task, value in itertools.product(("walk", "run"), (3,)):
+        written(tmp_path / f"{task}.csv", f"method,step,reward,seed\nA,0,{value},0\n")
+    file = read_curves(tmp_path)
+    assert file.points["task"].tolist() == ["run", "walk"]
+    assert "walk.csv has no column with the task; it is called walk, as the file." in file.notes
+
+
+def monitor(path, episodes, start=1000.0, env_id="Hopper-v4"):
+    lines = [f"#{json.dumps({'t_start': start, 'env_id': env_id})}", "r,l,t"]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return written(path, "\n".join([*lines, *(f"{r},{n},{t}" for r, n, t in episodes)]) + "\n")
+
+
+def test_folder_of_rl_zoo_is_read(tmp_path):
+    for seed in (1, 2):
+        run = tmp_path / "logs" / "sac" / f"Hopper-v4_{seed}"
+        monitor(run / "0.monitor.csv", [(5, 100, 1.0), (7, 100, 3.0)])
+        monitor(run / "1.monitor.csv", [(6, 50, 2.0)])
+        returns = np.array([[1.0, 3], [5, 7]])[..., None]
+        np.savez(run / "evaluations", timesteps=[10, 20], results=returns, ep_lengths=returns)
+    file = read_curves(tmp_path / "logs")
+    assert file.points["return"].tolist() == [2, 6] * 2
+    assert file.points[["method", "task"]].drop_duplicates().values.tolist() == [
+        ["sac", "Hopper-v4"]
+    ]
+    assert file.points["seed"].tolist() == [1, 1, 2, 2]
+    training = read_curves(tmp_path / "logs", "training").points
+    assert training["steps"].tolist() == [100, 150, 250] * 2
+    assert training["return"].tolist() == [5, 6, 7] * 2
+
+
+def test_monitor_with_a_restart_is_read_as_one_training_with_a_note(tmp_path):
+    episodes = [(5, 100, 1.0), (7, 100, 3.0), (8, 100, 0.5), (9, 100, 2.0)]
+    file = read_curves(monitor(tmp_path / "sac" / "Hopper-v4_3" / "0.monitor.csv", episodes))
+    assert file.points["steps"].tolist() == [100, 200, 300, 400]
+    assert file.points["return"].tolist() == [5, 7, 8, 9]
+    assert any("The time goes back 1 time in 0.monitor.csv" in note for note in file.notes)
+    assert main(["report", "--curves", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+
+
+def test_headline_says_after_how_many_steps(tmp_path):
+    rows = [
+        f"{name},t,{seed},{step},{value}"
+        for name, end, value in (("long", 14_000_000, 862), ("short", 1_000_000, 500))
+        for seed in range(6)
+        for step in (0, end)
+    ]
+    file = written(tmp_path / "c.csv", "\n".join(["method,task,seed,steps,return", *rows]) + "\n")
+    headline = Frames(None, Request(curves=file)).headline
+    assert "after 1M control steps" in headline

@@ -21,7 +21,7 @@ from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
 
 _RUN = ["run", "task", "algo", "representation", "encoder", "variant", "source"]
-_RUN += ["seed", "steps", "status"]
+_RUN += ["seed", "steps", "status", "wall_time", "error"]
 _CURVE = ["task", "algo", "representation", "variant", "source"]
 _key = attrgetter(*_CURVE)  # of a configuration; both kinds of return of the same runs share it
 _QUANTILES = [f"q{percent}" for percent in QUANTILES]
@@ -72,10 +72,10 @@ class OpenedResults:
 
         Returns:
             A row for each run: run, task, algo, representation, encoder, variant, source, seed,
-            steps, status, evaluation_return and training_return (final returns as in `jbench
-            report`; NaN if there is none, or a longer run of the seed counts there), and a column
-            for each other setting, such as learning_rate. Settings that an algorithm does not have
-            are missing values.
+            steps, status, wall_time (s), error (why a run failed), evaluation_return and
+            training_return (final returns as in `jbench report`; NaN if there is none, or a longer
+            run of the seed counts there), and a column for each other setting, such as
+            learning_rate. Settings that an algorithm does not have are missing values.
         """
         source = self._rows(Request(task=task, algo=algo))
         seeds = seed_frame(source.configurations)

@@ -72,7 +72,7 @@ def _counted(record: Record) -> Row:
         diverged = manifest.summary.get("diverged")
         text = json.dumps(diverged, sort_keys=True) if isinstance(diverged, dict) else None
         counts = {"variant": variant(record.settings), "episodes": record.rows("episodes")}
-        return {**counts, "diverged": text}
+        return {**counts, "diverged": text, "error": record.error}
     if record.kind == "encoder":
         return {"representation": record.path.parent.name}
     if record.kind == "dataset":

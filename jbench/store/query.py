@@ -19,6 +19,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
+from jbench.store.final_returns import final_returns
 from jbench.store.kept import with_kept
 from jbench.store.listing import KIND_TABLES, Row, make_row
 from jbench.store.record import Record
@@ -69,6 +70,9 @@ def load(
         if table in names:
             rows = [row for row, _ in read]
             tables[table] = pa.Table.from_pylist(rows, schema.TABLES[table])
+    if "final_returns" in names:
+        tables["final_returns"], unread = final_returns(results)
+        problems += [problem for problem in unread if problem not in problems]
     return Tables(tables, problems)
 
 

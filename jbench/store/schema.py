@@ -145,7 +145,15 @@ TABLES = {
         status: string | episodes: int64
         wall_time processor_time: float64, s
         diverged: string, JSON; null unless the run diverged
+        error: string, why a run failed
         {_MANIFEST}
+    """),
+    # Of a run that diverged they are 0.
+    "final_returns": columns("""
+        run: string | seed: int64
+        evaluation_return training_return: float64, sum of rewards; null if there is none
+        wall_time: float64, s
+        error: string, why a run failed
     """),
     **RUN_TABLES,
     "encoders": columns(f"""

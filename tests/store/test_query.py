@@ -5,6 +5,7 @@ import json
 import pyarrow as pa
 import pytest
 
+import jbench
 from jbench.settings.recorded import variant
 from jbench.store import query, schema
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed
@@ -100,3 +101,22 @@ def test_damaged_run_is_skipped_in_all_tables_and_reported(filled, damage):
     for table in ("runs", "episodes"):
         sql = f"select distinct run from {table} order by run"
         assert fetch(filled, sql) == [("dae/s0",), ("full/s1",)]
+
+
+def test_final_returns_are_those_of_python_with_errors(filled):
+    found = query.query_results(filled, "SELECT * FROM final_returns ORDER BY run")[0]
+    rows = found.astype(object).where(found.notna(), None).to_numpy().tolist()
+    # The last quarter of three episodes is one.
+    assert [row[:4] for row in rows] == [
+        ["dae/s0", 0, None, 3.0],
+        ["full/s0", 0, None, 60.0],
+        ["full/s1", 1, None, 100.0],
+    ]
+    assert [row[5] for row in rows] == ["killed", None, None]
+    assert rows[1][4] == 7.5
+    errors = query.query_results(filled, "SELECT error FROM runs WHERE status = 'failed'")[0]
+    assert errors["error"].tolist() == ["killed"]
+    python = jbench.open(filled.path).runs().set_index("run").sort_index()
+    assert python["training_return"].tolist() == [3, 60, 100]
+    assert python["error"].dropna().to_dict() == {"dae/s0": "killed"}
+    assert python.loc["full/s0", "wall_time"] == 7.5

@@ -1,0 +1,41 @@
+"""The final returns of runs, as rows of the table `final_returns`."""
+
+from functools import partial
+from typing import Any
+
+import pyarrow as pa
+
+from jbench.errors import WorkError
+from jbench.store import schema
+from jbench.store.database import Results
+from jbench.store.evaluations import added_returns
+from jbench.store.listing import line_with_returns
+
+
+def final_returns(results: Results) -> tuple[pa.Table, list[str]]:
+    """Returns a row for each run, and an error for each that can't be read.
+
+    A run that diverged has the return 0, as in a report.
+    """
+    records, problems = results.scan("run")
+    added, unread = added_returns(results, {record.id: record.settings for record in records})
+    problems = [*problems, *unread]
+    rows: list[dict[str, Any]] = []
+    for record in records:
+        try:
+            line = record.reading(partial(line_with_returns, record, added.get(record.id, ())))
+        except WorkError as error:
+            problems.append(str(error))
+            continue
+        diverged = isinstance(record.manifest.summary.get("diverged"), dict)
+        rows.append(
+            {
+                "run": line["run"],
+                "seed": line["seed"],
+                "evaluation_return": 0.0 if diverged else line["evaluation_return"],
+                "training_return": 0.0 if diverged else line["last_return"],
+                "wall_time": line["wall_time"],
+                "error": line["error"],
+            }
+        )
+    return pa.Table.from_pylist(rows, schema.TABLES["final_returns"]), problems

@@ -18,7 +18,7 @@ from jbench import names
 from jbench.commands import options, output, parsing
 from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.opengl import has_display
-from jbench.report.request import Request
+from jbench.report.request import Request, names_typed
 from jbench.settings.base import validated
 from jbench.wording import repair_hint
 
@@ -28,8 +28,16 @@ if TYPE_CHECKING:
 
 @options.with_settings(
     Request,
-    *("since", "returns", "order", "window", "claims", "each_seed", "columns"),
-    *("reference", "baseline"),
+    "since",
+    "returns",
+    "order",
+    "window",
+    "claims",
+    "each_seed",
+    "columns",
+    "reference",
+    "baseline",
+    "published",
 )
 def report(
     task: str | None = options.ONE_TASK,
@@ -43,8 +51,9 @@ def report(
         None,
         parser=parsing.path,
         metavar="FILE",
-        help="Report the learning curves of this file instead of results: CSV with the columns "
-        "method, task, seed, steps, return, or JSON of HumanoidBench, of any environment.",
+        help="Report the learning curves of this file or folder instead of results, of any "
+        "environment: CSV with columns such as method, task, seed, steps, return, JSON of "
+        "HumanoidBench, or files of stable-baselines3.",
     ),
     format_: list[str] = Option(
         ["png", "svg"],
@@ -52,6 +61,19 @@ def report(
         metavar="FORMAT",
         help=f"Format of the figures: {', '.join(names.FIGURE_FORMATS)}; repeatable.",
         autocompletion=lambda: names.FIGURE_FORMATS,
+    ),
+    names_: list[str] = Option(
+        [],
+        "--names",
+        metavar="OLD=NEW",
+        help="Show a representation, its kind, or a method of a file by another name: "
+        "six-rows=ours; repeatable.",
+    ),
+    table_columns: str | None = Option(
+        None,
+        metavar="NAMES",
+        help="Columns of tables/final_returns.tex, with commas, or all (default: those that fit a "
+        "column of a paper).",
     ),
     watch: bool = Option(
         False,
@@ -91,6 +113,8 @@ def report(
         formats=tuple(dict.fromkeys(format_)),
         compare=compare,
         curves=curves,
+        names=names_typed(names_),
+        table_columns=table_columns and tuple(map(str.strip, table_columns.split(","))),
         watched=watch,
         command=shlex.join(["jbench", *typed]),
         **chosen,
@@ -98,7 +122,7 @@ def report(
     name = "comparison" if compare else "report"
     # The shipped results are read-only.
     there = Path(f"reference-{name}") if names.is_reference(results) else database.inside(name)
-    out = out or (Path(f"{curves.stem}-report") if curves is not None else there)
+    out = out or (Path(f"{curves.resolve().stem}-report") if curves is not None else there)
 
     if not watch:
         _report(database, out, request)

@@ -3,182 +3,276 @@
 A figure, its tooltips, a table of the page, its CSV, LaTeX and Markdown are functions of a frame.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import pandas as pd
 
-from jbench.errors import NothingYetError, RequestError, WorkError
-from jbench.report import configurations, policies
+from jbench.report import policies
 from jbench.report.analysis import compare, scores
-from jbench.report.analysis.claims import claim_frame, examine, published_findings
 from jbench.report.analysis.decisions import Planned, decision_frame, planned_comparisons
 from jbench.report.analysis.verdicts import verdict_frame
-from jbench.report.data import sources
-from jbench.report.data.configuration import IMPORTED, Configuration, with_returns
+from jbench.report.configurations import (
+    Curves,
+    configuration_frame,
+    curve_frame,
+    processor_frame,
+    published_frame,
+    run_curve_frame,
+    seed_frame,
+    sequence_frame,
+)
+from jbench.report.data.configuration import IMPORTED, Configuration, rename, with_returns
 from jbench.report.data.curves import SEQUENCE, read_published
-from jbench.report.data.returns import FILE, KINDS, TRAINING, clean, map_texts
-from jbench.report.data.sources import Source
+from jbench.report.data.returns import FILE, clean, map_texts
 from jbench.report.encoders import encoder_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
+from jbench.report.reading import notes_on, read, tested_claims
 from jbench.report.request import Request
 from jbench.report.runs import provenance_frame, run_frame
 from jbench.store import Results, query
-from jbench.store.shipped import shipped_results
-from jbench.wording import repair_hint, with_results
 
-Pairs = list[list[scores.Pair]]
 DEFAULT = Request()  # a report of all runs
+
+Maker = Callable[["Frames"], pd.DataFrame]
+
+
+def _frame(make: Maker) -> "cached_property[pd.DataFrame]":
+    """Returns a property that makes a frame when it is first asked for.
+
+    Each text of it is one line, without control characters, however it was recorded.
+    """
+
+    def made(frames: "Frames") -> pd.DataFrame:
+        return map_texts(make(frames))
+
+    made.__doc__ = make.__doc__
+    return cached_property(made)
 
 
 class Frames:
     """All that a report on some results shows, or on the file of a request.
 
-    `returns` is the kind of return that is shown first, and that of pairs, profiles, predictions.
-    `interpolated` says whether seeds of a curve were logged at different control steps.
-    Notes are sentences for the reader; problems are those on unreadable records.
+    Attributes:
+        returns: the kind of return that is shown first, and that of pairs, profiles, predictions.
     """
 
     def __init__(self, results: Results | None, request: Request = DEFAULT) -> None:
         """Reads the results; a NothingYetError without runs, a WorkError if none can be read."""
-        source, compared = _read(results, request)
-        every = source.configurations
-        kinds = {config.kind for config in every}
-        returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
-        curves = [(c, c.curve(request.order, request.window)) for c in every]
-        apart = {c for c in every if (c.source, c.algo) == (IMPORTED, request.baseline)}
-        drawn = [pair for pair in curves if pair[0] not in apart]
-        plain = [pair for pair in drawn if pair[0].robots <= 1]
-        trained = [config for config in every if config.source != IMPORTED]
-        lead, trained_lead = with_returns(every, returns), with_returns(trained, returns)
-        published = read_published(query.published())
-        figures = published[published["figure"] != SEQUENCE]
-        known = {config.task for config in every if config.source != FILE}
-        self.request, self.returns = request, returns
-        self.configurations = configurations.configuration_frame(curves, published)
-        leading = self.configurations[self.configurations["returns"] == returns]
-        planned = planned_comparisons(trained)
-        self.decisions = decision_frame(planned)
-        self.verdicts = verdict_frame(trained, self.decisions, planned)
-        self.comparisons = compare.comparison_frame(compared)
-        self.headline = headline(self.lead(self.verdicts), leading, self.lead(self.comparisons))
-        self.configurations = scores.with_file_means(self.configurations, lead)
-        self.curves = configurations.curve_frame(plain)
-        beside = [pair for pair in curves if pair[0] in apart]
-        self.published = configurations.published_frame(figures, known, request.algo, beside)
-        self.seeds = configurations.seed_frame(every)
-        self.run_curves = configurations.run_curve_frame(plain)
-        self.interpolated = any(config.common.interpolated for config, _ in plain)
-        self.metrics, self.paths = source.tables["metrics"], source.paths
-        self.baselines = policies.baseline_frame(known)
-        self.pairs = compare.pair_frame(trained_lead, self.lead(self.verdicts))
-        self.profiles = scores.profile_frame(lead)
-        self.encoders = encoder_frame(source.tables, request.task)
-        self.predictions = prediction_frame(trained_lead, self.encoders)
-        self.processor = self.lead(configurations.processor_frame(plain))
-        self.motor, self.positions, unread = policies.behavior(results, request.task)
-        sequences = [pair for pair in drawn if pair[0].robots > 1]
-        theirs = published[published["figure"] == SEQUENCE]
-        self.sequences = configurations.sequence_frame(sequences, theirs)
-        self.claims, untested = _claims(trained, planned, source, request, results)
-        self.runs = run_frame(source, returns)
-        self.provenance = provenance_frame(self.runs)
-        by_hand = policies.hand_written_returns(source.tables)
-        ranked = leading[leading["source"] != FILE]
-        self.leaderboard = leaderboard(ranked, by_hand, figures, request.algo)
-        self.notes = [*source.notes, *_notes(every), *untested]
-        self.problems = [*source.problems, *unread]
-        self.clean()
-
-    def clean(self) -> None:
-        """Brings each text into one line, without control characters."""
-        self.headline = clean(self.headline)
-        for name, value in vars(self).items():
-            if isinstance(value, list):
-                setattr(self, name, list(map(clean, value)))
-            elif isinstance(value, pd.DataFrame):
-                setattr(self, name, map_texts(value))
+        self.request = request
+        self._results = results
+        self._source, self._compared = read(results, request)
+        self._every = self._source.configurations
+        self._shown = rename(self._every, request.names)
+        kinds = {config.kind for config in self._every}
+        self.returns = request.returns if request.returns in kinds or not kinds else kinds.pop()
+        self.metrics = map_texts(self._source.tables["metrics"])
+        self.paths = map_texts(self._source.paths)
 
     def lead(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the rows of a frame that are of the kind of return that is shown first."""
         return frame[frame["returns"] == self.returns]
 
+    # What frames are made of.
 
-def _read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
-    if request.curves is not None:
-        source = sources.from_file(request, request.curves)
-        return source, compare.method_pairs(source.configurations)
-    assert results is not None
-    if request.compare is not None:
-        ours, theirs = (sources.side(side, results, request) for side in request.compare)
-        return _compared(ours, theirs, request)
-    source = read = sources.own_and_imported(results, request)
-    if request.reference:
-        source = sources.joined([source, sources.reference(request, shipped_results())])
-    if request.baseline is not None:
-        sources.check_baseline(request.baseline, source.configurations)
-    saved = (record.settings for record in results.scan("evaluation")[0])
-    if (
-        source.configurations
-        or len(encoder_frame(source.tables, request.task))
-        # States of policies can be drawn without any run.
-        or any(s.get("states") and request.task in (None, s.get("task")) for s in saved)
-    ):
-        return source, []
-    if len(read.runs):
-        raise NothingYetError(f"No run has an episode yet; wait for them. {' '.join(read.notes)}")
-    if source.problems or any(results.scan("run")):
-        reason = " ".join([*source.problems, repair_hint(results.name)])
-        raise WorkError(f"Nothing in {results.name} can be reported. {reason}")
-    train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
-    raise NothingYetError(
-        f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
-    )
+    @cached_property
+    def _curves(self) -> Curves:
+        return [(c, c.curve(self.request.order, self.request.window)) for c in self._every]
 
+    @cached_property
+    def _drawn(self) -> Curves:
+        """The curves but those that are drawn as published ones are."""
+        return [pair for pair in self._curves if not self._is_baseline(pair[0])]
 
-def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, Pairs]:
-    """Returns two sides together, with notes on what has no counterpart, and their pairs."""
-    names = request.names_compared
-    pairs = compare.across(ours.configurations, theirs.configurations, names)
-    first, other = (with_returns(side.configurations, TRAINING) for side in (ours, theirs))
-    notes = compare.left_out(first, other, pairs)
-    if not pairs:
-        free = ", ".join([*sorted(names), "seeds and steps"])
-        why = [note for note in notes if "is not compared" in note][:1]
-        sides = " and ".join(request.compare or ())
-        raise RequestError(
-            f"No runs of {sides} can be compared: there must be runs of both that differ only in "
-            f"{free}. {''.join(why)}".strip()
+    @cached_property
+    def _plain(self) -> Curves:
+        """The curves on the plain robot, or on one other."""
+        return [pair for pair in self._drawn if pair[0].robots <= 1]
+
+    def _is_baseline(self, config: Configuration) -> bool:
+        return (config.source, config.algo) == (IMPORTED, self.request.baseline)
+
+    @cached_property
+    def _trained(self) -> list[Configuration]:
+        return [config for config in self._every if config.source != IMPORTED]
+
+    @cached_property
+    def _tasks(self) -> set[str]:
+        """The tasks of jbench; those of a file may be anything."""
+        return {config.task for config in self._every if config.source != FILE}
+
+    @cached_property
+    def _planned(self) -> Sequence[Sequence[Planned]]:
+        return planned_comparisons(self._trained)
+
+    @cached_property
+    def _papers(self) -> pd.DataFrame:
+        """The paper's curves, unless the request leaves them out."""
+        papers = read_published(query.published())
+        return papers if self.request.published == "yes" else papers.iloc[:0]
+
+    @cached_property
+    def _figures(self) -> pd.DataFrame:
+        return self._papers[self._papers["figure"] != SEQUENCE]
+
+    @cached_property
+    def _by_configuration(self) -> pd.DataFrame:
+        return configuration_frame(self._curves, self._papers)
+
+    @cached_property
+    def _behavior(self) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
+        return policies.behavior(self._results, self.request.task)
+
+    @cached_property
+    def _findings(self) -> tuple[pd.DataFrame, list[str]]:
+        return tested_claims(
+            self._trained, self._planned, self._source, self.request, self._results
         )
-    source = sources.joined([ours, theirs])
-    source.notes += notes
-    return source, [[pair] for pair in pairs]
 
+    # Sentences.
 
-def _claims(
-    trained: Sequence[Configuration],
-    planned: Sequence[Sequence[Planned]],
-    source: Source,
-    request: Request,
-    results: Results | None,
-) -> tuple[pd.DataFrame, list[str]]:
-    if results is None or not request.claims:
-        return claim_frame(), []
-    ours = [finding for kind in KINDS for finding in examine(with_returns(trained, kind), planned)]
-    by_hand, notes = policies.findings(source.tables, request.task, results.name)
-    papers = published_findings(request.task, request.algo)
-    # Two sides are compared without their policies.
-    return claim_frame([*ours, *by_hand], papers), [] if request.compare else notes
+    @cached_property
+    def headline(self) -> str:
+        """What was learned, in a sentence or two."""
+        leading = self.lead(self._by_configuration)
+        return clean(headline(self.lead(self.verdicts), leading, self.lead(self.comparisons)))
 
+    @cached_property
+    def notes(self) -> list[str]:
+        """Sentences for the reader."""
+        _, untested = self._findings
+        return [*map(clean, (*self._source.notes, *notes_on(self._every), *untested))]
 
-def _notes(configurations: Sequence[Configuration]) -> list[str]:
-    """Returns the notes on configurations, a sentence each; equal notes are one sentence."""
-    named: dict[str, list[str]] = {}
-    for config in configurations:
-        for note in config.notes:
-            named.setdefault(note, []).append(config.configuration)
-    return [
-        f"{names[0] if len(names) == 1 else f'{len(names)} configurations, such as {names[0]}'}: "
-        f"{note}."
-        for note, names in named.items()
-    ]
+    @cached_property
+    def problems(self) -> list[str]:
+        """A sentence on each unreadable record."""
+        _, _, unread = self._behavior
+        return [*map(clean, (*self._source.problems, *unread))]
+
+    @property
+    def interpolated(self) -> bool:
+        """Whether seeds of a curve were logged at different control steps."""
+        return any(config.common.interpolated for config, _ in self._plain)
+
+    # Returns.
+
+    @_frame
+    def configurations(self) -> pd.DataFrame:
+        """Statistics of each configuration and kind of return, and of all tasks of a file."""
+        lead = with_returns(self._every, self.returns)
+        return scores.with_file_means(self._by_configuration, lead)
+
+    @_frame
+    def seeds(self) -> pd.DataFrame:
+        """The final return of each seed."""
+        return seed_frame(self._every)
+
+    @_frame
+    def curves(self) -> pd.DataFrame:
+        """The learning curves across seeds."""
+        return curve_frame(self._plain)
+
+    @_frame
+    def run_curves(self) -> pd.DataFrame:
+        """The learning curve of each run."""
+        return run_curve_frame(self._plain)
+
+    @_frame
+    def processor(self) -> pd.DataFrame:
+        """Returns by processor time."""
+        return self.lead(processor_frame(self._plain))
+
+    @_frame
+    def sequences(self) -> pd.DataFrame:
+        """The curves on sequences of augmented robots, and the authors'."""
+        ours = [pair for pair in self._drawn if pair[0].robots > 1]
+        theirs = self._papers[self._papers["figure"] == SEQUENCE]
+        return sequence_frame(ours, theirs)
+
+    @_frame
+    def published(self) -> pd.DataFrame:
+        """The paper's curves, and the imported ones that are drawn like them."""
+        beside = [pair for pair in self._curves if self._is_baseline(pair[0])]
+        algo = self.request.algo
+        return published_frame(self._figures, self._tasks, algo, beside)
+
+    @_frame
+    def baselines(self) -> pd.DataFrame:
+        """The returns of policies without training."""
+        return policies.baseline_frame(self._tasks, self._source.tables)
+
+    # Their analysis.
+
+    @_frame
+    def decisions(self) -> pd.DataFrame:
+        """The sequential test on the planned comparisons."""
+        return decision_frame(self._planned)
+
+    @_frame
+    def verdicts(self) -> pd.DataFrame:
+        """The verdicts on each representation."""
+        return verdict_frame(self._trained, self.decisions, self._planned)
+
+    @_frame
+    def comparisons(self) -> pd.DataFrame:
+        """The comparisons of two sides, or of the methods of a file."""
+        return compare.comparison_frame(self._compared)
+
+    @_frame
+    def pairs(self) -> pd.DataFrame:
+        """The probability of improvement of each pair of configurations."""
+        trained = with_returns(self._trained, self.returns)
+        return compare.pair_frame(trained, self.lead(self.verdicts))
+
+    @_frame
+    def profiles(self) -> pd.DataFrame:
+        """The share of runs above each return."""
+        return scores.profile_frame(with_returns(self._every, self.returns))
+
+    @_frame
+    def claims(self) -> pd.DataFrame:
+        """The findings on the paper's claims."""
+        findings, _ = self._findings
+        return findings
+
+    @_frame
+    def leaderboard(self) -> pd.DataFrame:
+        """The entries by task and median."""
+        leading = self.lead(self._by_configuration)
+        by_hand = policies.hand_written_returns(self._source.tables)
+        ranked = leading[leading["source"] != FILE]
+        return leaderboard(ranked, by_hand, self._figures, self.request.algo)
+
+    # Encoders, policies and single runs.
+
+    @_frame
+    def encoders(self) -> pd.DataFrame:
+        """What encoders lose and predict."""
+        encoders = encoder_frame(self._source.tables, self.request.task)
+        return encoders.assign(representation=encoders["representation"].replace(self._shown))
+
+    @_frame
+    def predictions(self) -> pd.DataFrame:
+        """Final returns beside what latents predict."""
+        return prediction_frame(with_returns(self._trained, self.returns), self.encoders)
+
+    @_frame
+    def motor(self) -> pd.DataFrame:
+        """The distributions of motor velocities of evaluated policies."""
+        return self._behavior[0]
+
+    @_frame
+    def positions(self) -> pd.DataFrame:
+        """The positions of the robot with evaluated policies."""
+        return self._behavior[1]
+
+    @_frame
+    def runs(self) -> pd.DataFrame:
+        """A row for each run."""
+        return run_frame(self._source, self.returns)
+
+    @_frame
+    def provenance(self) -> pd.DataFrame:
+        """The recorded versions and processors, with numbers of runs."""
+        return provenance_frame(self.runs)

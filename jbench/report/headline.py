@@ -1,5 +1,6 @@
 """The headline of a report: one plain sentence or two on what was learned."""
 
+import re
 from collections.abc import Iterator, Mapping
 
 import pandas as pd
@@ -15,11 +16,12 @@ _OUTCOMES = {
     "slower": "learn more slowly",
     "similar": "reach similar final returns",
 }
-_MAX_WORDS = 30
+_MAX_WORDS = 34
+_MAX_TASKS = 2  # that a sentence names
 
 
 def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.DataFrame) -> str:
-    """Returns the headline, of at most 30 words; it names tasks where the answer depends on them.
+    """Returns the headline, of at most 34 words; it names tasks where the answer depends on them.
 
     All rows are of one kind of return; there are comparisons only if two sides are compared.
     """
@@ -35,21 +37,29 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.
             return f"{count.capitalize()} of a method can't decide a comparison."
         return f"Too early to say: {count} of {longest} control steps can't decide anything."
     if len(compared) and len(compared[["a", "b"]].drop_duplicates()) == 1:
-        return _on_sides(compared[compared["task"].isin(known["task"])])
+        rows = compared[compared["task"].isin(known["task"])]
+        equally_long = known.groupby("task")["steps"].nunique().max() == 1
+        return _on_sides(rows, equally_long)
     against_full = verdicts[verdicts["against"] == FULL]
     if against_full.empty:
         return _best(known)
     clauses = dict(_clauses(against_full))
     if not clauses:
-        return "Whether agents learn as well on a reduced observation is undecided."
-    algos = against_full["algo"][against_full["verdict"].isin([*clauses])].unique()
-    who = f"{algos[0]} agents" if len(algos) == 1 else "agents"
-    while len(_sentence(clauses, who).split()) > _MAX_WORDS and len(clauses) > 1:
+        about = _about(against_full, in_prose(against_full["algo"].unique(), "and"))
+        return f"Whether {about} learn as well on a reduced observation is undecided."
+    while len(_sentence(clauses, against_full).split()) > _MAX_WORDS and len(clauses) > 1:
         clauses.popitem()
-    return _sentence(clauses, who)
+    return _sentence(clauses, against_full)
 
 
-def _on_sides(comparisons: pd.DataFrame) -> str:
+def _about(verdicts: pd.DataFrame, algos: str) -> str:
+    """Names the agents, and their task if there is one."""
+    tasks = list(verdicts["task"].unique())
+    return f"{algos} agents on {tasks[0]}" if len(tasks) == 1 else f"{algos} agents"
+
+
+def _on_sides(comparisons: pd.DataFrame, equally_long: bool) -> str:
+    """Returns the outcome of a comparison; sides of different lengths with its control steps."""
     first, other = comparisons[["a", "b"]].iloc[0]
     words = [*comparisons["verdict"]]
     counts = {word: words.count(word) for word in ("higher", "lower", "similar") if word in words}
@@ -61,27 +71,47 @@ def _on_sides(comparisons: pd.DataFrame) -> str:
         answer = in_prose([f"{word} in {count}" for word, count in counts.items()], "and")
         tasks = comparisons["task"].nunique() == len(comparisons)
         answer += f" of {len(comparisons)} {'tasks' if tasks else 'configurations'}"
-    return f"The final return with {first}, compared with {other}, is {answer}."
+    after = ""
+    if not equally_long:
+        ends = sorted({*comparisons["steps"]})
+        shown = [steps(end) for end in ends[:1] + ends[1:][-1:]]
+        after = f" after {' to '.join(shown)} control steps"
+    return f"The final return with {first}, compared with {other}, is {answer}{after}."
 
 
-def _sentence(clauses: Mapping[str, str], who: str) -> str:
+def _sentence(clauses: Mapping[str, str], verdicts: pd.DataFrame) -> str:
     text = "; ".join(clauses.values())
     if "higher" in clauses:
         text = text.replace(_OUTCOMES["lower"], "lower ones")
-    return f"Compared with the full observation, {who} {text}."
+    # Each clause names its own agents and tasks where they differ.
+    named = {*re.findall(r" \(([^()]*)\)", text)}
+    about = "agents"
+    if len(named) == 1 or verdicts["algo"].nunique() == 1:
+        algos = [*named] or [*verdicts["algo"].unique()]
+        about = _about(verdicts[verdicts["algo"].isin(algos)], algos[0])
+        text = text.replace(f" ({algos[0]})", "")
+    tasks = list(verdicts["task"].unique())
+    on = f" on {in_prose(tasks, 'and')}" if 1 < len(tasks) <= _MAX_TASKS else ""
+    on = "" if " on " in text else on
+    return f"Compared with the full observation{on}, {about} {text}."
 
 
 def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
-    """Yields outcomes and a clause on each: with which representations, on which tasks."""
+    """Yields outcomes and a clause on each: with which representations, agents, on which tasks."""
+    several = verdicts["algo"].nunique() > 1
     where: dict[str, dict[str, list[str]]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):
-        outcomes: dict[str, list[str]] = {}
+        outcomes: dict[str, dict[str, list[str]]] = {}
         for task, group in rows.groupby("task", sort=False):
-            outcomes.setdefault(_outcome(group), []).append(str(task))
-        for outcome, tasks in outcomes.items():
-            everywhere = len(tasks) == rows["task"].nunique()
-            on = "" if everywhere else f" on {in_prose(tasks, 'and')}"
-            where.setdefault(outcome, {}).setdefault(on, []).append(str(representation))
+            outcome = _outcome(group)
+            algos = group["algo"][group["verdict"] == outcome].unique()
+            who = f" ({in_prose(algos, 'and')})" if several and len(algos) else ""
+            outcomes.setdefault(outcome, {}).setdefault(who, []).append(str(task))
+        for outcome, agents in outcomes.items():
+            for who, tasks in agents.items():
+                everywhere = len(tasks) == rows["task"].nunique()
+                on = "" if everywhere else f" on {in_prose(tasks, 'and')}"
+                where.setdefault(outcome, {}).setdefault(on + who, []).append(str(representation))
     for outcome, verb in _OUTCOMES.items():
         if outcome in where:
             parts = sorted(where[outcome].items())
@@ -102,7 +132,8 @@ def _best(configurations: pd.DataFrame) -> str:
     best = configurations.loc[configurations.groupby("task", sort=False)["median"].idxmax()]
     text = ""
     for row in best.to_dict("records"):
-        median = f"a median return of {whole(row['median'])} on {row['task']}"
+        reached = f"a median return of {whole(row['median'])} on {row['task']}"
+        median = f"{reached} after {steps(row['steps'])} control steps"
         longer = f"{text} {row['label']} reaches {median}.".strip()
         if not text or len(longer.split()) <= _MAX_WORDS:
             text = longer

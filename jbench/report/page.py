@@ -19,10 +19,15 @@ from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 from jbench.report.runs import run_details
 from jbench.report.svg import panel_svgs
+from jbench.report.table import Column, Table
 from jbench.report.tables import COMPARED, tables
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import MARGIN
 from jbench.wording import counted
+
+_ROWS_BEFORE_FOLD = 2  # of panels of a figure; a click shows the others
+_FILTERED = ("task", "algo", "representation", "against", "returns", "status", "claim")
+"""Columns of long tables by whose values rows can be chosen."""
 
 _STATES = {"✓": "for", "✗": "against"}
 
@@ -53,14 +58,22 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         charts={chart.name: chart for chart in made},
         panel_svgs=panel_svgs,
         mark=_mark,
+        rows_before_fold=_ROWS_BEFORE_FOLD,
+        filtered=_FILTERED,
         soft=style.SOFT,
         meanings=_meanings(frames),
         matrix=verdict_matrix(frames),
-        tables=[(table, *table.shown()) for table in tables(frames) if table.name != "verdicts"],
+        tables=[_shown(table) for table in tables(frames) if table.name != "verdicts"],
         runs=run_details(frames.runs, *shown, frames.returns),
         command=clean(frames.request.command),
         citation=CITATION if len(frames.published) else "",
     )
+
+
+def _shown(table: Table) -> tuple[Table, str, list[Column], list[list[tuple[Any, str]]]]:
+    """Returns a table, its caption, and its columns and rows with any text."""
+    columns, rows = table.shown()
+    return table, table.explained(columns), columns, rows
 
 
 def _title(frames: Frames) -> str:
@@ -118,7 +131,7 @@ def _verdict(row: Mapping[Any, Any], reach: float) -> dict[str, Any]:
 
     value, low, high = (rounded(row[name]) for name in ("value", "low", "high"))
     enough = row["seeds"] >= DECIDING_SEEDS and np.isfinite(row["corrected_low"])
-    undecided = "undecided" if enough else counted(row["seeds"], "seed")
+    undecided = "undecided" if enough else "needs more"
     names = ("value", "low", "high", "corrected_low", "corrected_high")
     return {
         **row,

@@ -14,11 +14,15 @@ from jbench.report.analysis.claims import examine_solving
 from jbench.report.analysis.findings import Finding
 from jbench.report.data.configuration import Part, in_order, long_frame
 from jbench.statistics import FloatArray
+from jbench.statistics import bootstrap as st
 from jbench.store import Record, Results
 from jbench.wording import with_results
 
 MOTOR = ("task", "policy", "label", "median", "velocity", "density")
 POSITIONS = ("task", "policy", "label", "median", "x", "y", "share", "target_yaw", "reach")
+
+RANDOM = "random"
+_BASELINES = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
 
 FULL_SPEED = 180.0  # rad/s of the motor, an observation of 1
 _REACH = 2.0  # m from the origin; the fastest gait moves 0.14 m in a second
@@ -26,9 +30,21 @@ _SHOWN = 4  # policies in a figure
 _BINS = 80  # of positions, along each axis
 
 
-def baseline_frame(tasks: set[str]) -> pd.DataFrame:
-    """Returns the returns of policies without training, which `benchmarks/baselines.py` writes."""
-    rows = pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
+def baseline_frame(tasks: set[str], tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Returns the returns of policies without training.
+
+    Those on the Jitterbug are shipped (`benchmarks/baselines.py` writes them). Random actions on
+    other robots are those of `jbench evaluate random --task TASK` in the results.
+    """
+    shipped = pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
+    evaluated = []
+    for task, returns in evaluated_returns(tables, RANDOM).items():
+        if len(returns) and task not in {*shipped["task"]}:
+            median, low, high, *_ = st.estimate(st.median, [returns])
+            q10, q90 = np.quantile(returns, [0.1, 0.9])
+            evaluated.append((task, RANDOM, median, low, high, q10, q90, len(returns)))
+    more = pd.DataFrame(evaluated, columns=_BASELINES)
+    rows = pd.concat([shipped, more], ignore_index=True) if evaluated else shipped
     return rows[rows["task"].isin(tasks)].reset_index(drop=True)
 
 
@@ -47,13 +63,18 @@ def findings(
 
 
 def hand_written_returns(tables: Mapping[str, pd.DataFrame]) -> dict[str, FloatArray]:
-    """Returns the finite returns (episodes,) of the hand-written policy of each task.
+    """Returns the finite returns (episodes,) of the hand-written policy of each task."""
+    return evaluated_returns(tables, HEURISTIC)
+
+
+def evaluated_returns(tables: Mapping[str, pd.DataFrame], policy: str) -> dict[str, FloatArray]:
+    """Returns the finite returns (episodes,) of a policy without training, by task.
 
     The evaluation of a task with the most episodes counts, or the newest of several such. Only
     evaluations on the plain robot with random targets count.
     """
     rows = tables["policy_evaluations"]
-    rows = rows[(rows["policy"] == HEURISTIC) & (rows["status"] == "finished")]
+    rows = rows[(rows["policy"] == policy) & (rows["status"] == "finished")]
     settings = [json.loads(text) for text in rows["settings"]]
     changed = pd.DataFrame(settings, rows.index, ["augment", "target_yaw"]).notna().any(axis=1)
     rows = rows[~changed].dropna(subset=["task", "episodes"])

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from jbench.report.frames import DEFAULT, Frames
 from jbench.report.request import Request
 from jbench.report.table import to_csv, to_latex, to_markdown
-from jbench.report.tables import tables
+from jbench.report.tables import for_paper, tables
 from jbench.store.database import Results
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
 
@@ -48,13 +48,14 @@ def write_report(
         frames = Frames(results, request)
         pa.default_memory_pool().release_unused()  # memory of the rows that were read
         make_directory(out)  # before anything is drawn, since it may raise an error
+        texts = {} if request.watched else dict(table_files(frames))
         made = charts(frames)
         files = {"index.html": render(frames, made).encode()}
         if not request.watched:
             for chart in made:
                 drawn, name = chart.figure(request.columns), f"figures/{chart.name}"
                 files |= {f"{name}.{end}": image(drawn, end) for end in request.formats}
-            files |= {f"tables/{name}": text.encode() for name, text in table_files(frames)}
+            files |= {f"tables/{name}": text.encode() for name, text in texts.items()}
             curves = pa.Table.from_pandas(frames.curves, preserve_index=False, nthreads=1)
             pq.write_table(curves, sink := io.BytesIO(), compression="zstd")
             files["tables/curves.parquet"] = sink.getvalue()
@@ -72,7 +73,8 @@ def table_files(frames: Frames) -> Iterator[tuple[str, str]]:
         yield f"{table.name}.csv", to_csv(table.frame if table.name == "encoders" else numbers)
         for ending, write in (("md", to_markdown), ("tex", to_latex)):
             if table.name != "runs":
-                yield f"{table.name}.{ending}", write(table)
+                shown = for_paper(table, frames) if ending == "tex" else table
+                yield f"{table.name}.{ending}", write(shown)
     for name in (
         *("configurations", "seeds", "curves", "published", "baselines", "pairs", "profiles"),
         *("predictions", "processor", "motor", "positions", "sequences"),

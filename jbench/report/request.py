@@ -1,9 +1,10 @@
 """Request for a report."""
 
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -32,12 +33,29 @@ def settings_typed(side: str) -> list[str]:
     return [part.strip() for part in re.split(r",(?![^\[]*\])", side)]
 
 
+def names_typed(typed: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Returns the pairs of `--names six-rows=ours`; a RequestError if one is none."""
+    pairs = []
+    for text in typed:
+        old, equals, new = (piece.strip() for piece in text.partition("="))
+        if not (old and equals and new and new.isprintable()):
+            raise RequestError(
+                f"--names {text}: type a name of the report and the one to show, such as "
+                "--names six-rows=ours."
+            )
+        pairs.append((old, new))
+    return tuple(pairs)
+
+
 class Request(Settings):
     """Contents of a report.
 
     Attributes:
         compare: two results directories, or two selections of settings; see `sources.side`.
-        curves: file with the curves of any environment, which is reported instead of results.
+        curves: file or folder with the curves of any environment, reported instead of results.
+        names: names that a page, figures and tables show, by representation, kind or method.
+        table_columns: columns of the LaTeX table of final returns; None: those that fit a column
+            of a paper.
         watched: whether the report is rewritten regularly: its page reloads itself, and figures
             have no files of their own.
         command: the command line, which is written into the page.
@@ -74,6 +92,11 @@ class Request(Settings):
         default=None,
         description="draw the imported curves of this algorithm dotted, as published curves are",
     )
+    published: Literal["yes", "no"] = Field(
+        default="yes", description="draw the paper's curves beside yours: yes or no"
+    )
+    names: tuple[tuple[str, str], ...] = ()
+    table_columns: tuple[str, ...] | None = None
     compare: tuple[str, str] | None = None
     curves: Path | None = None
     watched: bool = False

@@ -26,6 +26,9 @@ _RUN_POINTS, _PATH_POINTS = 50, 20
 _PAGE_POINTS = 6_000  # of the curves of all runs together
 _RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
 
+_ORIGIN = {"git revision": "commit", "processor": "processor", "command": "command"}
+"""What the page shows of a run's provenance, and what it calls it."""
+
 
 def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
     """Returns a row per run, those without an episode included, by configuration and seed.
@@ -85,14 +88,25 @@ def run_details(
         curves.setdefault((source, run), []).append([str(name), number, values])
     ways = {key: list(_paths(rows)) for key, rows in paths.groupby(["source", "run"], sort=False)}
     settings: dict[tuple[str, str], int] = {}
+    origins: dict[str, int] = {}
     details = []
     for row in runs.to_dict("records"):
-        key = row["source"], row["run"]
+        place = row["source"], row["run"]
         texts = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
         numbers = [settings.setdefault(pair, len(settings)) for pair in texts]
-        detail = {"diverged": row["diverged"], "settings": numbers}
-        details.append(detail | {"curves": curves.get(key, []), "paths": ways.get(key, [])})
-    return {"settings": list(settings), "steps": list(steps), "runs": details}
+        origin = [
+            origins.setdefault(f"{name}: {clean(row['provenance'][key])}", len(origins))
+            for key, name in _ORIGIN.items()
+            if key in row["provenance"]
+        ]
+        detail = {"diverged": row["diverged"], "settings": numbers, "origin": origin}
+        details.append(detail | {"curves": curves.get(place, []), "paths": ways.get(place, [])})
+    return {
+        "settings": list(settings),
+        "steps": list(steps),
+        "origins": list(origins),
+        "runs": details,
+    }
 
 
 def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:

@@ -28,6 +28,13 @@ _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _SHARED = ("clip-path", "fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap")
 _WRITTEN = ("font-size", "text-anchor")  # these mean nothing to lines and marks
 _EDGE = 3  # points around a panel
+# What a line of the grid has; a page has a thousand, and says it once.
+_GRID = {
+    "fill": "none",
+    "stroke": _COLORS[style.LINE],
+    "stroke-width": "0.8",
+    "stroke-linecap": "square",
+}
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
@@ -53,7 +60,7 @@ def panel_svgs(panel: Panel, label: str, name: str) -> str:
             _clean(root)
             root.attrib = {"viewBox": root.attrib["viewBox"], "role": "img", "aria-label": label}
             root.attrib |= {"class": names} if names else {}
-            texts.append(ElementTree.tostring(root, encoding="unicode"))
+            texts.append(ElementTree.tostring(root, encoding="unicode").replace(" />", "/>"))
     return "".join(texts)
 
 
@@ -93,6 +100,10 @@ def _clean(element: ElementTree.Element) -> None:
         element.set(name, _COLORS.get(value, value.removesuffix("px")))
     if element.get("fill") == "none" and element.get("stroke") in (None, _COLORS[style.LINE]):
         element.attrib.pop("clip-path", None)  # a place for the pointer, or a line of the grid
+    if element.attrib.keys() - {"d"} == _GRID.keys() and _GRID.items() <= element.attrib.items():
+        for name in _GRID:
+            element.attrib.pop(name)
+        element.set("class", "g")
     if element.get("transform", "").startswith("rotate(-0 "):
         element.attrib.pop("transform")
     if element.tag == "use" and element.get("fill") == element.get("stroke") == _COLORS[style.SOFT]:

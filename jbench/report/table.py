@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import csv
 
+from jbench.errors import RequestError
 from jbench.report.data.returns import clean, map_texts, whole
 from jbench.wording import not_formula
 
@@ -26,6 +27,7 @@ class Column(NamedTuple):
     key: str
     form: Callable[[Row], str]
     numeric: bool = False  # aligned to the right
+    note: str = ""  # a sentence on what its heading means
 
     def text(self, row: Row) -> str:
         """Returns the text of a row in one line; empty if the value is unknown."""
@@ -51,6 +53,21 @@ class Table:
         kept = [i for i in range(len(self.columns)) if any(row[i][1] for row in rows)]
         return [self.columns[i] for i in kept], [[row[i] for i in kept] for row in rows]
 
+    def explained(self, columns: Sequence[Column]) -> str:
+        """Returns the caption, with what the headings of some columns mean."""
+        return " ".join(filter(None, (self.caption, *(column.note for column in columns))))
+
+    def of(self, names: Sequence[str]) -> "Table":
+        """Returns the table with the columns of these headings; a RequestError if one is none."""
+        known = {column.title: column for column in self.columns}
+        for name in names:
+            if name not in known:
+                raise RequestError(
+                    f"--table-columns {name}: there is no such column; type all, or some of "
+                    f"{', '.join(known)}."
+                )
+        return replace(self, columns=[known[name] for name in names])
+
     def texts(self) -> pd.DataFrame:
         """Returns the table as people read it, without the columns that are empty."""
         columns, rows = self.shown()
@@ -75,16 +92,18 @@ def to_markdown(table: Table) -> str:
     lines += [[text.translate(_MARKDOWN) for _, text in row] for row in rows]
     body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     title = table.title if table.title.endswith("?") else f"{table.title}."
-    return f"{f'{title} {table.caption}'.translate(_MARKDOWN)}\n\n{body}\n"
+    return f"{f'{title} {table.explained(columns)}'.translate(_MARKDOWN)}\n\n{body}\n"
 
 
 def to_latex(table: Table) -> str:
-    """Returns a table for LaTeX's booktabs, with its title as caption."""
+    """Returns a table for LaTeX's booktabs, whose caption explains its words."""
     texts = table.texts()
     right = {column.title for column in table.columns if column.numeric}
     shown = texts.style.hide(axis="index").format(_latex).format_index(_latex, axis="columns")
     sides = "".join("r" if name in right else "l" for name in texts)
-    named: Any = {"caption": _latex(table.title), "label": f"tab:{table.name.replace('_', '-')}"}
+    title = table.title if table.title.endswith("?") else f"{table.title}."
+    caption = _latex(f"{title} {table.explained(table.shown()[0])}")
+    named: Any = {"caption": caption, "label": f"tab:{table.name.replace('_', '-')}"}
     placed: Any = {"column_format": sides, "position_float": "centering"}
     return str(shown.to_latex(hrules=True, **placed, **named))
 
@@ -109,7 +128,9 @@ def plain(title: str, key: str | None = None) -> Column:
     return Column(title, name, lambda row: str(row[name]))
 
 
-def number(title: str, key: str, form: Form = whole, ends: Sequence[str] = ()) -> Column:
+def number(
+    title: str, key: str, form: Form = whole, ends: Sequence[str] = (), note: str = ""
+) -> Column:
     """Returns a column of numbers, with the intervals of these ends: `668 [640, 690]`."""
 
     def text(row: Row) -> str:
@@ -117,9 +138,9 @@ def number(title: str, key: str, form: Form = whole, ends: Sequence[str] = ()) -
         known = interval and pd.notna(interval).all() and np.isfinite(interval[0])
         return form(row[key]) + (f" [{', '.join(map(form, interval))}]" if known else "")
 
-    return Column(title, key, text, numeric=True)
+    return Column(title, key, text, numeric=True, note=note)
 
 
-def estimate(title: str, key: str, form: Form = whole) -> Column:
+def estimate(title: str, key: str, form: Form = whole, note: str = "") -> Column:
     """Returns a column of numbers with their intervals, whose ends are …_low and …_high."""
-    return number(title, key, form, (f"{key}_low", f"{key}_high"))
+    return number(title, key, form, (f"{key}_low", f"{key}_high"), note)

@@ -73,29 +73,60 @@ def _final_returns(frames: Frames) -> Table:
     rows = pd.concat(both, ignore_index=True)
     rows = rows.sort_values("task", key=lambda task: pd.factorize(task)[0], kind="stable")
 
-    draws, diverged = (number(n, n, lambda value: str(value or "")) for n in ("draws", "diverged"))
     columns = [
-        *(_TASK, _agent(frames), OBSERVED, _SEEDS, draws, _RANGE, diverged),
-        *(estimate("median", "median"), estimate("IQM", "iqm")),
-        *(estimate("over the run", "over_run"), estimate("s", "s")),
-        number("detectable", "detectable"),
+        _TASK,
+        _agent(frames),
+        OBSERVED,
+        _SEEDS,
+        number("draws", "draws", _count, note="Draws: encoders that were trained for these seeds."),
+        _RANGE,
+        number(
+            "diverged", "diverged", _count, note="Diverged: seeds that count as 0 from then on."
+        ),
+        estimate("median", "median"),
+        estimate("IQM", "iqm", note="IQM: mean without the lowest and highest quarter of seeds."),
+        estimate(
+            "over the run",
+            "over_run",
+            note="Over the run: IQM of the mean return over all control steps.",
+        ),
+        estimate(
+            "s", "s", note="s: standard deviation between agents, without that of the episodes."
+        ),
+        number(
+            "detectable",
+            "detectable",
+            note="Detectable: smallest difference that these seeds would show.",
+        ),
         Column(f"reach {SOLVED}", "reached", "{0[reached]} of {0[seeds]}".format, True),
         estimate(f"steps to {SOLVED}", "solved_steps", steps),
         number("published median", "published"),
     ]
     title = f"Final {frames.returns} returns"
-    sentences = [_final(frames), "IQM: mean without the lowest and highest quarter of seeds."]
+    sentences = [_final(frames), _INTERVAL]
     if frames.request.curves:
         title = "Final returns by method"
-    elif agents["s"].notna().any():
-        sentences += ["s: standard deviation between agents, without that of the episodes."]
-        sentences += ["Detectable: smallest difference that these seeds would show."]
-    sentences += [_INTERVAL]
     if len(policies):
-        sentences += ["Random and hand-written policies: 100 episodes."]
+        fewest = int(policies["episodes"].min())
+        sentences.append(f"Random and hand-written policies: {fewest} episodes or more.")
     if NORMALIZED in {*agents["task"]}:
-        sentences += ["Normalized: 0 is the lowest and 1 the highest return of a task in the file."]
+        sentences.append("Normalized: 0 is the lowest and 1 the highest return of a task.")
     return Table("final_returns", title, " ".join(sentences), rows, columns)
+
+
+def _count(value: int) -> str:
+    return str(value or "")
+
+
+def for_paper(table: Table, frames: Frames) -> Table:
+    """Returns a table as LaTeX has it: final returns with the columns that were asked for.
+
+    Raises a RequestError if there is no such column.
+    """
+    asked = frames.request.table_columns
+    if table.name != "final_returns" or asked == ("all",):
+        return table
+    return table.of(asked or ("task", _agent(frames).title, OBSERVED.title, "seeds", "median"))
 
 
 def _verdicts(frames: Frames) -> Table:

@@ -150,7 +150,10 @@ def test_own_runs_that_stopped_at_different_steps_have_a_curve_of_all_seeds(fabr
         assert curve["steps"].max() == 24_000
         longest = report.run_curves[report.run_curves["returns"] == kind]["steps"].max()
         assert longest == 40_000
-    assert any("its curve ends at 24,000 control steps" in note for note in report.notes)
+    assert any(
+        "its curve of evaluation returns ends at 24,000 control steps" in note
+        for note in report.notes
+    )
     seeds = jbench.open(fabric.results.path).curves(returns=EVALUATION, per_seed=True)
     assert seeds.groupby("seed")["control_steps"].max().tolist() == [40_000, 40_000, 24_000]
 

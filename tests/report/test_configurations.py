@@ -62,7 +62,8 @@ def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
         "seed 1 failed after 2 episodes",
         "seed 2 unfinished after 3 episodes",
         "seeds of unequal length, 2 to 4 episodes",
-        "its curve ends at 2,000 control steps, the last that every seed has reached",
+        "its curve of training returns ends at 2,000 control steps, the last that every seed has "
+        "reached",
     )
 
 

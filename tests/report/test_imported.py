@@ -100,7 +100,7 @@ def test_seeds_with_points_at_different_control_steps_are_noted(tmp_path):
     assert main(["import", *typed, "--results", str(path), str(file)]) == 0
     (row,) = Frames(Results(path)).configurations.to_dict("records")
     assert "its seeds were logged at different control steps" in row["note"]
-    assert "its curve ends at 2,000 control steps" in row["note"]
+    assert "its curve of training returns ends at 2,000 control steps" in row["note"]
 
 
 def test_imports_change_no_number_or_claim_of_runs(demo, imported):

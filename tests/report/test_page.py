@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from jbench.report import page
+from jbench.report.data.returns import clean, map_texts
 from jbench.report.figures import charts
 from jbench.report.frames import Frames
 from jbench.report.request import Request
@@ -52,14 +54,21 @@ def written(found, tmp_path):
 def hostile(found):
     """Returns frames in which names are those of an enemy."""
     name = HOSTILE + "\x07"
-    found.headline, found.notes, found.problems = f"{name} wins.", [name], [name]
-    for frame in vars(found).values():
-        if isinstance(frame, pd.DataFrame):
+
+    def replaced(text):
+        return text.replace("dae12", name) if isinstance(text, str) else text
+
+    made = [key for key, value in vars(Frames).items() if isinstance(value, cached_property)]
+    for key in ("metrics", "paths", *(key for key in made if not key.startswith("_"))):
+        if isinstance(frame := getattr(found, key), pd.DataFrame):
             for column in frame.select_dtypes(["object", "str"]):
-                frame[column] = frame[column].map(
-                    lambda text: text.replace("dae12", name) if isinstance(text, str) else text
-                )
-    found.clean()
+                frame[column] = frame[column].map(replaced)
+            setattr(found, key, map_texts(frame))
+    found.headline, found.notes, found.problems = (
+        clean(f"{name} wins."),
+        [clean(name)],
+        [clean(name)],
+    )
     return found
 
 

@@ -182,7 +182,7 @@ def test_headline_names_what_was_decided(fabric):
     headline = Frames(fabric.results).headline
     assert "planar" in headline
     assert "dae12" in headline
-    assert len(headline.split()) <= 30
+    assert len(headline.split()) <= 34
 
 
 def test_headline_of_few_seeds_says_that_it_is_too_early(fabric):

@@ -48,7 +48,7 @@ def test_markdown_escapes_tags_and_newlines():
 
 def test_latex_table_uses_booktabs():
     text = to_latex(PLAIN)
-    assert r"\caption{Final \& last}" in text
+    assert r"\caption{Final \& last. " in text
     assert r"\begin{tabular}{lrr}" in text
     for rule in (r"\toprule", r"\midrule", r"\bottomrule"):
         assert text.count(rule) == 1
@@ -88,7 +88,7 @@ def test_variability_is_that_of_three_seeds_or_more(fabric, seeds, shown):
         fabric.run(np.full(40, 500.0), seed, evaluated={40_000: 800.0 + seed})
     table = next(one for one in tables(Frames(fabric.results)) if one.name == "final_returns")
     assert {"s", "detectable"} & {*table.texts()} == shown
-    assert ("Detectable: " in table.caption) == bool(shown)
+    assert ("Detectable: " in table.explained(table.shown()[0])) == bool(shown)
 
 
 def test_policies_stand_beside_agents_and_labels_apart_from_algorithms_of_the_paper(fabric):

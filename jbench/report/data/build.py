@@ -16,7 +16,7 @@ from jbench.names import ReturnsName
 from jbench.report.data.code import note_changes, recorded_code, split_by_code
 from jbench.report.data.configuration import KEY, OWN, Configuration, paper_order
 from jbench.report.data.points import NOTHING, count_divergence, run_points, stacked
-from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.report.data.returns import EVALUATION, FILE, TRAINING
 from jbench.settings.recorded import comparable, parse_run
 from jbench.settings.variants import code_dates, variant_words
 from jbench.statistics import FloatArray, IntArray
@@ -187,7 +187,8 @@ def _notes_on_steps(config: Configuration) -> list[str]:
             "between its own points"
         )
     if len(common.control_steps) and (end := common.control_steps[-1]) < config.longest:
+        of = "" if config.source == FILE else f" of {config.kind} returns"
         notes.append(
-            f"its curve ends at {end:,.0f} control steps, the last that every seed has reached"
+            f"its curve{of} ends at {end:,.0f} control steps, the last that every seed has reached"
         )
     return notes

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.errors import RequestError
 from jbench.names import (
     FULL,
     TASKS,
@@ -69,6 +70,7 @@ class Configuration:
         label: name within a task: `TD3 dae12, bfloat16`.
         name: unique name in its source: `face_direction TD3 dae12`.
         configuration: unique name in a report: `reference: face_direction TD3 dae12`.
+        shown: name that a reader chose for the representation, or for a method of a file; or None.
         beside: other methods on the task that may have been logged at other control steps, with
             whose means over the run those of this one are compared.
     """
@@ -86,6 +88,7 @@ class Configuration:
         first, self.kind, self.source = runs.iloc[0], kind, source
         self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
         self.notes: tuple[str, ...] = ()
+        self.shown: str | None = None
         self.beside: Sequence[Configuration] = ()
         fields = [points[name] for name in FIELDS]
         self.returns, self.control_steps, self.processor_time, self.deviations, self.counts = fields
@@ -107,16 +110,25 @@ class Configuration:
         self.robot_episodes = -(-episodes // self.robots) if self.robots else 0
         self.set_words(words)
 
+    @property
+    def named_by(self) -> str:
+        """The column whose name a reader may choose."""
+        return "algo" if self.source == FILE else "representation"
+
     def set_words(self, words: str) -> None:
         """Sets the names, with settings in words."""
         source, self.words = self.source, words
         algo = self.algo if source == FILE else display_name(self.algo)
         shown = shown_representation(self.representation)
+        kind = kind_in(self.representation)
+        if self.shown is not None and source == FILE:
+            algo = self.shown
+        elif self.shown is not None:
+            shown, kind = self.shown, self.shown
         label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), words)))
         prefix = "" if source in (OWN, FILE) else f"{source}: "
         self.label, self.name = f"{prefix}{label}", f"{self.task} {label}"
         self.configuration = f"{prefix}{self.name}"
-        kind = kind_in(self.representation)
         names = self.configuration, self.label, source, self.task, algo, shown, kind, words
         self.identity = dict(zip(ID, (*names, self.kind), strict=True))  # the columns `ID`
 
@@ -200,6 +212,40 @@ Configurations = Sequence[Configuration]
 def with_returns(configurations: Iterable[Configuration], kind: ReturnsName) -> list[Configuration]:
     """Returns the configurations of one kind of return."""
     return [config for config in configurations if config.kind == kind]
+
+
+def rename(
+    configurations: Iterable[Configuration], names: Sequence[tuple[str, str]]
+) -> dict[str, str]:
+    """Gives representations, or the methods of a file, the names that a reader has chosen.
+
+    A name of a kind, such as `six-rows`, means all sizes, which keep them if there are several.
+
+    Returns:
+        The new names by the old ones.
+
+    Raises:
+        RequestError: if there is nothing of such a name.
+    """
+    every, chosen = list(configurations), dict[str, str]()
+    for old, new in names:
+        known = {config.identity[config.named_by]: config for config in every}
+        of_kind = [name for name, config in known.items() if config.identity["kind"] == old]
+        if old in known:
+            chosen[old] = new
+        elif of_kind:
+            for name in of_kind:
+                chosen[name] = new if len(of_kind) == 1 else new + name.removeprefix(old)
+        else:
+            raise RequestError(
+                f"--names {old}={new}: the report has no {old}; it has {', '.join(known)}."
+            )
+    for config in every:
+        old = config.identity[config.named_by]
+        if old in chosen:
+            config.shown = chosen[old]
+            config.set_words(config.words)
+    return chosen
 
 
 def differing_in(configurations: Iterable[Configuration], name: str) -> list[list[Configuration]]:

@@ -80,7 +80,7 @@ class Chart:
                 ]
                 place: Any = {"loc": "outside upper left", "ncols": -(-len(entries) // legend_rows)}
                 place |= {"handlelength": 1.8, "columnspacing": 1.2, "borderaxespad": 0}
-                figure.legend(entries, map(marks.shortened, self.legend), **place)
+                figure.legend(entries, marks.shortened(self.legend), **place)
             # Placed once, or each format would place it and draw it twice.
             ConstrainedLayoutEngine().execute(figure)
         # Tips are for the page.

@@ -17,7 +17,6 @@ from jbench.report.frames import Frames
 from jbench.report.style import Look, Looks
 
 _BESIDE = {PUBLISHED: "published, training", IMPORTED: "imported"}  # dotted curves in legends
-_ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
 _UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
 _GROUP = ["task", "algo", "words", "source"]
 _LONGER = 1.02  # ratio of the ends of a seed and of a curve from which the seed is drawn on
@@ -107,7 +106,8 @@ def _chart(
         scales.reverse()
     panels, sources = [], set[str]()
     groups = curves.groupby(by, sort=False)
-    size = (5.6, 2.9) if groups.ngroups < 3 else (4.2, 2.5)
+    # A single panel has the width of the page.
+    size = {1: (9.6, 3.0), 2: (5.6, 2.9)}.get(groups.ngroups, (4.2, 2.5))
     for key, rows in groups:
         old = _beside(published, rows, name)
         sources |= {*old["source"]}
@@ -146,12 +146,9 @@ def _beyond(seeds: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
 
 
 def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
-    points = curves.groupby(["returns", "configuration"])["steps"].size().groupby("returns").max()
+    """Returns the kinds of return that there are, that of the tables first."""
     kinds = dict.fromkeys((leading, EVALUATION, TRAINING))
-    shown = [kind for kind in kinds if kind in points.index]
-    if shown[0] == EVALUATION and points[EVALUATION] < _ENOUGH:
-        shown.reverse()
-    return shown
+    return [kind for kind in kinds if (curves["returns"] == kind).any()]
 
 
 def _beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -202,9 +199,11 @@ def draw_curves(
                 axes.plot(seed["steps"], seed["value"], **thin)
     if published is not None:
         _draw_published(axes, published[published["task"].isin(rows["task"])], looks)
-    marks.set_axes(axes, rows, scale)
+    policies = frames.baselines if frames else None
+    levels = () if policies is None else policies["median"][policies["task"].isin(rows["task"])]
+    marks.set_axes(axes, rows, scale, [*levels])
     axes.set(xlabel=x, ylabel=y)
-    marks.add_levels(axes, rows, frames.baselines if frames else None)
+    marks.add_levels(axes, rows, policies)
 
 
 def _tips(name: str, curve: pd.DataFrame) -> list[str]:

@@ -1,6 +1,7 @@
 """What figures are drawn of: lines, points with tips, rows with names, levels and axes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import takewhile
 from typing import Any
 
 import matplotlib as mpl
@@ -14,13 +15,14 @@ from jbench.report import style
 from jbench.report.data.returns import SOLVED, has_return_range, has_solved_return, whole
 from jbench.report.style import Look, Looks
 
-MOST_POINTS = 100  # of a curve that are drawn; a panel of a page is about 300 pixels wide
+MOST_POINTS = 80  # of a curve that are drawn; a panel of a page is about 300 pixels wide
 ROW = 0.24  # height of a row in inches
 _ROOM = 0.09  # of the height of a panel, between words beside it
-_TIPS = 15  # points of a curve that have a tip, if it has too many for markers
+_TIPS = 12  # points of a curve that have a tip, if it has too many for markers
 # A mark that only has a tip: its corners, since a circle would take 200 bytes.
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
 _LONGEST = 34  # characters of a name beside a panel
+_BEFORE, _AFTER = 6, 3  # characters around what differs in long names
 
 
 def add_points(
@@ -76,7 +78,7 @@ def interval_text(value: float, low: float, high: float) -> str:
 
 def name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
     """Writes a name beside each row."""
-    axes.set_yticks(range(len(names)), [shortened(name) for name in names])
+    axes.set_yticks(range(len(names)), shortened(names))
     axes.set_ylim(len(names) - 0.5, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
@@ -88,11 +90,27 @@ def add_solved(axes: Axes, rows: pd.DataFrame) -> None:
         axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
 
 
-def set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
-    """Sets the ranges and ticks of axes of returns over steps, linear or logarithmic."""
-    low, high = float(rows["median"].min()), float(rows["median"].max())
-    if has_return_range(rows["task"], rows["source"]):
-        axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
+def set_returns(axes: Axes, rows: pd.DataFrame, low: float, high: float, name: str = "y") -> None:
+    """Sets the range of an axis of returns from 0, as far as they reach, or to a solved task's.
+
+    The range of returns that may be anything, as of a file, is matplotlib's.
+    """
+    if not has_return_range(rows["task"], rows["source"]):
+        return
+    usual = 1000.0 if has_solved_return(rows["task"], rows["source"]) else 0.0
+    top = high * (1.05 if high > usual else 1.0)
+    limits = min(0.0, low * 1.05), max(usual, top) or 1.0
+    (axes.set_ylim if name == "y" else axes.set_xlim)(*limits)
+
+
+def set_axes(axes: Axes, rows: pd.DataFrame, scale: str, levels: Sequence[float] = ()) -> None:
+    """Sets the ranges and ticks of axes of returns over steps, linear or logarithmic.
+
+    Levels are returns that will have a line, beside all that is drawn.
+    """
+    drawn = axes.dataLim.intervaly
+    low, high = min([*drawn, *levels]), max([*drawn, *levels])
+    set_returns(axes, rows, float(low), float(high))
     positive = rows["steps"][rows["steps"] > 0]
     scale = scale if len(positive) else "linear"
     axes.autoscale(axis="x")
@@ -143,9 +161,42 @@ def leave_out_empty(axes: Axes) -> None:
             axis.set_label_coords(0, 0)
 
 
-def shortened(name: str) -> str:
-    """Returns a name that leaves room for a panel beside it."""
+def shortened(names: Iterable[str]) -> list[str]:
+    """Returns names that leave room for a panel beside them, of which different ones differ.
+
+    Names are cut in the middle. Those that would be equal are cut where they are equal: they keep
+    what follows their common beginning.
+    """
+    every = [*names]
+    chosen = {name: _cut(name) for name in every}
+    for cut, group in _by_value(chosen).items():
+        if len(group) > 1:
+            start, end = _equal_characters(group), _equal_characters([n[::-1] for n in group])
+            for name in group:
+                kept = name[max(0, start - _BEFORE) : len(name) - max(0, end - _AFTER)]
+                chosen[name] = _cut(f"{cut[:_BEFORE]}…{kept}{'…' if end > _AFTER else ''}")
+    for cut, group in _by_value(chosen).items():
+        if len(group) > 1:
+            chosen |= {name: f"{i}. {cut}" for i, name in enumerate(group, 1)}
+    return [chosen[name] for name in every]
+
+
+def _cut(name: str) -> str:
     return name if len(name) <= _LONGEST else f"{name[:20]}…{name[-10:]}"
+
+
+def _equal_characters(names: Sequence[str]) -> int:
+    """Returns with how many equal characters names begin."""
+    return sum(
+        1 for _ in takewhile(lambda letters: len({*letters}) == 1, zip(*names, strict=False))
+    )
+
+
+def _by_value(names: Mapping[str, str]) -> dict[str, list[str]]:
+    groups: dict[str, list[str]] = {}
+    for name, value in names.items():
+        groups.setdefault(value, []).append(name)
+    return groups
 
 
 def narrow(axes: Axes, inches: float = 2.2) -> bool:

@@ -8,12 +8,13 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import has_return_range, ratio, whole
+from jbench.report.data.returns import ratio, whole
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
 from jbench.report.style import Look, Looks
 from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.task_specs import EPISODE_STEPS
 
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
@@ -47,11 +48,14 @@ def forest(frames: Frames) -> Chart | None:
             height = 0.55 + marks.ROW * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
     note = "large mark: interquartile mean, 95% interval; dots: seeds"
-    if frames.request.curves is None:
-        note += (
-            " ± 2 standard errors; |: published training return; diamonds: 10 to 90% of episodes"
-            + ("; hollow s: may be 0" if rows["beside"].any() else "")
-        )
+    if seeds["episode_sd"].notna().any():
+        note += " ± 2 standard errors"
+    if rows["published"].notna().any():
+        note += "; |: published training return"
+    if len(frames.baselines):
+        note += "; diamonds: 10 to 90% of episodes"
+    if rows["beside"].any():
+        note += "; hollow s: may be 0"
     return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 
 
@@ -83,9 +87,12 @@ def _draw_forest(
         marks.add_points(axes, [row["median"]], [place], [tip], apart, 5.5)
     marks.add_solved(axes, rows)
     marks.name_rows(axes, [*rows["name"], *names])
-    if has_return_range(rows["task"], rows["source"]):
-        ends = np.array([0.0, 1000.0, *seeds["final"]])
-        axes.set_xlim(ends.min(), ends.max() * (1.03 if ends.max() > 1000 else 1))
+    errors = 2 * seeds["episode_sd"].fillna(0) / np.sqrt(seeds["episodes"])
+    # No episode returns more than its number of control steps.
+    reached = (seeds["final"] + errors).clip(upper=EPISODE_STEPS)
+    ends = [*seeds["final"], *reached, *policies["q90"]]
+    ends += [*rows["published"].dropna()]
+    marks.set_returns(axes, rows, min(ends, default=0.0), max(ends, default=0.0), "x")
 
 
 def _draw_variability(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
@@ -185,8 +192,7 @@ def predictions(frames: Frames) -> Chart:
             marks.add_points(axes, [at], [row["iqm"]], [tip], look, 6)
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
         axes.set_xlim(-0.03, 1.03)
-        if has_return_range(rows["task"], ()):
-            axes.set_ylim(0, 1000)
+        marks.set_returns(axes, rows, 0.0, float(np.nanmax(rows[["iqm", "high"]].to_numpy(float))))
         if marks.narrow(axes):
             axes.xaxis.set_major_locator(ticker.MaxNLocator(3))
 

@@ -49,7 +49,8 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
         text = f"{100 * row['p']:.0f}"
         axes.text(*at, text, ha="center", va="center", color=_DARK, weight=weight, size=size)
     middles = np.arange(len(names)) + 0.5
-    axes.set_yticks(middles, [f"{i}. {marks.shortened(name)}" for i, name in enumerate(names, 1)])
+    numbered = [f"{i}. {name}" for i, name in enumerate(marks.shortened(names), 1)]
+    axes.set_yticks(middles, numbered)
     axes.set_xticks(middles, [str(i) for i in range(1, len(names) + 1)])
     axes.set_ylim(len(names), 0)
     axes.grid(visible=False)
@@ -77,6 +78,9 @@ def profiles(frames: Frames) -> Chart:
         marks.add_solved(axes, every if ALL_TASKS in {*rows["task"]} else rows)
         axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
         axes.set_xlim(left=float(rows["final_return"].min()))
+        reached = rows["final_return"][rows["share"] > 0]
+        if ALL_TASKS not in rows["task"].iloc[0]:
+            marks.set_returns(axes, rows, 0.0, float(reached.max()), "x")
 
     note = f"share of runs with a higher final return; {DECIDING_SEEDS} seeds or more; 95% bands"
     panels = by_task(rows, draw, (5.2, 2.8))

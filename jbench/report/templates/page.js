@@ -39,6 +39,7 @@ const save = (blob, name) => Object.assign(document.createElement("a"), { href: 
 const asFile = (svg) => {
   const { width, height } = svg.viewBox.baseVal;
   const copy = svg.cloneNode(true);
+  all(".g", copy).forEach((line) => set(line, { fill: "none", stroke: "var(--line)", "stroke-width": 0.8 }));
   all("[data-series]", copy).filter((mark) => mark.style.display === "none").forEach((mark) => mark.remove());
   const legend = all(".legend button", svg.closest("section")).filter(({ dataset }) => copy.querySelector(`[data-series="${dataset.series}"]`));
   let [x, y] = [width, height - 12];
@@ -126,13 +127,13 @@ for (const table of all(".sortable")) {
 // A row of the runs opens the run.
 const data = document.getElementById("runs-data");
 if (data) {
-  const { runs, settings, steps } = JSON.parse(data.textContent), dialog = document.getElementById("run");
+  const { runs, settings, steps, origins } = JSON.parse(data.textContent), dialog = document.getElementById("run");
   const other = dialog.querySelector("label select");
   const rows = all("tr[data-run]"), runName = (i) => rows[i].lastElementChild.textContent;
   runs.forEach((run, i) => other.add(new Option(runName(i), i)));
   const polyline = (points) => `M${points.map((point) => point.join(" ")).join("L")}`;
   const drawCurve = (svg, [name, number, values]) => {
-    const at = steps[number], usual = name.endsWith(" return") ? [0, 1000] : [], last = at.at(-1) || 1;
+    const at = steps[number], usual = name.endsWith(" return") ? [0] : [], last = at.at(-1) || 1;
     const top = Math.max(...usual, ...values), bottom = Math.min(...usual, ...values, top - 1e-6 * Math.abs(top) - 1e-12);
     svg.replaceChildren();
     const x = (step) => 40 + (310 * step) / last, y = (value) => 195 - (185 * (value - bottom)) / (top - bottom);
@@ -178,6 +179,7 @@ if (data) {
       .map(({ className, dataset, textContent }) => (className ? `${dataset.title} ${textContent}` : textContent));
     dialog.querySelector("h2").textContent = runName(i);
     dialog.querySelector(".facts").textContent = [...facts, run.diverged].filter(Boolean).join(", ");
+    dialog.querySelector(".origin").textContent = run.origin.map((number) => origins[number]).join("; ");
     chart.hidden = !run.curves.length;
     path.hidden = !run.paths.length;
     curve.replaceChildren(...run.curves.map(([name], i) => new Option(name, i)));

@@ -1,0 +1,111 @@
+"""What a report reads: the runs that were asked for, their pairs, claims and notes."""
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from jbench.errors import NothingYetError, RequestError, WorkError
+from jbench.report import policies
+from jbench.report.analysis import compare
+from jbench.report.analysis.claims import claim_frame, examine, published_findings
+from jbench.report.analysis.decisions import Planned
+from jbench.report.analysis.scores import Pair
+from jbench.report.data import sources
+from jbench.report.data.configuration import Configuration, with_returns
+from jbench.report.data.returns import KINDS, TRAINING
+from jbench.report.data.sources import Source
+from jbench.report.encoders import encoder_frame
+from jbench.report.request import Request
+from jbench.store import Results
+from jbench.store.shipped import shipped_results
+from jbench.wording import repair_hint, with_results
+
+Pairs = list[list[Pair]]
+
+
+def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
+    """Returns the runs of a request, and the pairs that it compares.
+
+    Raises:
+        NothingYetError: if there are no runs, or no run has an episode.
+        RequestError: if a file can't be read, or two sides have nothing to compare.
+        WorkError: if there are runs but none can be read.
+    """
+    if request.curves is not None:
+        source = sources.from_file(request, request.curves)
+        return source, compare.method_pairs(source.configurations)
+    assert results is not None
+    if request.compare is not None:
+        ours, theirs = (sources.side(side, results, request) for side in request.compare)
+        return _compared(ours, theirs, request)
+    source = own = sources.own_and_imported(results, request)
+    if request.reference:
+        source = sources.joined([source, sources.reference(request, shipped_results())])
+    if request.baseline is not None:
+        sources.check_baseline(request.baseline, source.configurations)
+    saved = (record.settings for record in results.scan("evaluation")[0])
+    if (
+        source.configurations
+        or len(encoder_frame(source.tables, request.task))
+        # States of policies can be drawn without any run.
+        or any(s.get("states") and request.task in (None, s.get("task")) for s in saved)
+    ):
+        return source, []
+    if len(own.runs):
+        raise NothingYetError(f"No run has an episode yet; wait for them. {' '.join(own.notes)}")
+    if source.problems or any(results.scan("run")):
+        reason = " ".join([*source.problems, repair_hint(results.name)])
+        raise WorkError(f"Nothing in {results.name} can be reported. {reason}")
+    train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
+    raise NothingYetError(
+        f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
+    )
+
+
+def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, Pairs]:
+    """Returns two sides together, with notes on what has no counterpart, and their pairs."""
+    names = request.names_compared
+    pairs = compare.across(ours.configurations, theirs.configurations, names)
+    first, other = (with_returns(side.configurations, TRAINING) for side in (ours, theirs))
+    notes = compare.left_out(first, other, pairs)
+    if not pairs:
+        free = ", ".join([*sorted(names), "seeds and steps"])
+        why = [note for note in notes if "is not compared" in note][:1]
+        sides = " and ".join(request.compare or ())
+        raise RequestError(
+            f"No runs of {sides} can be compared: there must be runs of both that differ only in "
+            f"{free}. {''.join(why)}".strip()
+        )
+    source = sources.joined([ours, theirs])
+    source.notes += notes
+    return source, [[pair] for pair in pairs]
+
+
+def tested_claims(
+    trained: Sequence[Configuration],
+    planned: Sequence[Sequence[Planned]],
+    source: Source,
+    request: Request,
+    results: Results | None,
+) -> tuple[pd.DataFrame, list[str]]:
+    """Returns the findings on the paper's claims, and what to type for those not tested."""
+    if results is None or not request.claims:
+        return claim_frame(), []
+    ours = [finding for kind in KINDS for finding in examine(with_returns(trained, kind), planned)]
+    by_hand, notes = policies.findings(source.tables, request.task, results.name)
+    papers = published_findings(request.task, request.algo)
+    # Two sides are compared without their policies.
+    return claim_frame([*ours, *by_hand], papers), [] if request.compare else notes
+
+
+def notes_on(configurations: Sequence[Configuration]) -> list[str]:
+    """Returns the notes on configurations, a sentence each; equal notes are one sentence."""
+    named: dict[str, list[str]] = {}
+    for config in configurations:
+        for note in config.notes:
+            named.setdefault(note, []).append(config.configuration)
+    return [
+        f"{names[0] if len(names) == 1 else f'{len(names)} configurations, such as {names[0]}'}: "
+        f"{note}."
+        for note, names in named.items()
+    ]

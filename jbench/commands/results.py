@@ -58,7 +58,7 @@ def repair(
 
     They are moved to RESULTS/set-aside; nothing is deleted.
     """
-    from jbench.store.verify import repair as set_aside
+    from jbench.store.repair import repair as set_aside
     from jbench.store.verify import verify as check
 
     parsing.results_to_write(results)

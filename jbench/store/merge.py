@@ -14,8 +14,9 @@ from jbench.names import POLICY_FILES, in_prose
 from jbench.store import listed, schema
 from jbench.store.database import Results
 from jbench.store.manifest import KINDS, MANIFEST
+from jbench.store.quarantine import Quarantine
 from jbench.store.record import Record
-from jbench.store.verify import Progress, Quarantine, examine, no_progress
+from jbench.store.verify import Progress, examine, no_progress
 
 TIMES = ("wall_time", "processor_time")
 """Columns that may differ between two computations of the same record."""

@@ -1,29 +1,23 @@
-"""Checking a results directory (manifests, their files, unlisted files), and repairing it.
+"""Checking a results directory: manifests, their files, and files that no manifest lists.
 
 Files are read in chunks, so memory use does not depend on their size or number. A check changes
-nothing, and does not disturb concurrent writers. A repair moves all files of a damaged record to
-set-aside/<time>/runs/face_direction/..., its manifest first: the record then no longer exists, and
-the command that made it makes it again. Its lock stays, since another process may hold it.
+nothing, and does not disturb concurrent writers.
 """
 
 import contextlib
-import itertools
-import os
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jbench.errors import RequestError, WorkError
 from jbench.names import REFERENCE
 from jbench.settings.base import settings_hash
-from jbench.store import files, listed, locks, schema
+from jbench.store import listed, locks, schema
 from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
 from jbench.store.listing import make_row
 from jbench.store.manifest import KINDS, MANIFEST, Kind
-from jbench.store.provenance import shell_command
 from jbench.store.record import Record
 
 Progress = Callable[[int], contextlib.AbstractContextManager[Callable[[int], None]]]
@@ -164,78 +158,3 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
         problems += [f"was {what} {date!r}: {reason}"] if reason else []
     for problem in problems:
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)
-
-
-class Repaired(NamedTuple):
-    """What was moved from where to where, why the rest was not, and commands to make it again."""
-
-    moved: list[tuple[Path, Path]]
-    left: list[str]
-    commands: list[str]
-
-
-class Quarantine:
-    """A new quarantine directory, created on first use."""
-
-    def __init__(self, results: Results, dry_run: bool = False) -> None:
-        self.moved: dict[Path, Path] = {}
-        self.dry_run = dry_run
-        self._results = results
-        root, now = results.inside("set-aside"), datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
-        # The clock may have been set back.
-        names = itertools.chain((now,), (f"{now}-{n}" for n in itertools.count(2)))
-        self._path = next(root / name for name in names if not (root / name).exists())
-
-    def take(self, path: Path) -> None:
-        """Moves a file or directory, keeping its path relative to the results."""
-        if path not in self.moved:
-            to = self._path / path.relative_to(self._results.path)
-            if not self.dry_run:
-                files.move(path, to)
-            self.moved[path] = to
-
-    def take_record(self, record: Record) -> None:
-        """Moves the files of a record of `Results.folder`, its manifest first, but not its lock."""
-        record.check()
-        for name in sorted(record.names, key=lambda name: (name != MANIFEST, name)):
-            if name != locks.LOCK:
-                self.take(record.path / name)
-
-
-def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) -> Repaired:
-    """Moves damaged records and files that no manifest lists to the quarantine directory.
-
-    Records that are being written, that can't be read at present or that a newer jbench wrote are
-    not changed. Each record is checked again before it is moved. A dry run moves nothing.
-    """
-    quarantine, left, commands = Quarantine(results, dry_run), [], []
-    for kind, id in dict.fromkeys((f.kind, f.id) for f in findings if f.sort != "warning"):
-        try:
-            commands += _repair_folder(results, kind, id, quarantine)
-        except (WorkError, RequestError) as error:
-            left.append(str(error))
-    return Repaired(list(quarantine.moved.items()), left, list(dict.fromkeys(commands)))
-
-
-def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
-    """Repairs a folder unless it is locked; returns the command that makes its record again."""
-    looked_at, dry_run, whose = results.folder(kind, id), quarantine.dry_run, f"the {kind} {id}"
-    looked_at.check()
-    if dry_run and locks.is_held(looked_at.path):
-        raise locks.HeldError(whose)
-    # Folders without a lock have no writer.
-    unlocked = dry_run or not os.path.lexists(looked_at.path / locks.LOCK)
-    with contextlib.nullcontext() if unlocked else locks.hold(looked_at.path, whose):
-        record, flaws = examine(results, kind, id)
-        for flaw in flaws:
-            if flaw.sort == "foreign":
-                raise WorkError(f"{flaw} It is left alone.")
-        is_damaged = any(flaw.sort == "damaged" for flaw in flaws)
-        if is_damaged:
-            quarantine.take_record(results.folder(kind, id))
-        # Problems that `take_record` has not moved, such as a directory with the name of a file.
-        for flaw in flaws:
-            if os.path.lexists(flaw.path):
-                quarantine.take(flaw.path)
-    made = {} if record is None or not is_damaged else record.manifest.provenance
-    return [shell_command(made)] if isinstance(made.get("command"), list) else []

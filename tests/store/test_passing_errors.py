@@ -9,7 +9,8 @@ import pytest
 from jbench.cli import main
 from jbench.errors import WorkError
 from jbench.store import Results
-from jbench.store.verify import repair, verify
+from jbench.store.repair import repair
+from jbench.store.verify import verify
 from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run, snapshot
 from tests.store.test_damage import truncate

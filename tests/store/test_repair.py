@@ -7,7 +7,8 @@ import pytest
 
 from jbench.errors import WorkError
 from jbench.store import Results, query
-from jbench.store.verify import repair, verify
+from jbench.store.repair import repair
+from jbench.store.verify import verify
 from tests.store.store_faults import run_script
 from tests.store.store_rows import alter_manifest, listed, names, numbers
 from tests.store.store_whole import add_chain, add_whole_run, snapshot
@@ -154,7 +155,8 @@ def test_killed_repair_is_completed_by_next_repair(results):
     before = content(results.path)
     script = """
 import os, threading, time
-from jbench.store.verify import repair, verify
+from jbench.store.repair import repair
+from jbench.store.verify import verify
 findings = verify(results, 2).findings
 def kill():
     while len(list(results.path.rglob("set-aside/**/*.parquet"))) < 5:

@@ -1,0 +1,41 @@
+"""The quarantine of a results directory, where damaged and replaced records are kept.
+
+It is set-aside/<time>/runs/face_direction/..., and nothing in it is a record of the results.
+"""
+
+import itertools
+from datetime import UTC, datetime
+from pathlib import Path
+
+from jbench.store import files, locks
+from jbench.store.database import Results
+from jbench.store.manifest import MANIFEST
+from jbench.store.record import Record
+
+
+class Quarantine:
+    """A new quarantine directory, created on first use."""
+
+    def __init__(self, results: Results, dry_run: bool = False) -> None:
+        self.moved: dict[Path, Path] = {}
+        self.dry_run = dry_run
+        self._results = results
+        root, now = results.inside("set-aside"), datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
+        # The clock may have been set back.
+        names = itertools.chain((now,), (f"{now}-{n}" for n in itertools.count(2)))
+        self._path = next(root / name for name in names if not (root / name).exists())
+
+    def take(self, path: Path) -> None:
+        """Moves a file or directory, keeping its path relative to the results."""
+        if path not in self.moved:
+            to = self._path / path.relative_to(self._results.path)
+            if not self.dry_run:
+                files.move(path, to)
+            self.moved[path] = to
+
+    def take_record(self, record: Record) -> None:
+        """Moves the files of a record of `Results.folder`, its manifest first, but not its lock."""
+        record.check()
+        for name in sorted(record.names, key=lambda name: (name != MANIFEST, name)):
+            if name != locks.LOCK:
+                self.take(record.path / name)

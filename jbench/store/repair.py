@@ -1,0 +1,66 @@
+"""Repairing a results directory: damaged records and leftover files are moved to the quarantine.
+
+All files of a damaged record are moved, its manifest first: the record then no longer exists, and
+the command that made it makes it again. Its lock stays, since another process may hold it.
+"""
+
+import contextlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from jbench.errors import RequestError, WorkError
+from jbench.store import locks
+from jbench.store.database import Results
+from jbench.store.manifest import Kind
+from jbench.store.provenance import shell_command
+from jbench.store.quarantine import Quarantine
+from jbench.store.verify import Flaw, examine
+
+
+class Repaired(NamedTuple):
+    """What was moved from where to where, why the rest was not, and commands to make it again."""
+
+    moved: list[tuple[Path, Path]]
+    left: list[str]
+    commands: list[str]
+
+
+def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) -> Repaired:
+    """Moves damaged records and files that no manifest lists to the quarantine directory.
+
+    Records that are being written, that can't be read at present or that a newer jbench wrote are
+    not changed. Each record is checked again before it is moved. A dry run moves nothing.
+    """
+    quarantine, left, commands = Quarantine(results, dry_run), [], []
+    for kind, id in dict.fromkeys((f.kind, f.id) for f in findings if f.sort != "warning"):
+        try:
+            commands += _repair_folder(results, kind, id, quarantine)
+        except (WorkError, RequestError) as error:
+            left.append(str(error))
+    return Repaired(list(quarantine.moved.items()), left, list(dict.fromkeys(commands)))
+
+
+def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
+    """Repairs a folder unless it is locked; returns the command that makes its record again."""
+    looked_at, dry_run, whose = results.folder(kind, id), quarantine.dry_run, f"the {kind} {id}"
+    looked_at.check()
+    if dry_run and locks.is_held(looked_at.path):
+        raise locks.HeldError(whose)
+    # Folders without a lock have no writer.
+    unlocked = dry_run or not os.path.lexists(looked_at.path / locks.LOCK)
+    with contextlib.nullcontext() if unlocked else locks.hold(looked_at.path, whose):
+        record, flaws = examine(results, kind, id)
+        for flaw in flaws:
+            if flaw.sort == "foreign":
+                raise WorkError(f"{flaw} It is left alone.")
+        is_damaged = any(flaw.sort == "damaged" for flaw in flaws)
+        if is_damaged:
+            quarantine.take_record(results.folder(kind, id))
+        # Problems that `take_record` has not moved, such as a directory with the name of a file.
+        for flaw in flaws:
+            if os.path.lexists(flaw.path):
+                quarantine.take(flaw.path)
+    made = {} if record is None or not is_damaged else record.manifest.provenance
+    return [shell_command(made)] if isinstance(made.get("command"), list) else []

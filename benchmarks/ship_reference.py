@@ -71,7 +71,7 @@ def last_return(run: Record) -> float | None:
 def copy(record: Record, target: Results, listed: tuple[FileEntry, ...]) -> None:
     """Copies some files of a record, and a manifest that lists these alone."""
     manifest = public(record.manifest).model_copy(update={"files": listed})
-    copied = target.record(record.kind, record.id)
+    copied = target.folder(record.kind, record.id)
     files.make_directory(copied.path)
     for entry in listed:
         if record.path != copied.path:

@@ -87,24 +87,24 @@ HELD = f"""
 import sys
 from pathlib import Path
 from jbench.store import Results
-with Results(Path(sys.argv[1])).record("run", "{RUN}").lock():
+with Results(Path(sys.argv[1])).folder("run", "{RUN}").lock():
     print("locked", flush=True)
     sys.stdin.read()
 """
 
 
 def test_lock_without_fcntl_is_released_when_holder_is_killed(tmp_path):
-    record = Results(tmp_path / "results").record("run", RUN)
+    folder = Results(tmp_path / "results").folder("run", RUN)
     command = [sys.executable, "-c", HELD, str(tmp_path / "results")]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     env = customize(tmp_path, WITHOUT_LINUX)
     with subprocess.Popen(command, env=env, **pipes) as holder:
         assert holder.stdout.readline() == b"locked\n"
         with pytest.raises(WorkError, match="Another process is writing"):
-            record.lock().__enter__()
+            folder.lock().__enter__()
         holder.kill()
         holder.wait()
-        with record.lock():
+        with folder.lock():
             pass
 
 

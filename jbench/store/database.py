@@ -7,7 +7,7 @@ from pathlib import Path
 from jbench.errors import RequestError, WorkError
 from jbench.store import files
 from jbench.store.manifest import ID, MANIFEST, Json, Kind, Manifest
-from jbench.store.record import Record
+from jbench.store.record import Folder, Record
 
 _MAX_SHOWN = 5  # ids in a message
 
@@ -40,24 +40,21 @@ class Results:
         self.name = name or path
         self.may_lack = may_lack
 
-    def record(self, kind: Kind, id: str) -> Record:
-        """Returns a record, which need not exist yet; raises a RequestError for an invalid id."""
+    def folder(self, kind: Kind, id: str) -> Folder:
+        """Returns a folder, which need not exist yet; raises a RequestError for an invalid id."""
         if not ID.fullmatch(id):  # it could lead out of the results directory
             raise RequestError(
                 f"{id!r} is not an id; an id looks like face_direction/dae12/s00-1f9a2c4e."
             )
-        return Record(self.inside(f"{kind}s/{id}"), kind, id, may_lack=self.may_lack(id))
+        return Folder(self.inside(f"{kind}s/{id}"), kind, id, may_lack=self.may_lack(id))
 
     def create(self, kind: Kind, id: str, settings: Json, made_on: Json | None = None) -> Record:
         """Creates a record, with more provenance, or restarts an unfinished one; see `begin`."""
-        record = self.record(kind, id)
-        record.begin(Manifest.new(kind, id, settings, made_on or {}))
-        return record
+        return self.folder(kind, id).begin(Manifest.new(kind, id, settings, made_on or {}))
 
     def find(self, kind: Kind, id: str) -> Record | None:
-        """Returns the record of that id, or None; raises as `record` and `Record.load`."""
-        record = self.record(kind, id)
-        return record if record.load() else None
+        """Returns the record of that id, or None; raises as `folder` and `Folder.read`."""
+        return self.folder(kind, id).read()
 
     def complete_id(self, kind: Kind, text: str) -> str:
         """Returns the id of the only record whose id begins with a text; else the text itself.
@@ -68,7 +65,7 @@ class Results:
         text, root = text.rstrip("/"), (self.path / f"{kind}s").resolve()
         if root in Path(text).resolve().parents:
             text = Path(text).resolve().relative_to(root).as_posix()
-        if (self.record(kind, text).path / MANIFEST).exists():
+        if (self.folder(kind, text).path / MANIFEST).exists():
             return text
         ids = [record.id for record in self.scan(kind, text)[0]]
         if len(ids) > 1:
@@ -84,7 +81,7 @@ class Results:
         Files that an interrupted writer left uncommitted are removed. Raises a HeldError if another
         process holds the lock.
         """
-        with self.record(kind, id).lock():
+        with self.folder(kind, id).lock():
             record = self.find(kind, id)
             if record is not None:
                 record.clean()
@@ -100,10 +97,12 @@ class Results:
 
     def scan(self, kind: Kind, beginning: str = "") -> tuple[list[Record], list[str]]:
         """Returns records whose id begins so, oldest first, and an error for each unreadable."""
-        records, problems = [], []
-        for record in self.walk(kind, beginning.rpartition("/")[0]):
+        records = list[Record]()
+        problems = list[str]()
+        for folder in self.walk(kind, beginning.rpartition("/")[0]):
             try:
-                if record.id.startswith(beginning) and record.load():
+                record = folder.read() if folder.id.startswith(beginning) else None
+                if record is not None:
                     records.append(record)
             except files.RecordError as error:
                 problems.append(str(error))
@@ -113,17 +112,17 @@ class Results:
         """Returns the ids of the readable records of a kind."""
         return {record.id for record in self.scan(kind)[0]}
 
-    def walk(self, kind: Kind, id: str = "") -> Iterator[Record]:
+    def walk(self, kind: Kind, id: str = "") -> Iterator[Folder]:
         """Yields a folder of a kind and all folders below it, sorted; nothing if it does not exist.
 
-        Each may be a record, which is not loaded yet. Symlinks are not followed. Iterative, since
+        Each may have a record, which is not read yet. Symlinks are not followed. Iterative, since
         folders may be nested deeper than Python's stack.
         """
         top, stack = self.path / f"{kind}s", list[Path]()
         try:
             stack.append(self.inside(f"{kind}s/{id}"))
         except files.UnreadableError as error:
-            yield Record(error.path, kind, id, problem=error.problem)
+            yield Folder(error.path, kind, id, problem=error.problem)
         while stack:
             path = stack.pop()
             id = path.relative_to(top).as_posix()
@@ -132,16 +131,16 @@ class Results:
             except FileNotFoundError:
                 continue
             except OSError as error:
-                yield Record(path, kind, id, problem=f"can't be read ({error.strerror})")
+                yield Folder(path, kind, id, problem=f"can't be read ({error.strerror})")
                 continue
             below = {e.name for e in entries if e.is_dir(follow_symlinks=False)} - {MANIFEST}
             stack.extend(path / name for name in sorted(below, reverse=True))
             names = [entry.name for entry in entries if entry.name not in below]
-            yield Record(path, kind, id, names, may_lack=self.may_lack(id))
+            yield Folder(path, kind, id, names, may_lack=self.may_lack(id))
 
-    def folder(self, kind: Kind, id: str) -> Record:
+    def found(self, kind: Kind, id: str) -> Folder:
         """Returns one folder as `walk` does; an empty one if it does not exist."""
-        return next(self.walk(kind, id), Record(self.path / f"{kind}s" / id, kind, id, ()))
+        return next(self.walk(kind, id), Folder(self.path / f"{kind}s" / id, kind, id, ()))
 
     def inside(self, name: str) -> Path:
         """Returns a path below the directory; an UnreadableError if a symlink leads out of it."""

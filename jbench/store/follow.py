@@ -47,21 +47,25 @@ class Follower:
 
     def changes(self) -> Iterator[Change | str]:
         """Yields the changes since the last call, and a sentence for each damaged run, once."""
-        for record in self._results.walk("run"):
-            now, seen = stamp(record.path / MANIFEST), self._seen.get(record.id)
-            if now is not None and now == self._stamps.get(record.id):
+        for folder in self._results.walk("run"):
+            now = stamp(folder.path / MANIFEST)
+            seen = self._seen.get(folder.id)
+            if now is not None and now == self._stamps.get(folder.id):
                 continue
+            record: Record | None = None
+            change: Change | None = None
             try:
-                followed = record.load() and (seen or matches(make_line(record), self._filters))
-                change = record.reading(partial(_change, record, seen)) if followed else None
+                record = folder.read()
+                if record and (seen or matches(make_line(record), self._filters)):
+                    change = record.reading(partial(_change, record, seen))
             except WorkError as error:
                 if str(error) not in self._reported:
                     self._reported.add(str(error))
                     yield str(error)
                 continue
-            self._stamps[record.id] = now
-            if change is not None:
-                self._seen[record.id] = record
+            self._stamps[folder.id] = now
+            if record is not None and change is not None:
+                self._seen[folder.id] = record
                 if change.status_changed or change.rows:
                     yield change
 

@@ -15,7 +15,7 @@ from jbench.store import listed, schema
 from jbench.store.database import Results
 from jbench.store.manifest import KINDS, MANIFEST
 from jbench.store.quarantine import Quarantine
-from jbench.store.record import Record
+from jbench.store.record import Folder, Record
 from jbench.store.verify import Progress, examine, no_progress
 
 TIMES = ("wall_time", "processor_time")
@@ -48,39 +48,39 @@ def merge(
             raise RequestError(f"{root} holds no results; name a directory with {named} in it.")
         if root.resolve() == results.path.resolve():
             raise RequestError(f"{root} is the results directory itself; name another.")
-    records = [
-        (source, record)
+    folders = [
+        (source, folder)
         for kind in KINDS  # dependencies first
         for source in sources
-        for record in source.walk(kind)
-        if MANIFEST in record.names  # also if it can't be read
+        for folder in source.walk(kind)
+        if MANIFEST in folder.names  # also if it can't be read
     ]
     merged: list[Merged] = []
     quarantine = Quarantine(results)
-    with progress(len(records)) as show:
-        for source, record in records:
-            name = f"{record.kind} {record.id}"
+    with progress(len(folders)) as show:
+        for source, folder in folders:
+            name = f"{folder.kind} {folder.id}"
             try:
-                merged.append(Merged(name, _merged(results, source, record, quarantine)))
+                merged.append(Merged(name, _merged(results, source, folder, quarantine)))
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
             show(len(merged))
     return merged
 
 
-def _merged(results: Results, source: Results, record: Record, quarantine: Quarantine) -> Outcome:
-    kind, id = record.kind, record.id
+def _merged(results: Results, source: Results, folder: Folder, quarantine: Quarantine) -> Outcome:
+    kind, id = folder.kind, folder.id
     other, flaws = examine(source, kind, id)
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
     if faults or other is None:
-        raise WorkError(str(faults[0]) if faults else f"{record.path} has disappeared.")
-    target = results.record(kind, id)
+        raise WorkError(str(faults[0]) if faults else f"{folder.path} has disappeared.")
+    target = results.folder(kind, id)
     outcome: Outcome = "copied"
     with results.locked(kind, id) as existing:
         if existing is not None:
             outcome = other.reading(partial(_choose, existing, other))
         if outcome == "replaced":
-            quarantine.take_record(results.folder(kind, id))
+            quarantine.take_record(results.found(kind, id))
         if outcome in ("copied", "replaced"):
             other.reading(partial(target.copy_from, other))
     return outcome

@@ -10,7 +10,7 @@ from pathlib import Path
 from jbench.store import files, locks
 from jbench.store.database import Results
 from jbench.store.manifest import MANIFEST
-from jbench.store.record import Record
+from jbench.store.record import Folder
 
 
 class Quarantine:
@@ -33,9 +33,9 @@ class Quarantine:
                 files.move(path, to)
             self.moved[path] = to
 
-    def take_record(self, record: Record) -> None:
-        """Moves the files of a record of `Results.folder`, its manifest first, but not its lock."""
-        record.check()
-        for name in sorted(record.names, key=lambda name: (name != MANIFEST, name)):
+    def take_record(self, folder: Folder) -> None:
+        """Moves the files of a folder of `Results.found`, its manifest first, but not its lock."""
+        folder.check()
+        for name in sorted(folder.names, key=lambda name: (name != MANIFEST, name)):
             if name != locks.LOCK:
-                self.take(record.path / name)
+                self.take(folder.path / name)

@@ -1,9 +1,12 @@
-"""A record: its manifest, which is the commit, and its files; see `docs/durability.md`."""
+"""A folder of results, and the record in it: its manifest, which is the commit, and its files.
+
+`docs/durability.md` describes how a commit is made.
+"""
 
 import contextlib
 import os
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,15 +22,15 @@ from jbench.wording import with_results
 _Read = TypeVar("_Read")
 
 
-@dataclass(eq=False, repr=False)
-class Record:
-    """A dataset, an encoder, a run, an evaluation or an import: its manifest and its files.
+@dataclass(frozen=True)
+class Folder:
+    """A folder of a results directory, which is a record if it has a manifest.
 
-    In `Results.walk` it may be any folder: `names` are of its files and symlinks, and the
-    manifest's even if that is a folder; `problem` is a clause on why it can't be read.
-
-    Files that it `may_lack`, and lacks, are taken from the list of the loaded manifest: they are
-    `left_out`, as most policies are of the wheel's results.
+    Attributes:
+        names: of its files and symlinks, and the manifest's even if that is a folder; they are
+            known of a folder that `Results.walk` has found.
+        problem: a clause on why it can't be read; None if it can.
+        may_lack: names of files that the manifest may list although the folder lacks them.
     """
 
     path: Path
@@ -36,33 +39,83 @@ class Record:
     names: Collection[str] = (MANIFEST,)
     problem: str | None = None
     may_lack: Collection[str] = ()
-    left_out: tuple[FileEntry, ...] = field(init=False, default=())
-    manifest: Manifest = field(init=False)
 
     def check(self) -> None:
         """Raises an `UnreadableError` if the folder can't be read."""
         if self.problem is not None:
             raise files.UnreadableError(self.path, self.problem)
 
-    def load(self) -> bool:
-        """Reads the manifest, see `Manifest.read`; returns whether it exists."""
+    def read(self) -> "Record | None":
+        """Returns the record, or None if there is no manifest; see `Manifest.read` for errors."""
         self.check()
         path = self.path / MANIFEST
         manifest = Manifest.read(path) if MANIFEST in self.names else None
         if manifest is None:
-            return False
+            return None
         if not ID.fullmatch(self.id):
             raise files.DamagedError(path, f"is in {self.id!r}, which is not an id")
         named = f"{manifest.kind} {manifest.id}"
         if named != f"{self.kind} {self.id}":
             raise files.DamagedError(path, f"calls itself {named}; it is not read")
-        self.left_out = tuple(filter(self._is_left_out, manifest.files))
-        there = tuple(entry for entry in manifest.files if entry not in self.left_out)
-        self.manifest = manifest.model_copy(update={"files": there}) if self.left_out else manifest
-        return True
+        left_out = tuple(filter(self._is_left_out, manifest.files))
+        if left_out:
+            there = tuple(entry for entry in manifest.files if entry not in left_out)
+            manifest = manifest.model_copy(update={"files": there})
+        return Record(self, manifest, left_out)
 
     def _is_left_out(self, entry: FileEntry) -> bool:
         return entry.name in self.may_lack and not os.path.lexists(self.path / entry.name)
+
+    def lock(self) -> contextlib.AbstractContextManager[None]:
+        """Locks the folder during a block; see `locks.hold`."""
+        files.make_directory(self.path)
+        return locks.hold(self.path, f"the {self.kind} {self.id}")
+
+    def begin(self, manifest: Manifest) -> "Record":
+        """Makes the record, or replaces what it holds.
+
+        As all methods that write, raises a RequestError if the directory is not writable, and a
+        WorkError if the disk is full or fails.
+        """
+        files.make_directory(self.path)
+        files.write_atomic(self.path / MANIFEST, manifest.to_bytes())
+        record = Record(self, manifest)
+        record.clean()
+        return record
+
+    def copy_from(self, source: "Record") -> "Record":
+        """Copies an intact record of other results; call it while holding the lock."""
+        for entry in source.manifest.files:
+            files.write_atomic(self.path / entry.name, listed.read(source.path, entry))
+        return self.begin(source.manifest)
+
+
+@dataclass(eq=False, repr=False)
+class Record:
+    """A dataset, an encoder, a run, an evaluation or an import: its manifest and its files.
+
+    `Folder.read` makes it. Files that its folder `may_lack`, and lacks, are taken from the list of
+    the manifest: they are `left_out`, as most policies are of the wheel's results.
+    """
+
+    folder: "Folder"
+    manifest: Manifest
+    left_out: tuple[FileEntry, ...] = ()
+
+    @property
+    def path(self) -> Path:
+        """The directory of the record."""
+        return self.folder.path
+
+    @property
+    def kind(self) -> Kind:
+        """What it is a record of."""
+        return self.folder.kind
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+        return self.folder.id
 
     def reading(self, read: Callable[[], _Read]) -> _Read:
         """Returns what a function reads; it reads again if a writer has joined the files."""
@@ -78,7 +131,10 @@ class Record:
         # Compared as bytes, since a summary may contain NaN, which never equals itself.
         before = self.manifest.to_bytes()
         with contextlib.suppress(WorkError):
-            self.load()
+            now = self.folder.read()
+            if now is not None:
+                self.manifest = now.manifest
+                self.left_out = now.left_out
         return self.manifest.to_bytes() != before
 
     @property
@@ -135,21 +191,6 @@ class Record:
         """What to do if a file is damaged, as a clause."""
         results = self.path.parents[len(Path(self.id).parts)]
         return f"restore it, or set it aside with `{with_results('jbench repair', results)}`"
-
-    def lock(self) -> contextlib.AbstractContextManager[None]:
-        """Locks the record during a block; see `locks.hold`."""
-        files.make_directory(self.path)
-        return locks.hold(self.path, f"the {self.kind} {self.id}")
-
-    def begin(self, manifest: Manifest) -> None:
-        """Makes the record, or replaces what it holds.
-
-        As all methods that write, raises a RequestError if the directory is not writable, and a
-        WorkError if the disk is full or fails.
-        """
-        files.make_directory(self.path)
-        self._commit(manifest)
-        self.clean()
 
     def append(
         self,
@@ -211,12 +252,6 @@ class Record:
     def fail(self, error: str, details: Json | None = None) -> None:
         """Marks the work as failed, by a sentence and details for the summary; keeps its data."""
         self._update(status="failed", summary={"error": error, **(details or {})})
-
-    def copy_from(self, source: "Record") -> None:
-        """Copies an intact record of other results; call it while holding the lock."""
-        for entry in source.manifest.files:
-            files.write_atomic(self.path / entry.name, listed.read(source.path, entry))
-        self.begin(source.manifest)
 
     def clean(self) -> None:
         """Removes uncommitted files; call it while holding the lock. Errors are ignored."""

@@ -44,7 +44,9 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
 
 def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> list[str]:
     """Repairs a folder unless it is locked; returns the command that makes its record again."""
-    looked_at, dry_run, whose = results.folder(kind, id), quarantine.dry_run, f"the {kind} {id}"
+    looked_at = results.found(kind, id)
+    dry_run = quarantine.dry_run
+    whose = f"the {kind} {id}"
     looked_at.check()
     if dry_run and locks.is_held(looked_at.path):
         raise locks.HeldError(whose)
@@ -57,7 +59,7 @@ def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine
                 raise WorkError(f"{flaw} It is left alone.")
         is_damaged = any(flaw.sort == "damaged" for flaw in flaws)
         if is_damaged:
-            quarantine.take_record(results.folder(kind, id))
+            quarantine.take_record(results.found(kind, id))
         # Problems that `take_record` has not moved, such as a directory with the name of a file.
         for flaw in flaws:
             if os.path.lexists(flaw.path):

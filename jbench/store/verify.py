@@ -18,7 +18,7 @@ from jbench.store.database import Results
 from jbench.store.files import DamagedError, RecordError, Sort
 from jbench.store.listing import make_row
 from jbench.store.manifest import KINDS, MANIFEST, Kind
-from jbench.store.record import Record
+from jbench.store.record import Folder, Record
 
 Progress = Callable[[int], contextlib.AbstractContextManager[Callable[[int], None]]]
 """Takes the total of some work; during the work, yields a function that takes how much is done."""
@@ -64,10 +64,10 @@ def no_progress(total: int) -> contextlib.AbstractContextManager[Callable[[int],
 
 def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
     """Checks a results directory; each thread checks a record, and the progress is in folders."""
-    walked = [record for kind in KINDS for record in results.walk(kind)]
+    walked = [folder for kind in KINDS for folder in results.walk(kind)]
     checked = []
     with progress(len(walked)) as show, ThreadPoolExecutor(threads) as pool:
-        for outcome in pool.map(lambda record: _check_beside_writers(results, record), walked):
+        for outcome in pool.map(lambda folder: _check_beside_writers(results, folder), walked):
             checked.append(outcome)
             show(len(checked))
     records = [record for record, _ in checked if record is not None]
@@ -89,27 +89,29 @@ def examine(results: Results, kind: Kind, id: str) -> tuple[Record | None, list[
     Unlisted files are reported even if the record is locked, since the caller may hold the lock.
     """
     for _ in range(_MAX_TRIES):
-        record, flaws = _check(results.folder(kind, id))
+        record, flaws = _check(results.found(kind, id))
         if not flaws or record is None or not record.refresh():
             return record, flaws
     return record, []  # it changes faster than it can be checked
 
 
-def _check_beside_writers(results: Results, record: Record) -> tuple[Record | None, list[Flaw]]:
-    checked, flaws = _check(record)
+def _check_beside_writers(results: Results, folder: Folder) -> tuple[Record | None, list[Flaw]]:
+    record, flaws = _check(folder)
     if flaws:
-        was_held = locks.is_held(record.path)
-        checked, flaws = examine(results, record.kind, record.id)
-        if was_held or locks.is_held(record.path):  # the writer will list or remove its files
+        was_held = locks.is_held(folder.path)
+        record, flaws = examine(results, folder.kind, folder.id)
+        if was_held or locks.is_held(folder.path):  # the writer will list or remove its files
             flaws = [flaw for flaw in flaws if flaw.sort != "leftover"]
-    return checked, flaws
+    return record, flaws
 
 
-def _check(record: Record) -> tuple[Record | None, list[Flaw]]:
-    """Loads a record, if it is one; returns also what is wrong with its files and unlisted ones."""
-    errors, is_loaded = list[RecordError](), False
+def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
+    """Reads the record of a folder, if any; returns also what is wrong with its files."""
+    errors = list[RecordError]()
+    record: Record | None = None
     try:
-        if is_loaded := record.load():
+        record = folder.read()
+        if record is not None:
             make_row(record)
             expected = settings_hash(record.settings)
             if not record.id.endswith(f"-{expected}"):
@@ -117,20 +119,23 @@ def _check(record: Record) -> tuple[Record | None, list[Flaw]]:
                 raise DamagedError(record.path / MANIFEST, problem)
     except RecordError as error:
         errors.append(error)
-    if is_loaded:
+
+    if record is not None:
         for entry in record.manifest.files:
             columns = None if record.manifest.is_old else schema.FILES.get(entry.table or "")
             try:
                 listed.check(record.path, entry, () if columns is None else columns.names)
             except RecordError as error:
                 errors.append(error)
-    flaws = [Flaw(e.sort, record.kind, record.id, e.path, e.problem) for e in errors]
-    if is_loaded or MANIFEST not in record.names:
-        named = {entry.name for entry in record.manifest.files} if is_loaded else set()
-        for name in sorted({*record.names} - named - {MANIFEST, locks.LOCK}):
-            path = record.path / name
-            flaws.append(Flaw("leftover", record.kind, record.id, path, "is listed by no manifest"))
-    return record if is_loaded else None, flaws
+
+    kind, id = folder.kind, folder.id
+    flaws = [Flaw(error.sort, kind, id, error.path, error.problem) for error in errors]
+    if record is not None or MANIFEST not in folder.names:
+        entries = () if record is None else record.manifest.files
+        named = {entry.name for entry in entries}
+        for name in sorted({*folder.names} - named - {MANIFEST, locks.LOCK}):
+            flaws.append(Flaw("leftover", kind, id, folder.path / name, "is listed by no manifest"))
+    return record, flaws
 
 
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:

@@ -91,7 +91,7 @@ def sweep(
 
     for run in new:
         checked_task(run.task)
-    make_directory(results.record("run", cells[0].runs[0].id).path)
+    make_directory(results.folder("run", cells[0].runs[0].id).path)
     executor = make_executor() if make_executor else Local(results)
     pool = ThreadPoolExecutor(executor.jobs)
     try:
@@ -179,7 +179,7 @@ class _Scheduler:
                 self.events.put(Event("failed", run.id, status.error))
             elif status.state == "finished":
                 self.events.put(Event("finished", run.id))
-            elif locks.is_held(self.results.record("run", run.id).path):
+            elif locks.is_held(self.results.folder("run", run.id).path):
                 held.append(run)
             else:
                 left[run.id] = run

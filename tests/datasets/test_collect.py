@@ -30,7 +30,7 @@ def test_bytes_do_not_depend_on_threads_or_length(tmp_path, collect_in_files_of,
 
 
 def test_dataset_in_use_by_other_process_is_refused(tmp_path, collect_in_files_of):
-    held = Results(tmp_path).record("dataset", DatasetSettings(seed=3, steps=1000).id)
+    held = Results(tmp_path).folder("dataset", DatasetSettings(seed=3, steps=1000).id)
     with held.lock(), pytest.raises(WorkError, match="Another process is writing the dataset"):
         collect_in_files_of(1, tmp_path, 1000)
     assert {path.name for path in held.path.iterdir()} == {"lock"}

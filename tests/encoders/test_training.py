@@ -253,7 +253,7 @@ def test_weights_are_trained_in_float32_and_unused_ones_stay(trained):
 
 
 def test_encoder_in_use_by_other_process_is_refused(trained, results):
-    held = results.record("encoder", trained.settings.id)
+    held = results.folder("encoder", trained.settings.id)
     with held.lock(), pytest.raises(WorkError, match="Another process is writing the encoder"):
         train_encoder(trained.settings, trained.states, results)
 

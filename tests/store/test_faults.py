@@ -76,7 +76,7 @@ def test_write_over_directory_is_refused_and_leaves_no_temporary(tmp_path):
 def test_lock_that_is_directory_is_refused(record):
     (record.path / "lock").mkdir()
     with pytest.raises(WorkError, match=r"lock can't be opened \(Is a directory\)"):
-        record.lock().__enter__()
+        record.folder.lock().__enter__()
 
 
 def test_runs_directory_that_is_file_is_refused(results):

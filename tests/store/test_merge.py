@@ -201,7 +201,7 @@ def test_damaged_or_locked_record_in_target_is_kept_and_reported(results, other)
     locked = add_whole_run(results, finish=False, seed=1)
     for seed in (0, 1):
         add_whole_run(other, seed=seed)
-    with locked.lock():
+    with locked.folder.lock():
         one, two = merge(results, [other])
     assert (one.outcome, "not a manifest" in one.reason) == ("refused", True)
     assert (damaged.path / "manifest.json").read_bytes() == b"{"

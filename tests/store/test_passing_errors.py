@@ -94,7 +94,7 @@ def test_file_system_without_locks_is_reported(record, monkeypatch):
 
     monkeypatch.setattr(portalocker.portalocker, "LOCKER", unlockable)
     with pytest.raises(WorkError, match=r"lock can't be locked \(No locks available\)"):
-        record.lock().__enter__()
+        record.folder.lock().__enter__()
 
 
 def test_unreadable_results_directory_is_reported(results, monkeypatch):
@@ -112,7 +112,7 @@ def test_cleaning_removes_leftover_of_finished_run(results):
     record.finish({})
     left = record.path / ".writing-abc"
     left.write_bytes(b"left")
-    with record.lock():
+    with record.folder.lock():
         results.clean("run", settings.id)
         assert left.exists()  # it may belong to the process that holds the lock
     results.clean("run", settings.id)

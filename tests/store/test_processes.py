@@ -37,7 +37,7 @@ while True:
 """
 
 HOLDING = """
-with results.record("run", "a/b").lock():
+with results.folder("run", "a/b").lock():
     print("held", flush=True)
     time.sleep(600)
 """
@@ -88,16 +88,16 @@ def test_record_is_consistent_after_kill_at_any_time(results):
 
 
 def test_lock_is_exclusive_and_released_when_its_holder_is_killed(results):
-    record = results.record("run", "a/b")
+    folder = results.folder("run", "a/b")
     with Script(results, HOLDING) as process:
         assert process.stdout.readline() == "held\n"
         with pytest.raises(WorkError, match="Another process is writing the run a/b; wait"):
-            record.lock().__enter__()
-        with results.record("run", "a/c").lock():
-            pass  # another record's lock is another lock
+            folder.lock().__enter__()
+        with results.folder("run", "a/c").lock():
+            pass  # another folder's lock is another lock
         process.kill()
-    with record.lock(), pytest.raises(WorkError, match="Another process"):
-        record.lock().__enter__()
+    with folder.lock(), pytest.raises(WorkError, match="Another process"):
+        folder.lock().__enter__()
 
 
 def test_process_that_exits_after_reading_exits_with_zero(tmp_path):

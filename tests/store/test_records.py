@@ -128,7 +128,7 @@ def test_unique_prefix_of_id_is_completed(results, monkeypatch):
     assert results.complete_id("run", "b") == "b"
     # A path that a shell has completed, relative or absolute.
     monkeypatch.chdir(results.path.parent)
-    folder = results.record("run", "a/sac/s00-33").path
+    folder = results.folder("run", "a/sac/s00-33").path
     relative = Path(os.path.relpath(folder))
     for text in (f"{folder}", f"{relative}/", f"./{relative.parent}"):
         assert results.complete_id("run", text) == "a/sac/s00-33"

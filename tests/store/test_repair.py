@@ -66,7 +66,7 @@ def test_damaged_run_is_set_aside_and_can_be_recreated(results):
     for repairs in (1, 2, 3):  # within a second, in directories of their own
         run = add_whole_run(results)
         damaged = {"manifest.json", *listed(run)}
-        with run.lock():
+        with run.folder.lock():
             pass
         truncate(run.path / listed(run)[0])
         repaired(results)
@@ -85,7 +85,7 @@ def test_locked_record_is_kept_and_reported(results):
     for record in (run, other):
         truncate(record.path / listed(record)[0])
     before = snapshot(run.path)
-    with run.lock():
+    with run.folder.lock():
         for dry_run in (True, False):
             (left,) = repaired(results, dry_run).left
             assert left.startswith(f"Another process is writing the run {run.id};")

@@ -141,14 +141,14 @@ def test_lock_that_links_elsewhere_is_not_opened(untrusted, secret, target):
     run = untrusted.scan("run")[0][0]
     (run.path / "lock").symlink_to(secret.parent / target)
     with pytest.raises(WorkError, match="lock can't be opened"):
-        run.lock().__enter__()
+        run.folder.lock().__enter__()
     assert snapshot(secret.parent) == {"secret": SECRET}
 
 
 def test_lock_that_is_pipe_does_not_block(untrusted):
     run = untrusted.scan("run")[0][0]
     os.mkfifo(run.path / "lock")
-    with run.lock():
+    with run.folder.lock():
         pass
 
 

@@ -110,7 +110,7 @@ def test_leftover_files_are_reported_in_every_directory(results):
 
 def test_locks_and_files_outside_kinds_are_no_leftovers(results):
     run = add_whole_run(results)
-    with run.lock():
+    with run.folder.lock():
         pass
     (results.path / "report").mkdir()
     for path in (results.path / "README.md", results.path / "report" / "index.html"):
@@ -169,13 +169,13 @@ def test_impossible_date_is_warning(results, date, says):
 def test_locked_record_has_no_leftovers(results):
     run = add_whole_run(results, finish=False)
     (run.path / ".writing-x1").write_bytes(b"half a fi")
-    with run.lock():
+    with run.folder.lock():
         assert verify(results, 2).findings == []
     assert_one(results, "leftover", run, "is listed by no manifest")
 
 
 WRITING = """
-with results.record("run", sys.argv[2]).lock():
+with results.folder("run", sys.argv[2]).lock():
     record = results.find("run", sys.argv[2])
     print("begun", flush=True)
     while True:

@@ -140,9 +140,9 @@ def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path,
     matrix = write_matrix(tmp_path, representations='"pca3", "full"')
     encoder = matrix_cells(read_matrix(matrix), results)[0].encoders[0]
     for kind, id in (("dataset", encoder.dataset), ("encoder", encoder.id)):
-        record = results.record(kind, id)
-        record.path.mkdir(parents=True)
-        (record.path / "manifest.json").write_text("{")
+        folder = results.folder(kind, id)
+        folder.path.mkdir(parents=True)
+        (folder.path / "manifest.json").write_text("{")
     typed = ["sweep", matrix, "--results", str(tmp_path), "--json"]
     assert main([*typed, "--dry-run"]) == 0
     assert json.loads(capsys.readouterr().out)["made_first"] == [encoder.dataset, encoder.id]

@@ -129,10 +129,10 @@ def test_failure_is_recorded_once_and_never_for_finished_run(results, cell):
     begin(results, failed).fail("the first reason")
     for run in (finished, failed, new):
         record_failure(run, results, "another reason")
-    with results.record("run", held.id).lock():
-        assert locks.is_held(results.record("run", held.id).path)
+    with results.folder("run", held.id).lock():
+        assert locks.is_held(results.folder("run", held.id).path)
         record_failure(held, results, "another reason")
-    assert not locks.is_held(results.record("run", held.id).path)
+    assert not locks.is_held(results.folder("run", held.id).path)
     assert [run_status(run, results)[::2] for run in cell.runs] == [
         ("finished", ""),
         ("failed", "the first reason"),

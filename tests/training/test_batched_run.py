@@ -120,7 +120,7 @@ def test_run_locked_by_another_process_is_skipped(tmp_path):
     results = Results(tmp_path)
     runs = [settings(seed=seed, steps=EPISODE, evaluate_episodes=0) for seed in range(2)]
     record = results.create("run", runs[0].id, runs[0].model_dump(mode="json"))
-    with record.lock():
+    with record.folder.lock():
         failures = run_batch(runs, results)
     assert list(failures) == [runs[0].id]
     assert "Another process is writing" in str(failures[runs[0].id])
@@ -136,7 +136,7 @@ def test_error_of_a_group_fails_no_run_ahead_of_it(tmp_path):
         if event.kind == "episode" and event.run == runs[1].id:
             raise ValueError("something else")
 
-    with results.create("run", runs[2].id, runs[2].values).lock():
+    with results.create("run", runs[2].id, runs[2].values).folder.lock():
         failures = run_batch(runs, results, report=disturb)
     assert {id: type(error) for id, error in failures.items()} == {
         runs[1].id: ValueError,

@@ -16,6 +16,11 @@ class WorkError(RuntimeError):
 
     exit_code = 1
 
+    @property
+    def reason(self) -> str:
+        """What failed, as a clause without what to do."""
+        return str(self).rstrip(".")
+
 
 def sentence_of_failure(error: BaseException) -> str:
     """Returns the sentence of a `RequestError` or `WorkError`; of others, type and text."""

@@ -41,7 +41,13 @@ class RecordError(WorkError):
     def __init__(self, path: Path, problem: str, advice: str = "") -> None:
         """Says what is wrong, and may add what to do, as a clause."""
         super().__init__(f"{path} {problem}{advice and '; '}{advice}.")
-        self.path, self.problem = path, problem
+        self.path = path
+        self.problem = problem
+
+    @property
+    def reason(self) -> str:
+        """Path and problem, without the advice."""
+        return f"{self.path} {self.problem}"
 
 
 class DamagedError(RecordError):

@@ -22,6 +22,12 @@ class HeldError(WorkError):
 
     def __init__(self, whose: str) -> None:
         super().__init__(f"Another process is writing {whose}; wait for it or stop it.")
+        self.whose = whose
+
+    @property
+    def reason(self) -> str:
+        """What another process does, without what to do."""
+        return f"Another process is writing {self.whose}"
 
 
 @contextlib.contextmanager

@@ -220,5 +220,5 @@ def _make(make: Callable[..., object], begun: Event, report: Report) -> None:
             return
         except HeldError as error:
             if look == 0:
-                report(Event("note", text=f"{str(error).partition(';')[0]}; waiting for it."))
+                report(Event("note", text=f"{error.reason}; waiting for it."))
             time.sleep(POLL_SECONDS)

@@ -122,7 +122,7 @@ def _begin(
         except UnreadableError:
             raise  # the rows may be intact: keep them
         except WorkError as error:
-            refused.append(str(error).partition(";")[0] + ".")
+            refused.append(f"{error.reason}.")
             continue
         resumed, continues = source, ""
         if copy is not None:

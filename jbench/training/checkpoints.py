@@ -142,9 +142,10 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
         except UnreadableError:
             raise
         except (WorkError, ValueError) as error:
-            step, reason = int(match[1]), str(error).partition(";")[0].rstrip(".")
+            reason = error.reason if isinstance(error, WorkError) else str(error).rstrip(".")
             refused.append(
-                f"The checkpoint of {record.id} at {step} control steps is not used: {reason}."
+                f"The checkpoint of {record.id} at {int(match[1])} control steps is not used: "
+                f"{reason}."
             )
     return None, refused
 

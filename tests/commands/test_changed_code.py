@@ -25,7 +25,7 @@ def check_train(project, edited):
     assert before < after
     assert len(after) == 4
     assert f"{edited} has changed since" in printed
-    assert "already finished" not in printed
+    assert "runs are already finished" not in printed
     assert manifests.items() <= project.manifests().items()  # what was there stays as it was
     assert "already finished" in words(project.make()) or project.kind == "loop"
     assert set(project.runs()) == after

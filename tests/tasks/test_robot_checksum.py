@@ -4,7 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from jbench.tasks.dm import DmTask
 from jbench.tasks.robot_checksum import physical_fields, robot_checksum
+from tests.training.small_runs import small_run
 
 XML = """
 <mujoco>
@@ -149,3 +151,62 @@ def test_rounding_and_empty_fields_are_left_out(model):
 
 def test_environment_without_mujoco_has_none():
     assert robot_checksum(object()) is None
+
+
+ARM = """
+<mujoco model="arm">
+  <option timestep="0.005" {option}>{flag}</option>
+  <default><geom condim="{condim}" solref="{solref}" rgba="{rgba}"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="3 3 .1"/>
+    <body name="arm" pos="0 0 .3">
+      <joint name="shoulder" axis="0 1 0" damping="0.1"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="shoulder" gear="5" ctrlrange="-1 1" ctrllimited="true"/></actuator>
+</mujoco>
+"""
+PLAIN = {"option": "", "flag": "", "condim": 3, "solref": ".02 1", "rgba": "1 0 0 1"}
+
+
+def arm_run(timestep=0.01, files=("task.py",), **changes):
+    """Returns the settings of a run of an arm of a user."""
+    from dm_control.mujoco import Physics
+    from dm_control.rl.control import Environment as Control
+    from dm_control.suite.base import Task
+
+    class Still(Task):
+        def get_observation(self, physics):
+            return {"angle": physics.data.qpos.copy()}
+
+        def get_reward(self, physics):
+            return 0.0
+
+        def initialize_episode(self, physics):
+            pass
+
+    def make(seed):
+        physics = Physics.from_xml_string(ARM.format(**{**PLAIN, **changes}))
+        return Control(physics, Still(random=seed), control_timestep=timestep, time_limit=10)
+
+    task = DmTask("arm:make", make, files=dict.fromkeys(files, "1"))
+    lengths = {"steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 1}
+    return small_run("td3", {}, task="arm:make", specs=task.specs, **lengths)
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_same"),
+    [
+        ({}, True),
+        ({"rgba": "0 0 1 1"}, True),
+        ({"option": 'impratio="100" cone="elliptic"'}, False),
+        ({"flag": '<flag contact="disable" gravity="disable"/>'}, False),
+        ({"condim": 1}, False),
+        ({"solref": ".2 1"}, False),
+        ({"timestep": 0.02}, False),
+        ({"files": ("task.py", "reward.py")}, False),
+    ],
+)
+def test_run_of_another_robot_has_another_id(changes, is_same):
+    assert (arm_run(**changes).id == arm_run().id) == is_same

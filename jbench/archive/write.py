@@ -103,7 +103,7 @@ def _has_claims(records: list[Record]) -> bool:
 def _copy(record: Record, target: Results, blinder: Blinder | None) -> None:
     """Copies a record without its checkpoints."""
     id = record.id if blinder is None else blinder.id(record)
-    copied = target.record(record.kind, id)
+    copied = target.folder(record.kind, id)
     files.make_directory(copied.path)
     entries = []
     for entry in record.manifest.files:

@@ -105,9 +105,10 @@ def record(
     except (AttributeError, KeyError, OSError):  # in a notebook or an interactive session
         script = None
     code = {**code_provenance(task), **encoder_code(place, settings.encoder)}
-    plan = planned(settings, place.scan("run", _folder(settings))[0], code, _FREE)
+    records, _ = place.scan("run", _folder(settings))
+    plan = planned(settings, records, code, _FREE)
     settings = plan.settings
-    for sentence in say_changed([plan], place.ids("run")):
+    for sentence in say_changed([plan], {record.id for record in records}):
         print(sentence, file=sys.stderr, flush=True)
     made_on: dict[str, Any] = {"script_sha256": script, **code}
     if package is not None:

@@ -1,7 +1,7 @@
 """A user's task, encoder, update rule, agent and training loop, each with its own other files.
 
 Each module imports another one beside it, and reads a data file. They are made in a folder, where
-commands run with short episodes.
+commands run. Episodes have 100 control steps.
 """
 
 import hashlib
@@ -26,7 +26,6 @@ import numpy as np
 from dm_env import specs
 
 from robot_reward import WIDTH
-from jbench import names
 
 GOAL = np.load(Path(__file__).parent / "robot_goal.npy")
 
@@ -49,7 +48,7 @@ class Robot(dm_env.Environment):
         self.made += 1
         self.place = 0.9 * self.place + 0.1 * action
         reward = 1.0 * np.exp(-np.square(self.place - GOAL).sum() / WIDTH) / 3
-        end = dm_env.truncation if self.made == names.EPISODE_STEPS else dm_env.transition
+        end = dm_env.truncation if self.made == 100 else dm_env.transition
         return end(float(reward), {"place": self.place})
 '''
 
@@ -221,7 +220,7 @@ class Project:
 
     def type(self, *arguments):
         """Runs a command in the folder; returns it with its exit code and both outputs."""
-        return jbench(*arguments, cwd=self.folder, short=True)
+        return jbench(*arguments, cwd=self.folder)
 
     def succeed(self, *arguments):
         done = self.type(*arguments)
@@ -243,7 +242,7 @@ class Project:
     def make(self, *more):
         """Makes what is missing, up to the runs; returns what was printed."""
         if self.kind == "loop":
-            done = Process("tests.user_code:run_loop", "2", cwd=self.folder, short=True)
+            done = Process("tests.user_code:run_loop", "2", cwd=self.folder)
             done = done.finished()
             assert done.returncode == 0, done.stderr
             return done.stdout + done.stderr

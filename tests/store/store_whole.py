@@ -28,7 +28,8 @@ def restart(run):
     """Starts an unfinished run over; only the time of creation tells the two apart."""
     created = run.manifest.created
     while run.manifest.created == created:
-        run.begin(Manifest.new(run.kind, run.id, run.settings, {}))
+        run.folder.begin(Manifest.new(run.kind, run.id, run.settings, {}))
+        run.refresh()
 
 
 def add_chain(results):

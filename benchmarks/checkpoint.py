@@ -68,7 +68,7 @@ def settings_of(algo: str, seed: int) -> RunSettings:
 def begin(path: Path, run: RunSettings) -> tuple[Record, RunLog]:
     """Creates the record of a run."""
     record = Results(path).create("run", run.id, run.model_dump(mode="json"))
-    return record, RunLog(record)
+    return record, RunLog(record, EPISODE_STEPS)
 
 
 def cost(algo: str, rounds: int, control_steps: int) -> None:

@@ -55,7 +55,7 @@ GALLERY = (
 
 def whole_return(clip: Clip) -> float:
     """Returns the return of the whole episode."""
-    from jbench.names import EPISODE_STEPS
+    from jbench.task_specs import EPISODE_STEPS
     from jbench.tasks.gym import JitterbugEnv
 
     env, policy = JitterbugEnv(clip.task), _policy(clip)

@@ -55,7 +55,7 @@ def render_to_file(
     *,
     name: str,
     speed: float = 1.0,
-    steps: int,
+    steps: int | None = None,
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Frame:
     """Writes an episode in the format of the file's suffix; returns the last frame.
@@ -65,18 +65,19 @@ def render_to_file(
     Args:
         name: of the policy, for the text in a video or an animation.
         speed: of a video or an animation, a multiple of 0.25: 1 for real time.
-        steps: control steps to show, 1 to those of an episode.
+        steps: control steps to show; None for the whole episode.
         progress: called with the number of completed control steps.
     """
     _check(path)
     suffix = path.suffix.lower()
     is_strip = suffix == ".png"
+    task = find_task(scene.task)
+    steps = task.episode_steps if steps is None else steps
     stride = max(1, round(speed * _INTERVAL / scene.timestep))
     seconds = stride * scene.timestep / speed  # between two images
     # The images of a strip are equally spaced, with the first and last.
     moments = np.linspace(0, steps, min(_MOMENTS, steps + 1)).round().astype(int).tolist()
     at = moments if is_strip else [*range(0, steps, stride), steps]
-    task = find_task(scene.task)
     camera = scene.camera or task.default_camera
     notes = [
         f"{camera} camera" if camera else "",

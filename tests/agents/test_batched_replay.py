@@ -88,7 +88,7 @@ def test_every_transition_is_equally_likely():
 
 
 def test_million_transitions_of_ten_seeds_fit_into_one_gigabyte():
-    buffer = ReplayBuffer(10, 1, 1_000_000, 19, 1, flush_every=1)
+    buffer = ReplayBuffer(10, 1, 1_000_000, 19, 1, flush_every=1, episode_steps=1000)
     rows = buffer.seed_rows(range(10))
     assert len(rows) >= 10_000_000
     assert rows.nbytes < 1e9

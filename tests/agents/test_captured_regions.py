@@ -100,7 +100,7 @@ def test_recorded_functions_stay_on_gpu(algo, options):
         check(tensors, learner.explore, seen, noise)
         check(tensors, learner.value, seen)
         return
-    replay = ReplayBuffer(SEEDS, 1, 100, SIZE, 1, flush_every=1, device=GPU)
+    replay = ReplayBuffer(SEEDS, 1, 100, SIZE, 1, flush_every=1, device=GPU, episode_steps=1000)
     updates = Updates(settings, group, replay, options.get("limit", "bootstrap"))
     for delayed in (True, False):
         check(tensors, updates._update_once, delayed)

@@ -165,7 +165,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
                 cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
                 rows.append([about, OBSERVED.form(row), *cells])
         heads = product(matrix["baselines"], matrix["claims"].values())
-        header = ["", "observation", *(f"{title} against {name}" for name, title in heads)]
+        header = ["", "representation", *(f"{title} against {name}" for name, title in heads)]
         output.table(table.title, header, rows)
     for note in frames.notes:
         output.say(f"Note: {note}")

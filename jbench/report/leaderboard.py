@@ -19,7 +19,7 @@ from jbench.statistics import bootstrap as st
 from jbench.store import Results, query
 
 COLUMNS = [
-    *("task", "rank", "entry", "algo", "observation", "median", "low", "high", "n"),
+    *("task", "rank", "entry", "algo", "representation", "median", "low", "high", "n"),
     *("steps_min", "steps"),
 ]
 _NAMES = {"source": "entry", "seeds": "n", "median_low": "low", "median_high": "high"}
@@ -70,8 +70,8 @@ def leaderboard(
     """
     agents = ours[ours["seeds"] > 0].rename(columns=_NAMES)
     words = agents["words"].where(agents["words"] == "", ", " + agents["words"])
-    agents["observation"] = agents["representation"] + words
-    policy = {"entry": "hand-written", "algo": HEURISTIC, "observation": FULL}
+    agents["representation"] += words
+    policy = {"entry": "hand-written", "algo": HEURISTIC, "representation": FULL}
     others = [
         {"task": task, **policy, "n": len(returns), **st.estimate(st.median, [returns])._asdict()}
         for task, returns in (by_hand if algo in (None, HEURISTIC) else {}).items()
@@ -81,7 +81,7 @@ def leaderboard(
     # Of each published agent the longest curve, or the best of several such.
     ends = published[published["task"].isin(tasks)].groupby(CURVE).last()
     theirs = ends.sort_values(["steps", "median"]).groupby(CURVE[1:]).last().reset_index()
-    theirs = theirs.rename(columns={"representation": "observation"}).assign(entry=PUBLISHED)
+    theirs = theirs.assign(entry=PUBLISHED)
     theirs["algo"] = theirs["algo"].map(display_name)
     theirs["steps_min"] = theirs["steps"] = theirs["steps"].round().astype(int)
     theirs = theirs if algo is None else theirs[theirs["algo"] == display_name(algo)]

@@ -9,7 +9,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import FIGURE_FORMATS, Order, ReturnsName, known
+from jbench.names import FIGURE_FORMATS, FULL, NO_ENCODER, Order, ReturnsName, known
 from jbench.settings.base import Settings
 
 WINDOW = 100  # episodes in a moving average (paper, Figures 8 and 9)
@@ -21,11 +21,13 @@ _EXCLUSIVE = (
 
 def setting(typed: str) -> tuple[str, str]:
     """Returns the name and value of a setting, typed as it, tables or `--encoder` call it."""
-    name, _, value = (piece.strip() for piece in typed.partition("="))
+    typed_name, _, value = (piece.strip() for piece in typed.partition("="))
+    name = {"algorithm": "algo", "observation": "representation"}.get(typed_name, typed_name)
     if name == "encoder" and "/" not in value:  # no id
-        return "representation", "full" if value == "none" else value
-    by_heading = {"algorithm": "algo", "observation": "representation"}
-    return by_heading.get(name, name), value
+        name = "representation"
+    if name == "representation" and value in NO_ENCODER:
+        value = FULL
+    return name, value
 
 
 def settings_typed(side: str) -> list[str]:

@@ -55,7 +55,7 @@ def _range(row: Row) -> str:
 
 _TASK, _ALGO = plain("task"), plain("algorithm", "algo")
 OBSERVED = Column(
-    "observation",
+    "representation",
     "representation",
     lambda row: ", ".join(filter(None, (row["representation"], row["words"]))),
 )
@@ -208,7 +208,7 @@ def _claims(frames: Frames) -> Table:
 def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
     """Returns the leaderboard by one kind of return."""
     columns = [
-        *(_TASK, number("rank", "rank", str), plain("entry"), _ALGO, plain("observation")),
+        *(_TASK, number("rank", "rank", str), plain("entry"), _ALGO, plain("representation")),
         *(number("median", "median", ends=("low", "high")), number("n", "n", str), _RANGE),
     ]
     caption = (

@@ -9,17 +9,18 @@ from jbench.checks.code import find_what
 from tests.documentation import ROOT, code_of
 
 EXAMPLES = {
-    "random_search": "your-own-agent.md",
-    "tqc": "your-own-rule.md",
-    "third_party_encoder": "your-own-encoder.md",
+    "random_search": ("your-own-agent.md", "class "),
+    "tqc": ("your-own-rule.md", "class "),
+    "third_party_encoder": ("your-own-encoder.md", "class FirstFeatures"),
 }
+"""The page of a module, and a part of its block."""
 
 
 @pytest.fixture
 def modules(tmp_path, monkeypatch):
     """The modules of the documentation and of the tests, in the working directory."""
-    for module, page in EXAMPLES.items():
-        (tmp_path / f"{module}.py").write_text(code_of(page, "python"))
+    for module, (page, part) in EXAMPLES.items():
+        (tmp_path / f"{module}.py").write_text(code_of(page, "python", part))
     for file in ROOT.glob("tests/third_party_*/*.py"):
         (tmp_path / file.name).write_text(file.read_text())
     monkeypatch.chdir(tmp_path)

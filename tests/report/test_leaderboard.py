@@ -107,7 +107,7 @@ def test_command_prints_markdown_and_csv(directories, capsys):
     assert "| face_direction | 1 | own | TD3 | full | 962 [" in printed
     assert main(["leaderboard", str(directories), "--csv", "--algo", "sac"]) == 0
     header, first, *_ = capsys.readouterr().out.splitlines()
-    assert header.startswith("task,rank,entry,algo,observation,median,low,high,n")
+    assert header.startswith("task,rank,entry,algo,representation,median,low,high,n")
     assert "SAC" in first
 
 

@@ -97,6 +97,8 @@ class TestCompare:
         fabric.run(FLAT + 10, representation=recorded)
         for sides in (
             (f"algorithm=td3, observation={shown}", "observation=full"),
+            (f"representation={shown}", "representation=none"),
+            (f"observation={shown}", "observation=none"),
             (f"encoder={shown}", "encoder=none"),  # as `jbench train --encoder` takes them
         ):
             (one,) = Frames(fabric.results, Request(compare=sides)).comparisons.to_dict("records")

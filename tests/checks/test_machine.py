@@ -21,7 +21,7 @@ def lines(path):
 def test_this_machine_passes_and_nothing_is_left(tmp_path, document):
     run = add_whole_run(Results(tmp_path))
     before = snapshot(tmp_path)
-    with run.lock():
+    with run.folder.lock():
         told = {line["name"]: line for line in document("doctor", results=tmp_path)["checks"]}
     assert all(line["state"] in ("ok", "note") for line in told.values())
     assert told["locks"]["text"] == f"being written now: run {run.id}"

@@ -31,6 +31,9 @@ from jbench.task_specs import SUITE
 _ROUNDING = ("jbench", "python", "processor", "cores", "threads", "device", "gpu", "cuda", "driver")
 """What of a record's provenance stays, with the versions in `packages`."""
 
+_CODE = ("code", "sources", "accepted")
+"""Settings that identify code: by its package and version, or by a checksum of its files."""
+
 LEFT_OUT = "left-out"
 """Stands for a text that may name somebody or something."""
 
@@ -73,8 +76,10 @@ class Blinder:
 
     def settings(self, settings: Mapping[str, Any]) -> dict[str, Any]:
         """Returns settings with every name replaced."""
-        kept = {name: value for name, value in settings.items() if name != "code"}
-        return {name: self._value(value) for name, value in kept.items()}
+        return {
+            name: LEFT_OUT if name in _CODE and value else self._value(value)
+            for name, value in settings.items()
+        }
 
     def id(self, record: Record) -> str:
         """Returns the id of a record of these settings, which is the old one if nothing changed."""

@@ -10,7 +10,8 @@ from jbench.errors import WorkError
 from jbench.settings.base import settings_hash
 from jbench.store import Results, files
 from jbench.store.merge import merge
-from jbench.store.verify import repair, verify
+from jbench.store.repair import repair
+from jbench.store.verify import verify
 from tests.store.power_cut import put, recorded, states
 from tests.store.store_rows import RUN_SETTINGS, episodes
 from tests.store.store_whole import add_whole_run, restart

@@ -58,7 +58,7 @@ def altered(trained, tmp_path):
     return results
 
 
-def test_reproduce_reports_equal_run(trained, run_command, monkeypatch):
+def test_reproduce_reports_equal_run(trained, run_command):
     command = ("reproduce", RUNS[0].id[:-4])
     code, out, _ = run_command(*command, results=trained.path)
     assert code == 0

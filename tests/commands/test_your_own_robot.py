@@ -95,6 +95,6 @@ def test_tasks_of_packages_are_listed(installed, monkeypatch, document):
 )
 def test_task_of_a_package_that_breaks_the_contract_is_refused(installed, typed, tmp_path, refused):
     error = refused(*typed, "--task", "ends-early", results=tmp_path / "results")
-    sentence = "at control step 5, its episode ends, but must last 1000 control steps"
+    sentence = "its episode terminates at control step 5: give it a time limit"
     assert error.startswith(f"Error: jbench can't use the task ends-early: {sentence}")
     assert not (tmp_path / "results").exists()

@@ -90,7 +90,7 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
         (1, 150),
         (1, 150),
     ]
-    assert len({row["episode_return"] for row in evaluations}) == 4
+    assert len({row["episode_return"] for row in evaluations}) == 5
     # Points at control steps 0, 20 and 40 of episodes of 50 steps.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}
     assert load_agent(results, run.id).task == "face_direction"

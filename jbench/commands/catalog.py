@@ -149,7 +149,8 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
         rows.append(row)
     if rows:
         title = f"{counted(len(rows), 'dataset')} in {results}"
-        output.table(title, list(rows[0]), [list(row.values()) for row in rows])
+        cells = [list(row.values()) for row in rows]
+        output.table(title, list(rows[0]), cells, spare=("last written (UTC)", "robot", "MB"))
     elif not problems:
         to_write = Path(names.RESULTS) if names.is_reference(results) else results
         small = with_results("jbench collect --steps 100000", to_write)
@@ -170,7 +171,7 @@ def _list(
             broken.append({"name": name, "error": str(error)})
             output.warn(str(error))
     rows = ([_cell(entry[name]) for name in columns.values()] for entry in entries)
-    output.table(f"{noun.capitalize()}s", list(columns), rows)
+    output.table(f"{noun.capitalize()}s", list(columns), rows, spare=("package", "engine"))
     output.say(hint)
     output.document({f"{noun}s": entries, "broken": broken})
     if broken:

@@ -82,7 +82,7 @@ def _show_outcomes(reached: Sequence[deciding.Outcome], tried: Container[str]) -
         rows.append((name, verdict, decision.seeds, difference, interval, spent))
     decided = sum(outcome.decision.verdict != "undecided" for outcome in reached)
     header = ("comparison", "verdict", "seeds", "difference", "interval", "error spent")
-    output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows)
+    output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows, ("error spent",))
 
 
 def _verdict(outcome: deciding.Outcome) -> str:

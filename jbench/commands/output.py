@@ -1,12 +1,11 @@
 """The terminal: text, tables and progress for people, or one JSON document for a program."""
 
-import re
-import shutil
+import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from jbench.errors import WorkError
 from jbench.wording import are, counted, json_text
@@ -16,9 +15,6 @@ if TYPE_CHECKING:
 
     from jbench.store import Record
     from jbench.tasks.task import Task
-
-_MAX_TERMINAL_LINES = 3  # of a row whose words don't fit side by side
-_NUMBER = re.compile(r"[-+]?[\d,.]+(e[-+]?\d+)?|nan|[-+]?inf|")
 
 DOCUMENT_VERSION = 1
 """Of the form of all documents; see `documents.py`."""
@@ -60,53 +56,48 @@ def warn(text: str) -> None:
 
 
 @_writing()
-def table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Prints a table for people; no word is broken, and numbers are aligned to the right.
+def table(
+    title: str,
+    header: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    spare: Sequence[str] = (),
+    below: Sequence[str] = (),
+) -> None:
+    """Prints a table for people, within the width of the terminal; see `jbench.commands.tables`.
 
     A cell that is None is empty, and floats that are not whole have six digits.
+
+    Args:
+        title: printed above the table.
+        header: names of the columns.
+        rows: the cells of each row.
+        spare: columns that a narrow terminal may leave out, the least important one first.
+        below: columns of long texts that it may show as lines under the table.
     """
-    from rich import box
-    from rich.cells import cell_len
     from rich.console import Console
-    from rich.measure import Measurement
-    from rich.table import Table
-    from rich.text import Text
 
-    # A pipe has no width but that of COLUMNS: use one that holds most tables.
-    width = shutil.get_terminal_size((200, 24)).columns
-    console = Console(file=sys.stderr if is_json else sys.stdout, width=width)
-    cells = [[printable(_short(cell)) for cell in row] for row in rows]
-    grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    for name, *column in zip(header, *cells, strict=True):
-        grid.add_column(
-            Text(name),
-            justify="right" if all(map(_NUMBER.fullmatch, column)) else "left",
-            min_width=max(map(cell_len, " ".join((name, *column)).split()), default=0),
-            # Only columns of several words are narrowed.
-            no_wrap=all(len(cell.split()) < 2 for cell in column),
-        )
-    for row in cells:
-        grid.add_row(*map(Text, row))
-    widths = Measurement.get(console, console.options.update(max_width=10**6), grid)
-    if widths.minimum > width:
-        if widths.maximum <= _MAX_TERMINAL_LINES * width or not cells:
-            console.width = widths.maximum  # the terminal wraps the lines
-        else:
-            grid = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
-            grid.add_column(no_wrap=True, style="bold")
-            grid.add_column(overflow="fold")
-            for row in cells:
-                for pair in zip(header, row, strict=True):
-                    grid.add_row(*map(Text, pair))
-                grid.add_section()
-    console.print(Text(title, style="bold"), soft_wrap=True)
-    console.print(grid)
+    from jbench.commands.tables import print_table
+
+    stream = sys.stderr if is_json else sys.stdout
+    cells = [[printable(_short(cell)).replace("\t", " ") for cell in row] for row in rows]
+    print_table(Console(file=stream), title, header, cells, width(stream), spare, below)
 
 
-def frame(title: str, frame: "pd.DataFrame") -> None:
-    """Prints a frame for people."""
+def width(stream: TextIO) -> int | None:
+    """Returns the characters in a line of a stream, or None in a pipe: COLUMNS, if it is set."""
+    typed = os.environ.get("COLUMNS", "")
+    if typed.isdecimal() and int(typed) > 0:
+        return int(typed)
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or None
+    except (OSError, ValueError):  # no terminal, or a stream of a test without a file
+        return None
+
+
+def frame(title: str, frame: "pd.DataFrame", spare: Sequence[str] = ()) -> None:
+    """Prints a frame for people; see `table`."""
     cells = frame.astype(object).where(frame.notna(), None)
-    table(title, list(map(str, frame.columns)), cells.to_numpy())
+    table(title, list(map(str, frame.columns)), cells.to_numpy(), spare)
 
 
 def warn_of_damage(problems: Sequence[str], advice: str = "") -> None:

@@ -3,16 +3,19 @@
 import itertools
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rich.console import Console
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.progress import BarColumn, Progress, Task, TaskID
 from rich.table import Column, Table
 from rich.text import Text
 
+from jbench.commands.tables import shortened
 from jbench.settings.run import RunSettings
 from jbench.training.events import Event
 from jbench.wording import counted, duration
@@ -23,6 +26,13 @@ if TYPE_CHECKING:
 _MAX_RETURNS = 6  # with more seeds, a line has the mean and extremes of their newest returns
 _SPARKLINE = 16  # characters
 _BARS = "▁▂▃▄▅▆▇█"
+_BAR = 16  # characters
+_SHORTEST_NAME = 12  # characters of a name on a narrow terminal
+
+_PARTS = ("name", "bar", "done", "speed", "left", "curve", "returns", "published")
+_GIVE_WAY = ("curve", "bar", "published", "speed", "left", "returns", "mean")
+"""The parts of a live line, and those that a narrow terminal lacks, the least important one first.
+In the place of the returns of several seeds is their mean."""
 
 
 class Meters(Progress):
@@ -43,15 +53,9 @@ class Meters(Progress):
             disable=not sys.stderr.isatty(),
         )
 
-    def make_tasks_table(self, tasks: Iterable[Task]) -> Table:
-        """Returns a row for each task, whose numbers are never cut."""
-        bars = [BarColumn(bar_width=16)] if self._alone else []
-        fixed = [Column(no_wrap=True) for _ in ("done", "speed")]
-        table = Table.grid(*(Column() for _ in ("name", *bars)), *fixed, padding=(0, 1))
-        for task in tasks:
-            name, *cells = map(Text, _cells(task))
-            table.add_row(name, *(bar(task) for bar in bars), *cells)
-        return table
+    def get_renderables(self) -> Iterator[RenderableType]:
+        """Yields what is live."""
+        yield _Lines(self.tasks, has_bar=self._alone)
 
     def show_done(self, id: TaskID, done: int, **fields: Any) -> None:
         """Shows how much of a task is done, with its description and other fields."""
@@ -65,21 +69,74 @@ class Meters(Progress):
     def print_lines(self) -> None:
         """Prints a plain line for each task if there is no terminal."""
         self._printed = time.monotonic()
-        for name, *cells in map(_cells, self.tasks) if self.disable else ():
-            print(f"{name}: {', '.join(filter(None, cells))}", file=sys.stderr, flush=True)
+        for line in map(_line, self.tasks) if self.disable else ():
+            learned = " ".join(filter(None, (line["curve"], line["returns"], line["published"])))
+            texts = (line["done"], line["speed"], line["left"], learned)
+            print(f"{line['name']}: {', '.join(filter(None, texts))}", file=sys.stderr, flush=True)
 
 
-def _cells(task: Task) -> tuple[str, ...]:
-    """Returns what is done, how much, how fast, the time left, and what else there is to say."""
+@dataclass
+class _Lines:
+    """A line for each task; on a narrow terminal it says less."""
+
+    tasks: Sequence[Task]
+    has_bar: bool
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        width = options.max_width
+        lines = [_line(task) for task in self.tasks]
+        parts = [part for part in _PARTS if part != "bar" or self.has_bar]
+        for part in _GIVE_WAY:
+            if _width(lines, parts) <= width:
+                break
+            instead = ["mean"] if part == "returns" else []
+            parts = [*(other for other in parts if other != part), *instead]
+
+        room = width - _width(lines, [part for part in parts if part != "name"])
+        bar = BarColumn(bar_width=_BAR)
+        table = Table.grid(*(Column(no_wrap=True) for _ in parts), padding=(0, 1, 0, 0))
+        for task, line in zip(self.tasks, lines, strict=True):
+            line["name"] = shortened(line["name"], max(room - 1, _SHORTEST_NAME))
+            table.add_row(*(bar(task) if part == "bar" else Text(line[part]) for part in parts))
+        yield table
+
+
+def _line(task: Task) -> dict[str, str]:
+    """Returns the texts of a task by their parts of a line."""
     total, speed, left = task.total or 0, task.speed, task.time_remaining
     running = speed is not None and left is not None and not task.finished
-    return (
-        task.description,
-        f"{task.completed:,.0f} of {total:,.0f} {task.fields['unit']}",
-        (f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s") if speed and running else "",
-        f"{duration(left)} left" if left and running else "",
-        task.fields.get("more", ""),
-    )
+    returns: Returns = task.fields.get("returns") or Returns()
+    return {
+        "name": task.description,
+        "done": f"{task.completed:,.0f} of {total:,.0f} {task.fields['unit']}",
+        "speed": _per_second(speed) if speed and running else "",
+        "left": f"{duration(left)} left" if left and running else "",
+        **returns._asdict(),
+    }
+
+
+def _per_second(speed: float) -> str:
+    return f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s"
+
+
+def _width(lines: Sequence[dict[str, str]], parts: Sequence[str]) -> int:
+    """Returns the characters of the longest line, whose name may be shortened."""
+    width = len(parts)  # a space after each
+    for part in parts:
+        longest = (
+            _BAR if part == "bar" else max((cell_len(line[part]) for line in lines), default=0)
+        )
+        width += min(longest, _SHORTEST_NAME) if part == "name" else longest
+    return width
+
+
+class Returns(NamedTuple):
+    """The texts on the newest returns of a process."""
+
+    curve: str = ""
+    returns: str = ""
+    mean: str = ""
+    published: str = ""
 
 
 class TrainingView(Meters):
@@ -138,7 +195,7 @@ class TrainingView(Meters):
                 process.returns[run.id] = event.episode_return
                 process.curve.append(event.episode_return)
             done = sum(self._done[other.id] for other in process.runs)
-            self.show_done(process.task, done, more=process.learned(done))
+            self.show_done(process.task, done, returns=process.learned(done))
 
 
 class _Process:
@@ -153,19 +210,24 @@ class _Process:
         if not self._alike:
             self.name = f"{run.algo} {len(runs)} runs of {configurations} configurations"
 
-    def learned(self, steps: int) -> str:
+    def learned(self, steps: int) -> Returns:
         """Returns a sparkline, the newest returns, and the published one at as many steps."""
         values = list(self.returns.values())
         if not values:
-            return ""
+            return Returns()
+        mean = f"{fmean(values):.0f}"
         text = " ".join(f"{value:.0f}" for value in values)
         if len(values) > _MAX_RETURNS:
-            text = f"mean {fmean(values):.0f} [{min(values):.0f}, {max(values):.0f}]"
+            text = f"mean {mean} [{min(values):.0f}, {max(values):.0f}]"
         at = steps / len(self.runs)
         published = published_median(self.runs[0], at) if self._alike else None
-        ending = "" if published is None else f" (published {published:.0f})"
         lowest, highest = self._range
-        return f"{sparkline(self.curve, highest, lowest)} training return {text}{ending}"
+        return Returns(
+            sparkline(self.curve, highest, lowest),
+            f"training return {text}",
+            f"return {mean}" if len(values) == 1 else f"mean return {mean}",
+            "" if published is None else f"(published {published:.0f})",
+        )
 
     @property
     def _range(self) -> tuple[float, float]:

@@ -146,6 +146,28 @@ def report(
     write(request.model_copy(update={"watched": False}))
 
 
+SPARE = {
+    "final_returns": (
+        "published median",
+        "detectable",
+        "draws",
+        "s",
+        "over the run",
+        "steps to 900",
+        "reach 900",
+        "IQM",
+        "steps",
+        "diverged",
+        "seeds",
+    ),
+    "verdicts": ("corrected by", "seeds", "difference"),
+    "comparisons": ("steps", "returns", "seeds", "probability"),
+    "claims": ("remark", "by episodes alone", "seeds that would decide"),
+    "leaderboard": ("steps", "n"),
+}
+"""Columns of tables that a narrow terminal may leave out, the least important one first."""
+
+
 def _report(database: "Results", out: Path, request: Request) -> None:
     from jbench.report.page import verdict_matrix
     from jbench.report.report import write_report
@@ -157,7 +179,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     asked |= set() if request.compare else {"final_returns", "verdicts"}
     for table in (table for table in tables(frames) if table.name in asked):
         if table.name != "verdicts" or request.claims:
-            output.frame(table.title, table.texts())
+            output.frame(table.title, table.texts(), SPARE.get(table.name, ()))
             continue
         matrix, rows = verdict_matrix(frames), []
         for about, group in matrix["groups"].items():

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from jbench.store.listing import Row
 
 
+_SPARE = ("created", "wall time", "returns", "variant", "episodes", "points", "steps", "status")
+"""Columns that `runs` leaves out on a narrow terminal, the first one first."""
+
+
 def runs(
     task: str | None = options.ONE_TASK,
     algo: str | None = options.ONE_ALGORITHM,
@@ -69,7 +73,7 @@ def runs(
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
         values = ([row[name] for name in header] for row in rows)
         cells = [[f"{v:.0f}" if isinstance(v, float) else v for v in row] for row in values]
-        output.table(counted(len(rows), what), header, cells)
+        output.table(counted(len(rows), what), header, cells, _SPARE, below=("error",))
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
     output.document({f"{what}s": lines, "problems": problems})
@@ -195,6 +199,7 @@ def leaderboard(
     """
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
+    from jbench.commands.report import SPARE
     from jbench.report.leaderboard import ranked_configurations
     from jbench.report.table import to_csv, to_markdown
     from jbench.report.tables import leaderboard_table
@@ -218,7 +223,7 @@ def leaderboard(
     if markdown or as_csv:
         output.raw(to_markdown(table) if markdown else to_csv(ranked))
     else:
-        output.frame(table.title, table.texts())
+        output.frame(table.title, table.texts(), SPARE[table.name])
         output.say(table.caption)
     output.document({"entries": records(ranked), "problems": problems})
     output.warn_of_damage(problems)

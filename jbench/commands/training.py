@@ -98,8 +98,8 @@ def check_failures(failures: Sized, runs: int) -> None:
 
 _FINAL_RETURNS = (
     "Final returns. Quote the evaluation return: the mean over the last evaluation, in which the "
-    "policy is\ndeterministic. The training return, exploration included, is the mean over the "
-    "last quarter of the\nepisodes, at most 100."
+    "policy is deterministic. The training return, exploration included, is the mean over the "
+    "last quarter of the episodes, at most 100."
 )
 
 
@@ -195,7 +195,8 @@ def show_status(
         "steps",
     )
     varied = (name for name in if_varied if len({row[name] for row in rows}) > 1)
-    header = ["task", "algo", "representation", *varied, *get_args(State)]
+    states = (state for state in get_args(State) if any(row[state] for row in rows))
+    header = ["task", "algo", "representation", *varied, *states]
 
     def time(seconds: float | None) -> str:
         return "unknown" if seconds is None else duration(seconds)
@@ -210,7 +211,7 @@ def show_status(
         missing = [run for run in every if run_status(run, results).state == "missing"]
         for sentence in new_beginnings(missing, results):
             output.say(sentence)
-    output.table(title, header, texts)
+    output.table(title, header, texts, spare=("estimated from",))
     if times and any(status.steps_left for status in statuses):
         failed = ", the failed runs included" if any(status.failed for status in statuses) else ""
         until = " until each configuration has a finished run" if left is None else failed

@@ -1,0 +1,253 @@
+"""Tables on a terminal: what gives way where it is narrower than they are.
+
+No number is ever cut, and no line breaks within a word. Until a table fits, these steps are taken
+in order:
+
+1. Long texts wrap between words, and so do headings.
+2. The columns named `below` become lines under the table.
+3. Long words, such as ids, are shortened in the middle; different ones stay different.
+4. The columns named `spare` are left out, in the order of their names.
+5. Long words are shortened further.
+6. Each row becomes a list with a line for each cell.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+_NUMBER = re.compile(r"[-+]?[\d,.]+(e[-+]?\d+)?[%kM]?|nan|[-+]?inf|")
+_INTERVAL = re.compile(rf"(?:{_NUMBER.pattern})(?: \[[^\]]*\])?")
+_DIGITS = "0123456789.,"
+
+_UNBROKEN = 14  # a text of at most so many characters is never wrapped: ? undecided
+_UNBROKEN_NUMBERS = 24  # one that begins with a number: 1,000,192 of 1,000,000
+_TEXT = 12  # least width of a column of longer texts
+_SHORTEST = 24  # characters that are kept of a long word, or more if two would become equal
+_SHORTEST_AT_ALL = 14  # where even the spare columns are left out
+_GAP = 2  # spaces between columns; there is one at each side of the table
+_PIPE = 200  # longest line of a text in a pipe, which has no width
+
+
+@dataclass
+class _Column:
+    """The cells of a column, and how wide it must and may be."""
+
+    name: str
+    cells: list[str]
+
+    @cached_property
+    def is_number(self) -> bool:
+        return all(map(_INTERVAL.fullmatch, self.cells))
+
+    @cached_property
+    def least(self) -> int:
+        """The width in which no number is cut and no word is broken."""
+        pieces = [piece for cell in self.cells for piece in _unbroken(cell)]
+        longest = max((cell_len(piece) for piece in (*self.name.split(), *pieces)), default=0)
+        is_text = any(len(_unbroken(cell)) > 1 for cell in self.cells)
+        return max(longest, min(self.natural, _TEXT)) if is_text else longest
+
+    @cached_property
+    def natural(self) -> int:
+        """The width in which every cell is one line."""
+        lines = (line for cell in (self.name, *self.cells) for line in cell.splitlines())
+        return max(map(cell_len, lines), default=0)
+
+    def shortened(self, limit: int) -> "_Column":
+        """Returns the column with words of at most so many characters, if cells stay different."""
+        different = len(set(self.cells))
+        while limit < self.natural:
+            cells = [_shortened(cell, limit) for cell in self.cells]
+            if len(set(cells)) == different:
+                return _Column(self.name, cells)
+            limit += 1
+        return self
+
+
+@dataclass
+class Layout:
+    """What is printed of a table."""
+
+    columns: list[_Column]
+    below: list[_Column] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    is_list: bool = False
+
+
+def print_table(
+    console: Console,
+    title: str,
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    width: int | None,
+    spare: Sequence[str],
+    below: Sequence[str],
+) -> None:
+    """Prints a table.
+
+    Args:
+        console: where it is printed; its width is set.
+        title: printed above the table.
+        header: names of the columns.
+        rows: the cells of each row.
+        width: characters of a line; None in a pipe, where nothing gives way.
+        spare: columns that may be left out, the least important one first.
+        below: columns that may become lines under the table, each after the row's first cell.
+    """
+    cells = list(zip(*rows, strict=True)) or [()] * len(header)
+    columns = [_Column(name, list(column)) for name, column in zip(header, cells, strict=True)]
+    if width is None:
+        layout = Layout(columns)
+        width = max(_PIPE, _least(columns))
+    else:
+        layout = fitted(columns, width, spare, below)
+    # A title is a sentence: its lines end where the table's do.
+    console.width = max(width, *map(cell_len, title.split()), 1)
+    console.print(Text(title, style="bold"))
+    grid = _list(layout, width) if layout.is_list else _grid(layout, width)
+    console.width = max(width, sum(column.width or 0 for column in grid.columns) + _margins(2))
+    console.print(grid)
+    _print_below(console, layout)
+
+
+def fitted(
+    columns: list[_Column], width: int, spare: Sequence[str], below: Sequence[str]
+) -> Layout:
+    """Returns the first layout that fits; see this module for their order."""
+    if _least(columns) <= width:
+        return Layout(columns)
+    beneath = [column for column in columns if column.name in below]
+    beside = [column for column in columns if column.name not in below]
+    names = [column.name for column in beside]
+    order = [name for name in spare if name in names]
+    for shortest in (_SHORTEST, _SHORTEST_AT_ALL):
+        for count in range(len(order) + 1):
+            left_out = order[:count]
+            if _least(_without(beside, left_out), shortest) <= width:
+                # What fits beside the more important columns comes back.
+                for name in reversed(left_out.copy()):
+                    others = [other for other in left_out if other != name]
+                    if _least(_without(beside, others), shortest) <= width:
+                        left_out = others
+                kept = _without(beside, left_out)
+                return Layout(_shortened_to_fit(kept, width, shortest), beneath, left_out)
+    return Layout(columns, is_list=True)
+
+
+def _without(columns: list[_Column], names: Sequence[str]) -> list[_Column]:
+    return [column for column in columns if column.name not in names]
+
+
+def _least(columns: list[_Column], limit: int | None = None) -> int:
+    """Returns the width that columns need side by side, if long words are shortened to a limit."""
+    short = columns if limit is None else [column.shortened(limit) for column in columns]
+    return sum(column.least for column in short) + _margins(len(columns))
+
+
+def _shortened_to_fit(columns: list[_Column], width: int, shortest: int) -> list[_Column]:
+    """Returns columns of which as few characters as possible are left out."""
+    fits, too_long = shortest, max(column.natural for column in columns) + 1
+    while too_long - fits > 1:
+        limit = (fits + too_long) // 2
+        if _least(columns, limit) <= width:
+            fits = limit
+        else:
+            too_long = limit
+    return [column.shortened(fits) for column in columns]
+
+
+def _unbroken(cell: str) -> list[str]:
+    """Returns the parts of a cell that stay in one line."""
+    longest = _UNBROKEN_NUMBERS if cell[:1].isdigit() else _UNBROKEN
+    is_whole = len(cell) <= longest or _INTERVAL.fullmatch(cell)
+    return cell.splitlines() if is_whole else cell.split()
+
+
+def _shortened(cell: str, limit: int) -> str:
+    """Returns a cell whose long words lack their middle; numbers stay whole."""
+
+    def shorten(match: re.Match[str]) -> str:
+        word = match[0]
+        return word if _NUMBER.fullmatch(word.strip("[](),")) else shortened(word, limit)
+
+    return re.sub(r"\S+", shorten, cell)
+
+
+def shortened(word: str, limit: int) -> str:
+    """Returns a text of at most so many characters: both ends, none of them within a number."""
+    if cell_len(word) <= limit:
+        return word
+    head, tail = limit // 2, len(word) - (limit - 1 - limit // 2)
+    while head and word[head - 1] in _DIGITS and word[head] in _DIGITS:
+        head -= 1
+    while tail < len(word) and word[tail - 1] in _DIGITS and word[tail] in _DIGITS:
+        tail += 1
+    short = f"{word[:head]}…{word[tail:]}"
+    # Wide characters take two places.
+    return short if cell_len(short) <= limit else shortened(word, limit - 1)
+
+
+def _margins(columns: int) -> int:
+    return _GAP * max(columns - 1, 0) + 2
+
+
+def _widths(layout: Layout, width: int) -> list[int]:
+    """Returns the width of each column: texts that need more lines get more of what is left."""
+    widths = [column.least for column in layout.columns]
+    for _ in range(width - _least(layout.columns)):
+        narrow = [i for i, column in enumerate(layout.columns) if widths[i] < column.natural]
+        if not narrow:
+            break
+        widest = max(narrow, key=lambda i: layout.columns[i].natural / max(widths[i], 1))
+        widths[widest] += 1
+    return widths
+
+
+def _grid(layout: Layout, width: int) -> Table:
+    grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for column, wide in zip(layout.columns, _widths(layout, width), strict=True):
+        # The last column has the padding of the others, too.
+        grid.add_column(
+            Text(column.name), justify="right" if column.is_number else "left", width=wide
+        )
+    for row in zip(*(column.cells for column in layout.columns), strict=True):
+        grid.add_row(*map(Text, row))
+    return grid
+
+
+def _list(layout: Layout, width: int) -> Table:
+    """Returns a table of names and values, with an empty line after each row."""
+    names = max(max(map(cell_len, column.name.split()), default=0) for column in layout.columns)
+    natural = max(cell_len(column.name) for column in layout.columns)
+    names = min(natural, max(names, width // 3))
+    room = max(width - names - _margins(2), _SHORTEST_AT_ALL)
+    values = [column.shortened(room) for column in layout.columns]
+    room = max(room, *(column.least for column in values))
+    grid = Table(box=box.SIMPLE, pad_edge=False, show_header=False, padding=(0, 1, 0, 0))
+    grid.add_column(width=names, style="bold")
+    grid.add_column(width=room)
+    for row in zip(*(column.cells for column in values), strict=True):
+        for column, cell in zip(layout.columns, row, strict=True):
+            if cell:
+                grid.add_row(Text(column.name), Text(cell))
+        grid.add_section()
+    return grid
+
+
+def _print_below(console: Console, layout: Layout) -> None:
+    first = layout.columns[0]
+    for column in layout.below:
+        for name, cell in zip(first.cells, column.cells, strict=True):
+            if cell:
+                text = _shortened(f"{name}: {column.name}: {cell}", console.width)
+                console.print(Text(text))
+    if layout.left_out:
+        names = ", ".join(layout.left_out)
+        console.print(Text(f"Too narrow for {names}: a wider terminal, or --json, shows all."))

@@ -136,6 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("MUJOCO_GL", "disable")
     arguments = sys.argv[1:] if arguments is None else arguments
     output.is_json, output.has_document = "--json" in arguments, False
+    output.set_up_streams()
     try:
         answer = app(arguments, prog_name="jbench", standalone_mode=False)
         if answer == 128 + signal.SIGINT:  # as typer answers Ctrl-C

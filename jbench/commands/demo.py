@@ -70,7 +70,10 @@ def demo(
         output.say(f"$ {shlex.join(['jbench', *arguments])}")
         # What it prints is printed only if it fails.
         process = subprocess.Popen(
-            [sys.executable, "-m", "jbench", *arguments], stdout=subprocess.PIPE, text=True
+            [sys.executable, "-m", "jbench", *arguments],
+            stdout=subprocess.PIPE,
+            text=True,
+            errors="replace",
         )
         try:
             said, _ = process.communicate()

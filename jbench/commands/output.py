@@ -1,5 +1,6 @@
 """The terminal: text, tables and progress for people, or one JSON document for a program."""
 
+import io
 import os
 import sys
 from collections import Counter
@@ -30,6 +31,16 @@ def note_task(task: "Task") -> None:
     """Prints what users should know of a task."""
     for note in task.notes:
         warn(f"{task.name}: {note}.")
+
+
+def set_up_streams() -> None:
+    """Lets every character be written: what an encoding lacks is replaced.
+
+    So it is where a terminal or a pipe is not UTF-8, and with names of files that are not.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 @contextmanager

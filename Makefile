@@ -9,9 +9,11 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 install: $(VENV)/.installed
 
-# torch first and by itself, so that a machine without a GPU gets its CPU build where the index
-# has one; TORCH="torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu" asks for it.
-TORCH ?= torch==2.13.0
+# torch first and by itself: its CPU build on Linux without an NVIDIA driver, where that of the
+# package index has CUDA, which is three times as large. TORCH=torch==2.13.0 asks for CUDA.
+DRIVER := $(wildcard /proc/driver/nvidia/version /dev/nvidiactl /dev/dxg)
+CPU_INDEX := --index-url https://download.pytorch.org/whl/cpu
+TORCH ?= torch==2.13.0 $(if $(DRIVER),,$(if $(filter Linux,$(shell uname -s)),$(CPU_INDEX)))
 $(VENV)/.installed: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) install $(TORCH)

@@ -1,4 +1,4 @@
-"""What pyproject.toml can't say: the description of the package, and which policies it leaves out.
+"""What pyproject.toml can't say: the package's description, its files, and its git revision.
 
 A package index has neither the images nor the pages that the README names by relative paths. The
 wheel has all rows of the shipped runs, and the policies of `jbench/store/kept_policies.txt` only,
@@ -6,9 +6,12 @@ since all of them have 37 MB.
 """
 
 import re
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 from setuptools import setup
+from setuptools.command.build_py import build_py
+from setuptools.command.sdist import sdist
 
 PACKAGE = Path(__file__).parent / "jbench"
 
@@ -30,8 +33,37 @@ def left_out() -> list[str]:
     ]
 
 
+def revision() -> str | None:
+    """Returns the git revision of this checkout, or the one that a source distribution has."""
+    spec = spec_from_file_location("revision", PACKAGE / "revision.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.git_revision()
+
+
+class BuildWithRevision(build_py):
+    """Adds the git revision to the package of a wheel."""
+
+    def run(self) -> None:
+        """Builds the package."""
+        super().run()
+        if not self.editable_mode and (known := revision()):
+            (Path(self.build_lib) / "jbench" / "git_revision.txt").write_text(f"{known}\n")
+
+
+class SourceWithRevision(sdist):
+    """Adds the git revision to a source distribution."""
+
+    def make_release_tree(self, base_dir: str, files: list[str]) -> None:
+        """Writes the files."""
+        super().make_release_tree(base_dir, files)
+        if known := revision():
+            (Path(base_dir) / "jbench" / "git_revision.txt").write_text(f"{known}\n")
+
+
 if __name__ == "__main__":
     setup(
+        cmdclass={"build_py": BuildWithRevision, "sdist": SourceWithRevision},
         exclude_package_data={"jbench": left_out()},
         long_description=description(Path(__file__).with_name("README.md").read_text("utf-8")),
         long_description_content_type="text/markdown",

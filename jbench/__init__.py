@@ -6,14 +6,18 @@
     record      records a training loop of your own as a run
     open        opens a results directory: SQL and learning curves as pandas data frames
 
-These names are imported at their first use, so that `import jbench` is instant. After
-`import gymnasium`, `import jbench` registers the environments, such as Jitterbug/FaceDirection-v0.
+These names are imported at their first use, so that `import jbench` is instant. Once Gymnasium is
+imported, too, before or after it, the environments are registered, such as
+Jitterbug/FaceDirection-v0.
 """
 
-import importlib
+import importlib.abc
+import importlib.util
 import sys
 from functools import cache
+from importlib.machinery import ModuleSpec
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the names of the package, which `_exports` reads
@@ -62,6 +66,31 @@ def _exports() -> dict[str, tuple[str, str]]:
     }
 
 
-# Only the ids: the environments are imported when they are made.
-if "gymnasium" in sys.modules:
+def _register_environments() -> None:
+    # Only the ids: the environments are imported when they are made.
     importlib.import_module("jbench.registration").register_environments()
+
+
+class _AfterGymnasium(importlib.abc.MetaPathFinder):
+    """Registers the environments when Gymnasium is imported after jbench."""
+
+    def find_spec(self, fullname: str, path: object, target: object = None) -> ModuleSpec | None:
+        if fullname != "gymnasium":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(fullname)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_register(module: ModuleType) -> None:
+                execute(module)
+                _register_environments()
+
+            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
+        return spec
+
+
+if "gymnasium" in sys.modules:
+    _register_environments()
+else:
+    sys.meta_path.insert(0, _AfterGymnasium())

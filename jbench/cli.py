@@ -1,38 +1,86 @@
 """Command-line entry point. Heavy imports are deferred to the command bodies."""
 
 import contextlib
+import itertools
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from collections.abc import Sequence
 
 import typer
-from typer.core import TyperCommand
 
 from jbench import __version__, names
-from jbench.commands import (
-    archive,
-    catalog,
-    checking,
-    demo,
-    diagnosis,
-    encoders,
-    export,
-    output,
-    policies,
-    report,
-    results,
-    runs,
-    schemas,
-    train,
-)
+from jbench.commands import output
+from jbench.commands.verbs import Verb, Verbs
 from jbench.errors import RequestError, WorkError
-from jbench.settings.algorithms import SETTINGS
+
+_VERBS = {
+    verb.name: verb
+    for verb in (
+        Verb("demo --results demo-results", "demo:demo", "Experiment"),
+        Verb("collect --steps 100k", "catalog:collect", "Experiment"),
+        Verb(
+            "train-dae --task face_direction --latent 12",
+            "encoders:train_encoder",
+            "Experiment",
+            summary="Train the paper's denoising autoencoder on a dataset.",
+        ),
+        Verb("train-encoder --kind pca --latent 12", "encoders:train_encoder", "Experiment"),
+        Verb(
+            "train --algo td3 --encoder dae12 --seeds 0-4 --steps 1M", "train:train", "Experiment"
+        ),
+        Verb(
+            "train-agent --algo td3 --encoder dae12 --seeds 0-4 --steps 1M",
+            "train:train",
+            "Experiment",
+            hidden=True,  # an older name
+        ),
+        Verb("sweep question --dry-run", "train:sweep", "Experiment"),
+        Verb("report --results reference --claims", "report:report", "Experiment"),
+        Verb("evaluate reference/face_direction/ddpg/full", "policies:evaluate", "Policies"),
+        Verb("render heuristic --task move_to_pose --out pose.gif", "policies:render", "Policies"),
+        Verb("view heuristic --task move_to_pose", "policies:view", "Policies"),
+        Verb(
+            "export reference/face_direction/ddpg/full --out policy.onnx",
+            "export:export",
+            "Policies",
+        ),
+        Verb("algorithms td3", "catalog:algorithms", "Lists"),
+        Verb("tasks dmc:cheetah-run", "catalog:tasks", "Lists"),
+        Verb("datasets", "catalog:datasets", "Lists"),
+        Verb("runs --algo td3 --status finished", "runs:runs", "Lists"),
+        Verb("tail --algo td3 --last 10", "runs:tail", "Lists"),
+        Verb("query 'SELECT run, count(*) FROM episodes GROUP BY run'", "results:query", "Lists"),
+        Verb("leaderboard reference", "runs:leaderboard", "Lists"),
+        Verb(
+            "import --from csv --seed-column seed --task face_direction --algo ppo FILE",
+            "results:import_",
+            "Database",
+        ),
+        Verb("merge other-results", "results:merge", "Database"),
+        Verb("archive results --out results.zip --blind", "archive:archive", "Database"),
+        Verb(
+            "reproduce reference/face_direction/td3/dae12/s00 --episodes 1",
+            "checking:reproduce",
+            "Database",
+        ),
+        Verb("verify --results reference", "checking:verify", "Database"),
+        Verb("repair --dry-run", "results:repair", "Database"),
+        Verb("doctor", "diagnosis:doctor", "Help"),
+        Verb("check random_search:RandomSearch", "diagnosis:check", "Help"),
+        Verb("schema train", "schemas:schema", "Help"),
+    )
+}
+"""Each verb by an example, in the order of the help."""
+
+
+class _Root(Verbs):
+    verbs = _VERBS
+
 
 app = typer.Typer(
     name="jbench",
+    cls=_Root,
     help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations, "
     "and the tasks of other robots.",
     epilog="The commands collect, train-dae, train --encoder dae12 and report, in this order, are "
@@ -64,82 +112,30 @@ def _root(
         context.get_help()
 
 
-class _Command(TyperCommand):
-    """A command whose help has placeholders such as SEEDS instead of types."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        for parameter in self.params:
-            if getattr(parameter, "is_flag", False):
-                parameter.metavar = ""
-            elif parameter.metavar is None:
-                parameter.metavar = parameter.opts[0].rpartition("-")[2].upper()
-
-
-_DAE = "Train the paper's denoising autoencoder on a dataset."
-
-_COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
-    "Experiment": {
-        "demo --results demo-results": demo.demo,
-        "collect --steps 100k": catalog.collect,
-        "train-dae --task face_direction --latent 12": encoders.train_encoder,
-        "train-encoder --kind pca --latent 12": encoders.train_encoder,
-        "train --algo td3 --encoder dae12 --seeds 0-4 --steps 1M": train.train,
-        "sweep question --dry-run": train.sweep,
-        "report --results reference --claims": report.report,
-    },
-    "Policies": {
-        "evaluate reference/face_direction/ddpg/full": policies.evaluate,
-        "render heuristic --task move_to_pose --out pose.gif": policies.render,
-        "view heuristic --task move_to_pose": policies.view,
-        "export reference/face_direction/ddpg/full --out policy.onnx": export.export,
-    },
-    "Lists": {
-        "algorithms td3": catalog.algorithms,
-        "tasks dmc:cheetah-run": catalog.tasks,
-        "datasets": catalog.datasets,
-        "runs --algo td3 --status finished": runs.runs,
-        "tail --algo td3 --last 10": runs.tail,
-        "query 'SELECT run, count(*) FROM episodes GROUP BY run'": results.query,
-        "leaderboard reference": runs.leaderboard,
-    },
-    "Database": {
-        "import --from csv --seed-column seed --task face_direction --algo ppo FILE": (
-            results.import_
-        ),
-        "merge other-results": results.merge,
-        "archive results --out results.zip --blind": archive.archive,
-        "reproduce reference/face_direction/td3/dae12/s00 --episodes 1": checking.reproduce,
-        "verify --results reference": checking.verify,
-        "repair --dry-run": results.repair,
-    },
-    "Help": {
-        "doctor": diagnosis.doctor,
-        "check random_search:RandomSearch": diagnosis.check,
-        "schema train": schemas.schema,
-    },
-}
-"""Each command by an example, which begins with its name, by the headings of the help."""
-
-for heading, commands in _COMMANDS.items():
-    for example, command in commands.items():
-        name, epilog = example.split()[0], f"Example: jbench {example}"
-        add = partial(app.command, cls=_Command, epilog=epilog, rich_help_panel=heading)
-        add(name, help=_DAE if name == "train-dae" else None)(command)
-        if name == "train":
-            add("train-agent", hidden=True)(command)  # as older versions called it
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line; returns the exit code: 0 done, 1 work failed, 2 wrong request."""
+    """Runs the command line.
+
+    Returns the exit code: 0 done, 1 work failed, 2 wrong request, 3 another process does the work,
+    130 stopped by Ctrl-C. Without arguments, those of the process are run, and Ctrl-C ends it as a
+    signal does, so that a loop of a shell ends too.
+    """
+    code = _run(sys.argv[1:] if arguments is None else arguments)
+    if code == _INTERRUPTED and arguments is None and os.name == "posix":
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGINT)
+    return code
+
+
+_INTERRUPTED = 128 + signal.SIGINT  # as shells call it
+
+
+def _run(arguments: Sequence[str]) -> int:
     # Most commands render nothing; without this, a machine without a display gets a warning.
     os.environ.setdefault("MUJOCO_GL", "disable")
-    arguments = sys.argv[1:] if arguments is None else arguments
-    output.is_json, output.has_document = "--json" in arguments, False
-    output.set_up_streams()
+    output.begin(arguments)
     try:
         answer = app(arguments, prog_name="jbench", standalone_mode=False)
-        if answer == 128 + signal.SIGINT:  # as typer answers Ctrl-C
+        if answer == _INTERRUPTED:  # as typer answers Ctrl-C
             raise KeyboardInterrupt
         sys.stdout.flush()
         return answer if isinstance(answer, int) else 0
@@ -149,9 +145,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _failed(str(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         with contextlib.suppress(OSError):
-            sentence = "Stopped. The same command continues from the last commit, if any."
-            print(sentence, file=sys.stderr, flush=True)
-        return 1
+            output.say_stopped()
+        return _INTERRUPTED
     except (BrokenPipeError, SystemExit) as end:
         # typer and rich exit with 1 when the reader closes the pipe, as `head` does.
         if BrokenPipeError not in (type(end), type(end.__context__)):
@@ -189,10 +184,14 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
     else:
         verb, option = context.info_name, getattr(error, "option_name", "")
         name = option.removeprefix("--").replace("-", "_")
+        from jbench.settings.algorithms import SETTINGS
+
         is_setting = any(name in settings.model_fields for settings in SETTINGS.values())
         instead = _ELSEWHERE.get(option, f"--set {name}=VALUE" if is_setting else "")
         if any(instead.partition(" ")[0] in p.opts for p in context.command.params):
             message = f"No such option: {option}; type {instead} instead"
+        elif "unexpected extra argument" in message and (hint := _set_hint(arguments)):
+            message += f": {hint}"
         elif verb == "report" and "unexpected extra argument" in message:
             message += ": type --curves FILE, or --results DIR"
         typed = {word.partition("=")[0] for word in arguments}
@@ -201,9 +200,23 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
         if message.startswith("Missing option") and len(missing) > 1:
             message = f"Missing options {names.in_prose(missing, 'and')}"
     help_ = "jbench --help lists the commands."
-    if any(verb == command.name for command in app.registered_commands):
+    if verb in _VERBS:
         help_ = f"jbench {verb} --help lists the options and shows an example."
     return f"{message}{'' if message.endswith('?') else ';'} {help_}"
+
+
+def _set_hint(arguments: Sequence[str]) -> str:
+    """Returns how to type a value after --set that has a space in or before it; or nothing."""
+    for i, word in enumerate(arguments[:-1]):
+        if word != "--set":
+            continue
+        name, equals, value = arguments[i + 1].partition("=")
+        rest = list(itertools.takewhile(lambda word: not word.startswith("-"), arguments[i + 2 :]))
+        if rest and not equals:
+            return f"type --set {name}={' '.join(rest)}"
+        if rest and value.startswith("["):
+            return f"type --set {name}={value}{''.join(rest)}"
+    return ""
 
 
 def _failed(sentence: str, exit_code: int) -> int:

@@ -22,6 +22,12 @@ class WorkError(RuntimeError):
         return str(self).rstrip(".")
 
 
+class ElsewhereError(WorkError):
+    """Work that another process is doing, so that it is not done yet."""
+
+    exit_code = 3
+
+
 def sentence_of_failure(error: BaseException) -> str:
     """Returns the sentence of a `RequestError` or `WorkError`; of others, type and text."""
     ours = isinstance(error, RequestError | WorkError)

@@ -1,16 +1,21 @@
-"""The git revision of jbench."""
+"""The git revision of jbench: that of the checkout, or that of which the wheel was built."""
 
 import subprocess
 from functools import cache
 from pathlib import Path
 
+BUILT = "git_revision.txt"
+"""The file that `setup.py` adds to a package which it builds from a checkout."""
+
 
 @cache
 def git_revision() -> str | None:
-    """Returns the git revision of the checkout, or None if jbench is installed."""
-    root = Path(__file__).resolve().parents[1]
+    """Returns the revision, such as `4655a54bd1c2` or `4655a54bd1c2-dirty`; None if unknown."""
+    package = Path(__file__).resolve().parent
+    root = package.parent
     if not (root / ".git").exists():
-        return None
+        built = package / BUILT
+        return built.read_text("ascii").strip() if built.is_file() else None
     describe = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]
     try:
         answer = subprocess.run(describe, capture_output=True, text=True, timeout=10, check=True)

@@ -20,9 +20,11 @@ import contextlib, io, json, sys
 from jbench.cli import main
 ended = []
 for arguments in json.loads(sys.argv[1]):
-    with contextlib.redirect_stdout(io.StringIO()) as said:
+    # A terminal that has few characters.
+    with contextlib.redirect_stdout(io.TextIOWrapper(io.BytesIO(), "ascii")) as said:
         code = main(arguments)
-    ended.append([code, said.getvalue()])
+    said.flush()
+    ended.append([code, said.buffer.getvalue().decode("ascii")])
 print(json.dumps(ended))
 """
 

@@ -104,6 +104,28 @@ def test_wheel_contains_only_package(wheel):
         assert any(name.endswith(suffix) for name in names)
 
 
+def test_package_that_was_built_from_a_checkout_knows_its_revision(tmp_path):
+    (tmp_path / "jbench").mkdir()
+    shutil.copy(ROOT / "jbench" / "revision.py", tmp_path / "jbench")
+    ask = [sys.executable, "-c", "import revision; print(revision.git_revision())"]
+    place = {"cwd": tmp_path / "jbench", "text": True}
+    assert subprocess.check_output(ask, **place) == "None\n"
+    (tmp_path / "jbench" / "git_revision.txt").write_text("4655a54bd1c2\n")
+    assert subprocess.check_output(ask, **place) == "4655a54bd1c2\n"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="unpacked from an archive")
+def test_wheel_of_a_checkout_has_its_revision(tmp_path):
+    git = ["git", "clone", "--quiet", "--depth", "1", f"file://{ROOT}", str(tmp_path / "clone")]
+    subprocess.run(git, check=True)
+    head = subprocess.check_output(["git", "rev-parse", "HEAD"], cwd=tmp_path / "clone", text=True)
+    with zipfile.ZipFile(build("wheel", tmp_path / "clone", tmp_path / "dist")) as archive:
+        recorded = archive.read("jbench/git_revision.txt").decode().strip()
+    assert len(recorded) >= 12
+    assert head.startswith(recorded)
+
+
 def test_description_has_no_relative_links_or_images(wheel):
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/METADATA"))

@@ -94,7 +94,7 @@ def collect(
 ) -> None:
     """Collect a dataset of random actions, of the Jitterbug or another robot."""
     from jbench.datasets import collect as collect_dataset
-    from jbench.datasets import plan_dataset
+    from jbench.datasets import layout, plan_dataset
     from jbench.settings.base import validated
     from jbench.store.planned import sentences
     from jbench.tasks.find import checked_task, dataset_robot, find_task
@@ -111,6 +111,16 @@ def collect(
         output.note_task(checked_task(settings.robot))
     elif before is not None and before.status == "finished":
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
+
+    def kept() -> str:
+        begun = database.find("dataset", settings.id)
+        steps = 0 if begun is None else begun.rows(layout.tables(settings.robot)[1])
+        return (
+            f"{steps * names.EPISODE_STEPS:,} of {settings.steps:,} control steps are kept; "
+            "the same command continues there."
+        )
+
+    output.if_stopped(kept)
     with output.progress("collect", settings.steps, "control steps") as progress:
         record = collect_dataset(settings, database, threads, progress)
     option, tasks = (f" --task {task}", "") if robot else ("", ", for all five tasks")

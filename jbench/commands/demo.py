@@ -65,6 +65,7 @@ def demo(
         "autoencoder; networks of [128, 128] instead of the paper's [350, 250], 20,000 steps "
         "instead of 5,000,000."
     )
+    output.if_stopped("The same command continues the demo.")
     for command in COMMANDS:
         arguments = [*command.split(), "--results", str(results)]
         output.say(f"$ {shlex.join(['jbench', *arguments])}")
@@ -90,6 +91,8 @@ def demo(
         title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
         output.frame(title, curves)
     output.say(
+        "Two seeds decide nothing: this shows that everything works, not which observation is "
+        "better.\n"
         f"Open {results / 'report' / 'index.html'} in a browser. The paper's experiment on one "
         "task takes days:\n"
         "  jbench collect && jbench train-dae && jbench train --encoder dae12 && jbench report"

@@ -97,6 +97,7 @@ def train_encoder(
         planned = [_counted(encoder, read(encoder.task, encoder.seed)) for encoder in planned]
     planned = [kept_settings(database, encoder) for encoder in planned]
     planned = _with_recorded_code(planned, database)
+    output.if_stopped("The same command continues from the last checkpoint, if there is one.")
     records = [
         _train_one(encoder, read(encoder.task, encoder.seed), database, train_on)
         for encoder in planned
@@ -106,7 +107,7 @@ def train_encoder(
     show_explained(records)
     first = planned[0]
     draws = " --encoder-seeds each" if planned[-1].seed != first.seed else ""
-    trial = " --algo td3 --steps 20k --seeds 0-1" if source.episodes < _TRIAL else ""
+    trial = " --steps 20k --seeds 0-1" if source.episodes < _TRIAL else ""
     command = f"jbench train --task {first.task} --encoder {first.representation}{draws}{trial}"
     output.say(f"Next: {with_results(command, results)}")
     output.document({"encoders": [output.described(record) for record in records]})
@@ -133,10 +134,12 @@ def _train_one(
     from jbench.encoders.loop import CHECKPOINT
     from jbench.encoders.registry import find_kind
     from jbench.encoders.training import train_encoder
+    from jbench.store import locks
 
     epochs = settings.options.get("epochs")
     before = database.find("encoder", settings.id)
-    if before is not None and before.status != "finished":
+    is_held = locks.is_held(database.record("encoder", settings.id).path)
+    if before is not None and before.status != "finished" and not is_held:
         how = "resumes" if CHECKPOINT in before.roles() else "starts over"
         output.say(f"The encoder {settings.id} was interrupted; it {how}.")
     label = f"{settings.representation} {settings.task}"

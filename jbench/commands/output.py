@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError
 from jbench.wording import are, counted, json_text
 
 if TYPE_CHECKING:
@@ -25,6 +25,36 @@ is_json = False
 
 has_document = False
 """Whether the command has written to standard output with `raw`."""
+
+typed: Sequence[str] = ()
+"""The arguments of the command, as they were typed."""
+
+_stopped: Callable[[], str] | str = ""
+
+
+def begin(arguments: Sequence[str]) -> None:
+    """Sets what this module knows of a command that begins."""
+    global is_json, has_document, typed, _stopped
+    typed = arguments
+    is_json = "--json" in arguments
+    has_document = False
+    _stopped = ""
+    set_up_streams()
+
+
+def if_stopped(sentence: Callable[[], str] | str) -> None:
+    """Sets what Ctrl-C prints from now on: what the command has kept, and how it goes on."""
+    global _stopped
+    _stopped = sentence
+
+
+def say_stopped() -> None:
+    """Prints that Ctrl-C has ended the command, and what is kept."""
+    try:
+        kept = _stopped if isinstance(_stopped, str) else _stopped()
+    except (OSError, RequestError, WorkError):  # the results can't be read
+        kept = ""
+    print(printable(f"Stopped. {kept}".rstrip()), file=sys.stderr, flush=True)
 
 
 def note_task(task: "Task") -> None:

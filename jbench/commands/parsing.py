@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 from collections.abc import Collection, Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from typer import BadParameter
 
 from jbench import names
+from jbench.commands import output
 from jbench.errors import RequestError
 from jbench.settings.algorithms import ALGORITHMS
 
@@ -66,6 +68,17 @@ def run_filters(
     return filters
 
 
+def seeds(text: str) -> list[int]:
+    """Returns the seeds of `--seeds`; prints a note if a number of seeds was probably meant."""
+    numbers = names.parse_numbers(text)
+    typed = {"--seeds", f"--seeds={text}"} & set(output.typed)
+    if typed and text.isdecimal() and numbers != [0]:
+        (number,) = numbers
+        instead = "0 for one seed" if number == 1 else f"0-{number - 1} for {number} seeds"
+        output.say(f"Note: --seeds {text} is the seed {text} alone; type {instead}.")
+    return numbers
+
+
 def results_to_read(path: Path) -> "Results":
     """Returns results to read; see `jbench.store.shipped.results_to_read`."""
     from jbench.store.shipped import results_to_read
@@ -109,14 +122,21 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
             raise RequestError(
                 f"--set {assignment}: type each setting once, as NAME=VALUE, like --set tau=0.005."
             )
-        overrides[name] = text
-        # JSON comes before a list without brackets, and that before plain text.
-        for written in (f"[{text}]", text) if "," in text else (text,):
-            with contextlib.suppress(ValueError):  # also of thousands of digits
-                overrides[name] = json.loads(written)
+        overrides[name] = _value(text)
     return overrides
 
 
 def comma_separated(text: str | None) -> list[str]:
     """Returns the names in a text such as face_direction,dae12; none for None."""
     return [] if text is None else [name.strip() for name in text.split(",")]
+
+
+def _value(text: str) -> Any:
+    """Returns a value of `--set`: a number such as 1k, JSON, a list without brackets, or text."""
+    if re.fullmatch(r"\d+(\.\d+)?[kKmM]", text):
+        number = Decimal(text[:-1]) * _SCALES[text[-1].lower()]
+        return int(number) if number % 1 == 0 else text
+    for written in (f"[{text}]", text) if "," in text else (text,):
+        with contextlib.suppress(ValueError):  # also of thousands of digits
+            return json.loads(written)
+    return text

@@ -61,6 +61,7 @@ def evaluate(
     before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
+    output.if_stopped("The episodes are not kept; the same command runs them again.")
     total = settings.episodes * settings.episode_steps
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
         record = run_episodes(settings, database, threads, progress, policy)

@@ -104,7 +104,8 @@ class _Lines:
 def _line(task: Task) -> dict[str, str]:
     """Returns the texts of a task by their parts of a line."""
     total, speed, left = task.total or 0, task.speed, task.time_remaining
-    running = speed is not None and left is not None and not task.finished
+    is_measured = speed is not None and left is not None
+    running = is_measured and not task.finished and not task.fields.get("warming_up")
     returns: Returns = task.fields.get("returns") or Returns()
     return {
         "name": task.description,
@@ -162,10 +163,11 @@ class TrainingView(Meters):
                 self.remove_task(task)
             self._runs, self._ended = {run.id: run for run in event.runs}, set[str]()
             self._done = dict.fromkeys(self._runs, 0)
-            self._all = self.add_task(self._count_ended(), total=steps, unit="steps")
+            count = self._count_ended()
+            self._all = self.add_task(count, total=steps, unit="steps", warming_up=True)
         elif event.kind == "started":
             process = _Process(event.runs)
-            process.task = self.add_task(process.name, total=steps, unit="steps")
+            process.task = self.add_task(process.name, total=steps, unit="steps", warming_up=True)
             self._processes |= {run.id: process for run in event.runs}
         elif event.kind == "ended":
             self.print_lines()
@@ -191,11 +193,18 @@ class TrainingView(Meters):
         if process is not None:
             if event.kind == "resumed":
                 self.reset(process.task)
+            done = sum(self._done[other.id] for other in process.runs)
+            if process.warming_up and done >= process.warm_up:
+                process.warming_up = False
+                self.reset(process.task)  # the speed is measured from here
+                self.reset(self._all)
+                self.update(self._all, completed=sum(self._done.values()), warming_up=False)
             if event.kind == "episode":
                 process.returns[run.id] = event.episode_return
                 process.curve.append(event.episode_return)
-            done = sum(self._done[other.id] for other in process.runs)
-            self.show_done(process.task, done, returns=process.learned(done))
+            self.show_done(
+                process.task, done, returns=process.learned(done), warming_up=process.warming_up
+            )
 
 
 class _Process:
@@ -206,6 +215,10 @@ class _Process:
         run, seeds = runs[0], ",".join(str(run.seed) for run in runs)
         self.name = f"{run.task} {run.algo} {run.representation} seed {seeds}"
         configurations = len({(run.task, run.representation) for run in runs})
+        # The control steps before the first updates are fast and tell nothing of the time left.
+        first_updates = (getattr(run.algorithm, "first_update", 0) for run in runs)
+        self.warm_up = sum(first_updates) if run.is_ours else 0
+        self.warming_up = True
         self._alike = configurations == 1
         if not self._alike:
             self.name = f"{run.algo} {len(runs)} runs of {configurations} configurations"

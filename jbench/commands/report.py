@@ -125,6 +125,7 @@ def report(
     out = out or (Path(f"{curves.resolve().stem}-report") if curves is not None else there)
 
     if not watch:
+        output.if_stopped(f"A report that {out} had before is still there.")
         _report(database, out, request)
         return
 

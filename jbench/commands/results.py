@@ -64,6 +64,7 @@ def repair(
     parsing.results_to_write(results)
     database = parsing.results_to_read(results)
     checked = check(database, threads, partial(output.progress, "repair", unit="folders"))
+    output.if_stopped("What was moved stays there; the same command moves the rest.")
     done = set_aside(database, checked.findings, dry_run)
     for moved, to in done.moved:
         output.say(f"{moved} -> {to}")
@@ -94,6 +95,7 @@ def merge(
 
     database = parsing.results_to_write(results)
     sources = [parsing.results_to_read(other) for other in others]
+    output.if_stopped("Records that were copied are kept; the same command copies the others.")
     merged = join(database, sources, partial(output.progress, "merge", unit="records"))
     refused = [record for record in merged if record.outcome == "refused"]
     for record in refused:
@@ -127,6 +129,7 @@ def import_(
 
     database = parsing.results_to_write(results)
     request = validated(ImportRequest, "the import", task=find_task(task).name, **chosen)
+    output.if_stopped("Curves that were imported are kept; the same command imports the others.")
     imported = import_curves(database, files, request)
     for curve in imported:
         output.say(

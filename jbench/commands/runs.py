@@ -35,6 +35,7 @@ def runs(
         "--returns",
         help="Show final returns (reads all episodes); quote that of the evaluation.",
     ),
+    failed: bool = Option(False, "--failed", help="List the runs that failed, with their errors."),
     imports: bool = Option(False, "--imports", help="List imported learning curves, not runs."),
     results: Path = options.READ_RESULTS,
     json: bool = options.JSON,
@@ -47,7 +48,9 @@ def runs(
 
     database = parsing.results_to_read(results)
     typed = {"task": task, "algo": algo, "representation": representation}
-    filters = parsing.run_filters(database, seed, status, **typed)
+    if failed and status not in (None, "failed"):
+        raise RequestError(f"--failed and --status {status} exclude each other; type one of them.")
+    filters = parsing.run_filters(database, seed, "failed" if failed else status, **typed)
     what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
     rows = [

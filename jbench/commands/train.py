@@ -87,7 +87,7 @@ def train(
         task=task,
         encoder=encoder,
         encoder_seeds=encoder_seeds,
-        seeds=names.parse_numbers(seeds),
+        seeds=parsing.seeds(seeds),
         base=settings,
         overrides=parsing.parse_overrides(set_),
         accept_changed=accept_changed_code,
@@ -106,6 +106,7 @@ def train(
     worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
     worker["checkpoint_every"] = checkpoint_every
     local = partial(Local, database, at_once, train_on, **worker)
+    output.if_stopped(partial(training.kept, runs, database))
     failures = training.train_cells(
         cells, database, local, log, retry_failed=retry_failed, wait=False
     )
@@ -187,7 +188,7 @@ def sweep(
     if until_decided and only is not None:
         raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
     limit = names.MAX_SEEDS if max_seeds is None else max_seeds
-    chosen = names.parse_numbers(seeds) if seeds is not None else None
+    chosen = parsing.seeds(seeds) if seeds is not None else None
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
     parts = read_matrix(matrix, **{key: value for key, value in typed.items() if value is not None})
     parts = only_some(parts, parsing.comma_separated(only))
@@ -206,6 +207,7 @@ def sweep(
         retry_failed=retry_failed,
     )
     cells = matrix_cells(parts, database, accept_changed_code)
+    output.if_stopped(lambda: training.kept(all_runs(cells), database))
     training.check_runs([cell.runs[0] for cell in cells], keep_state)
     if until_decided:
         more = None if dry_run else train

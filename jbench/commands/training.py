@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from jbench.commands import output
 from jbench.commands.progress import TrainingView
-from jbench.errors import WorkError
+from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.run import RunSettings
@@ -28,7 +28,7 @@ from jbench.training.status import (
     run_status,
     run_statuses,
 )
-from jbench.wording import counted, duration, with_results
+from jbench.wording import are, counted, duration, with_results
 
 
 def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
@@ -96,6 +96,26 @@ def check_failures(failures: Sized, runs: int) -> None:
         raise WorkError(f"{failed}; --retry-failed tries again.")
 
 
+def check_left(left: Sized, runs: int) -> None:
+    """Raises an ElsewhereError if other processes are training some of a number of runs."""
+    if left:
+        raise ElsewhereError(
+            f"Another process is training {len(left)} of {counted(runs, 'run')}; jbench runs "
+            "shows how far it is, and when it has ended, the same command trains what is left."
+        )
+
+
+def kept(runs: Sequence[RunSettings], results: Results) -> str:
+    """Returns what is said of runs whose training was stopped."""
+    statuses = run_statuses(runs, results).values()
+    finished = sum(status.state == "finished" for status in statuses)
+    begun = sum(status.state == "unfinished" for status in statuses)
+    return (
+        f"Of {counted(len(runs), 'run')}, {finished} {are(finished)} finished and {begun} begun; "
+        "the same command continues each from its last checkpoint."
+    )
+
+
 _FINAL_RETURNS = (
     "Final returns. Quote the evaluation return: the mean over the last evaluation, in which the "
     "policy is deterministic. The training return, exploration included, is the mean over the "
@@ -129,15 +149,16 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
 
 
 def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[str, str]) -> None:
-    """Prints the final returns of runs and what to type next; raises a WorkError for failures."""
+    """Prints the final returns of runs and what to type next; raises an error for what is not done."""
     statuses = run_statuses(runs, results)
     failures = failures | failures_among(statuses)
     left = [id for id, run in statuses.items() if run.state not in ("finished", "failed")]
     show_runs(runs, results)
-    if len(left) + len(failures) < len(runs):
+    if not left and len(failures) < len(runs):
         output.say(f"Next: {with_results('jbench report', results.name)}")
     output.document({"runs": [run.id for run in runs], "left": left, "failures": failures})
     check_failures(failures, len(runs))
+    check_left(left, len(runs))
 
 
 def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:

@@ -3,8 +3,8 @@
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from threading import Event
 from typing import Any, NamedTuple
@@ -26,7 +26,8 @@ from jbench.tasks.jitterbug.robots import load_model
 from jbench.tasks.jitterbug.worlds import Robots
 from jbench.tasks.task import EpisodeError, episode_generator
 
-_PART_EPISODES = 25  # per file and commit
+_PART_EPISODES = 10  # per file and commit
+_REPORT_SECONDS = 0.5  # between two reports of progress
 
 
 class _Part(NamedTuple):
@@ -36,7 +37,13 @@ class _Part(NamedTuple):
     failure: EpisodeError | None = None
 
 
-_Simulate = Callable[[range], _Part]
+class _Steps:
+    """The control steps of a file that have been simulated; written by one thread."""
+
+    done = 0
+
+
+_Simulate = Callable[[range, _Steps], _Part]
 
 
 def plan_dataset(settings: DatasetSettings, results: Results) -> Planned:
@@ -57,9 +64,9 @@ def collect(
 
     The actions are uniform in [-1, 1] (paper, section 5.2). Every episode has its own generator, so
     the dataset does not depend on threads or interruptions. It is committed file by file, and the
-    next ones are simulated while one is written. `progress` takes the completed control
-    steps. Raises a RequestError if its robot is not installed or has changed, and a WorkError if
-    another process collects it, or the disk is full.
+    next ones are simulated while one is written. `progress` takes the control steps that are
+    committed or simulated, at least each second. Raises a RequestError if its robot is not
+    installed or has changed, and a WorkError if another process collects it, or the disk is full.
     """
     with results.locked("dataset", settings.id) as existing:
         if existing is not None and existing.status == "finished":
@@ -81,24 +88,46 @@ def collect(
             max_files, simulation = 1, _other_robot
         # Closed in reverse order: simulations stop before the pool waits for them.
         with ThreadPoolExecutor(max_files) as makers, simulation(settings, threads) as simulated:
-            ahead = deque(makers.submit(simulated, part) for part in parts[:max_files])
-            later = iter(parts[max_files:])
-            while ahead:
-                made = ahead.popleft().result()
-                ahead += [makers.submit(simulated, part) for part in itertools.islice(later, 1)]
-                record.append(made.tables)
-                if made.failure is not None:
-                    raise made.failure
-                progress(record.rows(episodes) * settings.episode_steps)
+            for made, ahead in _in_order(makers, simulated, parts, max_files):
+                if made is not None:
+                    record.append(made.tables)
+                    if made.failure is not None:
+                        raise made.failure
+                progress(record.rows(episodes) * settings.episode_steps + ahead)
         record.finish({}, compact=False)
     return record
+
+
+def _in_order(
+    makers: ThreadPoolExecutor, simulated: _Simulate, parts: Sequence[range], max_files: int
+) -> Iterator[tuple[_Part | None, int]]:
+    """Yields the part of each file, and the control steps that are simulated beyond it.
+
+    While a file is simulated, None takes the place of its part, at least each second.
+    """
+    waiting = iter(parts)
+    ahead = deque[tuple[Future[_Part], _Steps]]()
+
+    def submit(files: int) -> None:
+        for part in itertools.islice(waiting, files):
+            steps = _Steps()
+            ahead.append((makers.submit(simulated, part, steps), steps))
+
+    submit(max_files)
+    while ahead:
+        first, _ = ahead[0]
+        while not wait([first], _REPORT_SECONDS).done:
+            yield None, sum(steps.done for _, steps in ahead)
+        ahead.popleft()
+        submit(1)
+        yield first.result(), sum(steps.done for _, steps in ahead)
 
 
 @contextmanager
 def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
     model, ended = load_model(settings.augment), Event()
 
-    def simulate_part(episodes: range) -> _Part:
+    def simulate_part(episodes: range, simulated: _Steps) -> _Part:
         quaternions, rows, actions = [], list[dict[str, Any]](), []
         for episode in episodes:
             random = episode_generator(settings.seed, episode)
@@ -116,6 +145,7 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
             if ended.is_set():
                 raise CancelledError
             states.append(robots.step(commands))
+            simulated.done += len(episodes)
         state = State(*(np.stack(part, axis=1) for part in zip(*states, strict=True)))
         return _Part(
             {
@@ -135,7 +165,7 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
     check_specs(settings.robot, settings.specs)
     task = find_task(settings.robot)
 
-    def simulate_part(episodes: range) -> _Part:
+    def simulate_part(episodes: range, simulated: _Steps) -> _Part:
         failure: EpisodeError | None = None
         count, length = len(episodes), settings.episode_steps
         observations = np.empty((count, length + 1, task.observation_size), np.float32)
@@ -148,6 +178,7 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
             actions[i] = random.uniform(-1, 1, actions[i].shape)
             for step, action in enumerate(actions[i]):
                 (observations[i, step + 1],), (rewards[i, step],) = worlds.step(action[None])
+                simulated.done += 1
             if worlds.failures:
                 failure = worlds.failures[0]
                 episodes = episodes[:i]

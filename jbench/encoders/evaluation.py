@@ -18,6 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.encoders.adam import Adam
 from jbench.encoders.kind import Fitted, Kind, Weights
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
@@ -40,6 +41,7 @@ _RATES = ("rate_z", "rate_x", "rate_y", "velocity_y")
 # The probe has two hidden ReLU layers. Larger values of these do not change the order of kinds.
 _LEARNED_ROWS, _TEST_ROWS = 60_000, 30_000
 _HIDDEN, _BATCH, _EPOCHS, _RATE = 64, 512, 15, 3e-3
+_LAST = 0.01  # of the learning rate, at the end
 
 _LINEAR = 0.5  # R² from which a direction of the latents stands for a target
 
@@ -236,14 +238,15 @@ def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
     relu = torch.nn.ReLU()
     network = torch.nn.Sequential(linear[0], relu, linear[1], relu, linear[2])
     steps = _EPOCHS * -(-len(inputs) // _BATCH)
-    adam = torch.optim.Adam(network.parameters(), lr=_RATE, fused=True)
-    scheduler = torch.optim.lr_scheduler.LinearLR(adam, 1, 0.01, total_iters=steps)
+    parameters = list(network.parameters())
+    adam = Adam(parameters, _RATE)
+    step = 0
     for _ in range(_EPOCHS):
         order = torch.randperm(len(inputs), generator=random)
         for indices in order.split(_BATCH):
             loss = torch.nn.functional.mse_loss(network(inputs[indices]), targets[indices])
-            adam.zero_grad()
-            loss.backward()
-            adam.step()
-            scheduler.step()
+            adam.step(torch.autograd.grad(loss, parameters))
+            # The rate falls in a line.
+            adam.learning_rate *= 1 + (_LAST - 1) / (steps + step * (_LAST - 1))
+            step += 1
     return network.requires_grad_(requires_grad=False)

@@ -20,6 +20,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.encoders.adam import Adam
 from jbench.encoders.kind import Learned
 from jbench.encoders.registry import sentence_about
 from jbench.encoders.saved import SavedEncoder
@@ -34,7 +35,6 @@ WeightArrays = dict[str, NDArray[np.float32]]
 
 _CHECKED = 8  # rows
 _PREPARED = 16  # batches gathered and corrupted at once
-_ADAM = ("exp_avg", "exp_avg_sq", "step")
 _RANDOM = "random.cpu"  # state of the generator in checkpoints
 
 
@@ -53,12 +53,12 @@ class EncoderLearner:
         initial = kind.initial(states.size, latents, self.random, **several)
         flat = torch.cat([value.reshape(-1) for value in initial.values()])
         self._flat = flat.to(self.device, torch.float32)
-        self._flat.grad = torch.zeros_like(self._flat)
+        self._gradient = torch.zeros_like(self._flat)
         trained = _parts(self._flat, initial)
         self.weights = {name: value.requires_grad_() for name, value in trained.items()}
         self.weights |= kind.constants(states)  # not trained
-        self.gradients = _parts(self._flat.grad, initial)
-        self._adam = torch.optim.Adam([self._flat], lr=kind.learning_rate, fused=True)
+        self.gradients = _parts(self._gradient, initial)
+        self._adam = Adam([self._flat], kind.learning_rate)
 
     def arrays(self) -> WeightArrays:
         """Returns the weights as numpy arrays."""
@@ -75,7 +75,7 @@ class EncoderLearner:
                 following = pool.submit(next, batches, None)
                 for batch in prepared.split(self.kind.batch):
                     loss = self.kind.gradient(self.weights, self.gradients, batch)
-                    self._adam.step()
+                    self._adam.step([self._gradient])
                     total += loss * len(batch.now)
                     rows += len(batch.now)
         return float(total) / rows
@@ -88,9 +88,8 @@ class EncoderLearner:
 
     def to_bytes(self) -> bytes:
         """Returns the state of the training as safetensors."""
-        state = self._adam.state[self._flat]
-        tensors = {"weights": self._flat, **{name: state[name] for name in _ADAM}}
-        return bytes(safetensors.torch.save({**tensors, _RANDOM: self.random.get_state()}))
+        tensors = {"weights": self._flat, _RANDOM: self.random.get_state()}
+        return bytes(safetensors.torch.save(tensors | self._moments()))
 
     def restore(self, content: bytes) -> None:
         """Restores what `to_bytes` returned, on any device; an unusable one is a WorkError."""
@@ -98,13 +97,19 @@ class EncoderLearner:
             saved = safetensors.torch.load(content)
             with torch.no_grad():
                 self._flat.copy_(saved["weights"])
+                for name, moments in self._moments().items():
+                    moments.copy_(saved[name])
             self.random.set_state(saved[_RANDOM])
-            self._adam.state[self._flat] = {name: saved[name].to(self.device) for name in _ADAM}
         except (safetensors.SafetensorError, KeyError, ValueError, RuntimeError) as error:
             raise WorkError(
                 f"The checkpoint can't be used ({error}); delete the directory of the encoder to "
                 "train it from the beginning."
             ) from None
+
+    def _moments(self) -> dict[str, Tensor]:
+        """Returns the state of Adam by its names in checkpoints."""
+        adam = self._adam
+        return {"exp_avg": adam.first[0], "exp_avg_sq": adam.second[0], "step": adam.steps[0]}
 
     def _prepared(self) -> Iterator[StatePairs]:
         kind, ahead = self.kind, self.kind.steps_ahead

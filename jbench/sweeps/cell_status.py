@@ -106,11 +106,11 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
 
     parts = [(status.evaluating, status.seconds_left or 0.0) for status in statuses]
     share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
-    most = " (most of the time: fewer with --evaluate-episodes, or [evaluation] of a matrix)"
+    most = " Evaluations take most of it; --evaluate-episodes makes them shorter."
     return (
-        f"{counted(len(runs), 'run')} with {steps:,} control steps left at about "
-        f"{steps / seconds:,.0f} steps/s, evaluations included{most if share > 0.5 else ''}, "
-        f"{counted(jobs, 'process', 'processes')} at a time: about {duration(seconds)}.{less}"
+        f"This takes about {duration(seconds)}: {counted(len(runs), 'run')}, {steps:,} control "
+        f"steps at {steps / seconds:,.0f} steps/s, {counted(jobs, 'process', 'processes')} at a "
+        f"time.{most if share > 0.5 else ''}{less}"
     )
 
 

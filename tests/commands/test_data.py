@@ -43,8 +43,12 @@ def test_collect_stopped_by_ctrl_c_reports_that_it_can_resume(tmp_path):
         _, output = process.communicate(timeout=120)
     finally:
         process.kill()
-    assert output == "Stopped. The same command continues from the last commit, if any.\n"
-    assert process.returncode == 1
+    (kept,) = Results(tmp_path).scan("dataset")[0]
+    steps = kept.rows("dataset_episodes") * 1000
+    assert output.splitlines()[-1] == (
+        f"Stopped. {steps:,} of 500,000 control steps are kept; the same command continues there."
+    )
+    assert process.returncode == 130
     assert [record.status for record in Results(tmp_path).scan("dataset")[0]] == ["unfinished"]
 
 

@@ -69,7 +69,9 @@ def test_run_of_another_process_is_skipped_with_notice(tmp_path):
     try:
         wait_until(lambda: list(tmp_path.rglob("manifest.json")), first)
         (record,) = Results(tmp_path).scan("run")[0]
-        second = succeed(*arguments, "--json", results=tmp_path)
+        second = jbench(*arguments, "--json", results=tmp_path)
+        assert second.returncode == 3
+        assert "Error: Another process is training 1 of 1 run; jbench runs shows" in second.stderr
         note = "Another process is training seed 0 of td3 face_direction full; it is left out here."
         assert note in second.stderr
         assert "Next:" not in second.stderr

@@ -218,17 +218,59 @@ print(json.dumps([codes, list(sys.modules)]))
 @pytest.mark.parametrize(
     ("verbs", "permitted"),
     [
-        (("--version", "--help", "train --help"), set()),
-        (("runs", "verify", "repair"), {"numpy", "pandas", "pyarrow"}),
+        (("--version", "--help", "--help"), set()),
+        (("train --help", "runs --help", "report --help"), {"pydantic"}),
+        (("runs", "verify", "repair"), {"numpy", "pandas", "pyarrow", "pydantic"}),
     ],
 )
 def test_commands_import_no_library_that_they_do_not_need(verbs, permitted, demo_results):
-    where = ["--results", str(demo_results.path)] if permitted else []
+    where = ["--results", str(demo_results.path)] if "numpy" in permitted else []
     typed = json.dumps([[*verb.split(), *where] for verb in verbs])
     printed = subprocess.check_output([sys.executable, "-c", RUNS_COMMANDS, typed], text=True)
     codes, modules = json.loads(printed.splitlines()[-1])
     heavy = {"torch", "mujoco", "gymnasium", "duckdb", "matplotlib", "numpy", "pandas", "pyarrow"}
+    heavy |= {"pydantic"}
     assert (codes, (heavy - permitted) & set(modules)) == ([0, 0, 0], set())
+
+
+def test_completion_of_a_verb_imports_no_settings():
+    typed = {"COMP_WORDS": "jbench tra", "COMP_CWORD": "1", "_JBENCH_COMPLETE": "complete_bash"}
+    completed = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "jbench"],
+        env={**os.environ, **typed},
+        capture_output=True,
+        text=True,
+    )
+    assert completed.stdout.split() == ["train-dae", "train-encoder", "train"]
+    imported = {line.rsplit("|", 1)[-1].strip() for line in completed.stderr.splitlines()}
+    assert not imported & {"pydantic", "torch", "numpy", "jbench.commands.train"}
+
+
+def test_flags_have_no_placeholder(run_command):
+    for arguments in (("--help",), ("runs", "--help")):
+        code, out, _ = run_command(*arguments)
+        assert (code, "<bool>" in out, "--help" in out) == (0, False, True)
+
+
+WORKS = """
+import sys
+from jbench.cli import main
+for arguments in (["collect", "--steps", "2000"], ["train-dae", "--epochs", "1", "--latent", "2"]):
+    assert main(arguments) == 0
+# An update rule with autograd, as a worker trains it.
+from jbench.agents.batched import autograd
+print(*(name for name in ("torch._dynamo", "triton") if name in sys.modules))
+"""
+
+
+def test_compiler_of_torch_is_not_imported(tmp_path):
+    """Its triton ends the process if MuJoCo's renderer has loaded another LLVM before."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", WORKS], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == ""
 
 
 def test_completion_imports_no_heavy_library():

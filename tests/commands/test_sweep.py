@@ -145,8 +145,9 @@ def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     os.kill(pid, signal.SIGSTOP)  # so that the run cannot finish
     os.killpg(process.pid, signal.SIGINT)
     printed = ended(process)
-    assert process.returncode == 1
-    assert "Stopped. The same command continues from the last commit, if any." in printed
+    assert process.returncode == 130
+    kept = "Stopped. Of 1 run, 0 are finished and 1 begun; the same command continues each from its"
+    assert f"{kept} last checkpoint." in printed
     assert "Traceback" not in printed
     assert (held([run], results), states([run], results)) == ([], ["unfinished"])
     again = start(matrix, results=results)

@@ -93,20 +93,24 @@ def test_numbers_are_whole_with_and_without_variant(variant, check, printed):
 
 
 def test_columns_give_way_in_the_stated_order(printed):
-    """By hand: the table needs 101 characters, 87 with an id of 24, 69 without its last column."""
+    """By hand: 84 characters; 68 with an id of 24; 66 without the last column; 40 with 14."""
     header, row = ["run", "steps", "created"], [RUN, "1,000,192 of 1,000,000", "2026-11-24 10:44"]
 
     def shown(width):
         lines = printed(width, "", header, [row, [OTHER, *row[1:]]], spare=("created",))
-        return [line for line in lines if "1,000,192" in line][0].split()
+        return next(line.split() for line in lines if "1,000,192" in line)
 
     whole = [RUN, "1,000,192", "of", "1,000,000", "2026-11-24", "10:44"]
-    assert shown(86) == whole
-    id, *others = shown(85)
-    assert others == whole[1:]
-    assert id == "face_direction/td3…planar12/s00-3d410709"[: len(id)] or "…" in id
-    assert shown(66)[1:] == whole[1:4]
-    narrow = printed(40, "", header, [row], spare=("created",))
+    assert shown(84) == whole
+    for width in (83, 68):
+        id, *others = shown(width)
+        assert others == whole[1:]
+        assert len(id) <= 40 - (84 - width)
+        assert (id[:8], id[-8:]) == (RUN[:8], RUN[-8:])
+    assert shown(67) == shown(66) == whole[:4]
+    id, *others = shown(40)
+    assert (len(id), others) == (14, whole[1:4])
+    narrow = printed(39, "", header, [row], spare=("created",))
     assert [line.split()[0] for line in narrow if line.strip()] == header
 
 

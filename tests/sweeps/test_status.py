@@ -148,13 +148,13 @@ def test_forecast_sums_steps_and_time_over_cells(tmp_path):
     cells = [Cell("face_direction", run.algo, "full", [run], "published") for run in runs[1:3]]
     statuses = [CellStatus(cell, 0, 1, 0, 0, 20_000, 80.0, "measured runs") for cell in cells]
     assert forecast(statuses, 2) == (
-        "2 runs with 40,000 control steps left at about 500 steps/s, evaluations included, "
-        "2 processes at a time: about 1 min 20 s."
+        "This takes about 1 min 20 s: 2 runs, 40,000 control steps at 500 steps/s, 2 processes at "
+        "a time."
     )
     # 60% and 50% of the same time are 55%.
     shares = zip(statuses, (0.6, 0.5), strict=True)
     evaluating = [status._replace(evaluating=share) for status, share in shares]
-    assert "included (most of the time: fewer with --evaluate-ep" in forecast(evaluating, 2)
+    assert "time. Evaluations take most of it; --evaluate-ep" in forecast(evaluating, 2)
     assert forecast([statuses[0]._replace(seconds_left=None)], 2) is None
 
 
@@ -166,6 +166,7 @@ def test_long_forecast_names_options_that_shorten_it(tmp_path):
     )
     sentence = forecast([status], 2)
     # Four seeds share the two processes, so the sweep takes the 700 s of the cell.
-    assert "about 2,286 steps/s" in sentence
+    assert "at 2,286 steps/s" in sentence
     shorter = "fewer --steps (such as 300000), or fewer --seeds (such as 0-2)."
-    assert sentence.endswith(f"about 11 min 40 s. For less: {shorter}")
+    assert sentence.startswith("This takes about 11 min 40 s: 4 runs")
+    assert sentence.endswith(f" For less: {shorter}")

@@ -65,8 +65,8 @@ def test_interrupt_during_start_of_worker_ends_worker(tmp_path):
         _, printed = process.communicate(timeout=120)
     finally:
         process.kill()
-    assert process.returncode == 1
-    assert printed.splitlines()[-1].startswith("Stopped. The same command continues")
+    assert process.returncode == 130
+    assert printed.splitlines()[-1].startswith("Stopped. Of 1 run, 0 are finished and ")
     assert "Traceback" not in printed
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Generator, Tensor
-from torch.func import functional_call, grad_and_value, vmap
+from torch.func import functional_call, vmap
 
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import Batch
@@ -143,8 +143,11 @@ class AutogradLearner(OffPolicyLearner):
 
         others = {name: values for name, values in self._parameters.items() if name not in trained}
         numbers = batch.rows, batch.next_rows, batch.discounts, batch.noise
-        by_name, value = vmap(grad_and_value(seed_loss))(dict(trained), others, *numbers)
-        return value, list(by_name.values())
+        stacked = {name: values.detach().requires_grad_() for name, values in trained.items()}
+        value = vmap(seed_loss)(stacked, others, *numbers)
+        # A seed's loss depends on its own parameters alone.
+        gradients = torch.autograd.grad(value.sum(), list(stacked.values()), materialize_grads=True)
+        return value.detach(), list(gradients)
 
     @torch.no_grad()
     def _call(self, method: str, *inputs: Tensor) -> Tensor:

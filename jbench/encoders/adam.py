@@ -1,0 +1,51 @@
+"""Adam without the class of PyTorch, which imports its compiler.
+
+`torch.optim.Adam` imports `torch._dynamo`, which takes seconds, and that imports triton where
+PyTorch has CUDA: its LLVM ends the process (SIGSEGV) if MuJoCo has loaded that of Mesa before.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+
+class Adam:
+    """The moments of some values, and the kernel of `torch.optim.Adam(fused=True)`.
+
+    Source: Kingma and Ba (2015), Algorithm 1, with their beta and epsilon.
+
+    Attributes:
+        values: what is trained, in place.
+        learning_rate: of the next step.
+        first: the moving average of the gradients, for each of the values.
+        second: that of their squares.
+        steps: the number of steps, for each of the values.
+    """
+
+    def __init__(self, values: Sequence[Tensor], learning_rate: float) -> None:
+        self.values = [value.detach() for value in values]
+        self.learning_rate = learning_rate
+        self.first = [torch.zeros_like(value) for value in self.values]
+        self.second = [torch.zeros_like(value) for value in self.values]
+        self.steps = [torch.zeros((), device=value.device) for value in self.values]
+
+    def step(self, gradients: Sequence[Tensor]) -> None:
+        """Makes one step in place."""
+        for steps in self.steps:
+            steps += 1
+        torch._fused_adam_(
+            self.values,
+            list(gradients),
+            self.first,
+            self.second,
+            [],
+            self.steps,
+            amsgrad=False,
+            lr=self.learning_rate,
+            beta1=0.9,
+            beta2=0.999,
+            weight_decay=0.0,
+            eps=1e-8,
+            maximize=False,
+        )

@@ -1,0 +1,138 @@
+"""Tests of what a terminal shows and takes: Ctrl-C, characters, notes and hints."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from jbench.commands import output, parsing
+from jbench.errors import RequestError
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.run import RunSettings
+from jbench.store import Results
+from tests.command_line import wait_until
+
+
+def test_ctrl_c_ends_the_loop_of_a_shell(tmp_path):
+    script = f"for i in 1 2 3; do {sys.executable} -m jbench collect --steps 500000; done; echo on"
+    shell = subprocess.Popen(
+        ["bash", "-c", script],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # A background process of a script ignores it.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        wait_until(lambda: any(tmp_path.rglob("manifest.json")), shell)
+        os.killpg(shell.pid, signal.SIGINT)
+        said, errors = shell.communicate(timeout=120)
+    finally:
+        shell.kill()
+    assert "on" not in said.split()
+    assert errors.count("Stopped. ") == 1
+    assert "control steps are kept; the same command continues there." in errors
+    assert shell.returncode in (-signal.SIGINT, 130)
+
+
+_ENCODINGS = ["ascii", *(pytest.param(e, marks=pytest.mark.slow) for e in ("latin-1", "cp1252"))]
+
+
+@pytest.mark.parametrize("encoding", _ENCODINGS)
+def test_characters_that_a_pipe_lacks_are_replaced(encoding, tmp_path):
+    place = tmp_path / "Öl-✓-▁"
+    run = RunSettings(
+        task="face_direction",
+        algo="td3",
+        seed=0,
+        steps=1000,
+        evaluate_every=1000,
+        evaluate_episodes=0,
+        hyperparameters=algorithm_settings("td3").model_dump(mode="json"),
+    )
+    Results(place).create("run", run.id, run.model_dump(mode="json")).fail("✗ über")
+    environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
+    for arguments, printed, code in (
+        (["runs", "--results", place], run.id, 0),
+        (["query", "SELECT '▁█ é' AS curve", "--csv", "--results", place], "curve", 0),
+        (["runs", "--results", tmp_path / "✗"], "Error: ", 2),
+        (["--help"], "Usage: ", 0),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "jbench", *map(str, arguments)],
+            env=environment,
+            capture_output=True,
+        )
+        said = (done.stdout + done.stderr).decode(encoding)
+        assert printed in said
+        assert "UnicodeEncodeError" not in said
+        assert done.returncode == code
+
+
+@pytest.mark.parametrize(
+    ("typed", "note"),
+    [
+        (["--seeds", "3"], "Note: --seeds 3 is the seed 3 alone; type 0-2 for 3 seeds.\n"),
+        (["--seeds=1"], "Note: --seeds 1 is the seed 1 alone; type 0 for one seed.\n"),
+        (["--seed", "3"], ""),
+        (["--seeds", "0"], ""),
+        (["--seeds", "2-4"], ""),
+    ],
+)
+def test_number_of_seeds_is_noted(typed, note, monkeypatch, capsys):
+    monkeypatch.setattr(output, "typed", typed)
+    parsing.seeds(typed[-1].rpartition("=")[2])
+    assert capsys.readouterr().out == note
+
+
+def test_counts_are_typed_as_steps_are():
+    typed = ["learning_starts=1k", "buffer_size=1.5M", "gamma=0.5", "hidden_layers=64,64", "a=x1k"]
+    assert parsing.parse_overrides(typed) == {
+        "learning_starts": 1000,
+        "buffer_size": 1_500_000,
+        "gamma": 0.5,
+        "hidden_layers": [64, 64],
+        "a": "x1k",
+    }
+
+
+@pytest.mark.parametrize(
+    ("typed", "hint"),
+    [
+        (["--set", "batch_size", "64"], "type --set batch_size=64; "),
+        (["--set", "hidden_layers=[32,", "32]"], "type --set hidden_layers=[32,32]; "),
+    ],
+)
+def test_setting_with_a_space_is_hinted_at(typed, hint, refused):
+    assert hint in refused("train", *typed, "--seeds", "0")
+
+
+def test_failed_runs_are_listed_with_their_errors(tmp_path, run_command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    for seed in (0, 1):
+        run = RunSettings(
+            task="face_direction",
+            algo="td3",
+            seed=seed,
+            steps=1000,
+            evaluate_every=1000,
+            evaluate_episodes=0,
+            hyperparameters=algorithm_settings("td3").model_dump(mode="json"),
+        )
+        record = Results(tmp_path).create("run", run.id, run.model_dump(mode="json"))
+        if seed:
+            record.fail("the agent diverged at control step 500 of episode 7 and so on")
+    code, out, _ = run_command("runs", "--failed", results=tmp_path)
+    assert code == 0
+    assert "1 run\n" in out
+    assert re.search(r"the agent diverged\s+at control\s+step 500", out)
+    code, _, err = run_command("runs", "--failed", "--status", "finished", results=tmp_path)
+    assert (code, "exclude each other" in err) == (2, True)
+    with pytest.raises(RequestError):
+        parsing.parse_overrides(["tau"])

@@ -5,7 +5,7 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 DEMO := demo-results
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test test-slow lint docs smoke lowest install lock clean
+.PHONY: demo test test-slow lint docs smoke lowest newest install lock clean
 
 install: $(VENV)/.installed
 
@@ -66,6 +66,13 @@ lowest:
 	$(PIP) install $(TORCH)
 	$(PIP) install uv
 	$(BIN)/uv pip install --python $(BIN)/python --resolution lowest-direct --editable '.[test]'
+	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal
+
+# The fast tests with the newest versions that pyproject.toml permits.
+newest:
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install torch $(if $(DRIVER),,$(CPU_INDEX))
+	$(PIP) install --upgrade --editable '.[test]'
 	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal
 
 clean:

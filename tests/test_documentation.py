@@ -5,6 +5,7 @@ blocks are parsed, not run. Outputs are compared with the rows of the results.
 """
 
 import html
+import importlib.util
 import json
 import math
 import pydoc
@@ -202,3 +203,17 @@ def test_pages_for_language_models_exist():
     assert len(linked) > 10
     for name in {*linked} - {"commands"}:
         assert (ROOT / "docs" / f"{name}.md").is_file(), name
+
+
+def test_first_lines_of_readme_set_everything_up():
+    """What CI runs in a bare environment, by `docs/run_readme.py`."""
+    spec = importlib.util.spec_from_file_location("run_readme", ROOT / "docs" / "run_readme.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    readme = (ROOT / "README.md").read_text()
+    demo, by_hand = module.blocks(readme)
+    assert demo.split()[:2] == ["make", "demo"]
+    assert "-m venv" in by_hand.splitlines()[0]
+    first = "\n".join(readme.splitlines()[:60])
+    for needed in ("make demo", "make test", "python3-venv", "Apache 2.0", "Cite", "![", "GB"):
+        assert needed in first

@@ -2,8 +2,8 @@
 
     env -i PATH="$PATH" HOME="$HOME" python3 docs/run_readme.py
 
-`make demo` and the lines without make are run, each in a clone of its own; `make test`, sudo and the
-commands that take days are left out.
+`make demo` and the lines without make are run, each in a clone of its own; `make test` and sudo are
+left out, and the commands that take days.
 """
 
 import re

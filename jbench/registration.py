@@ -4,8 +4,6 @@ import re
 import zlib
 from typing import Any
 
-from gymnasium.envs.registration import register, registry
-
 from jbench.names import TASKS
 from jbench.task_specs import EPISODE_STEPS, SOLVED_RETURN, SUITE_TASKS, has_specs
 
@@ -34,6 +32,9 @@ def _gymnasium_name(task: str) -> str:
 
 
 def _register(id: str, entry_point: str, kwargs: dict[str, Any], **more: Any) -> None:
+    # Imported here, since jbench registers as soon as Gymnasium is imported.
+    from gymnasium.envs.registration import register, registry
+
     if id not in registry:
         register(id, entry_point, kwargs=kwargs, max_episode_steps=EPISODE_STEPS, **more)
 

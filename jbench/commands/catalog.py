@@ -116,7 +116,7 @@ def collect(
         begun = database.find("dataset", settings.id)
         steps = 0 if begun is None else begun.rows(layout.tables(settings.robot)[1])
         return (
-            f"{steps * names.EPISODE_STEPS:,} of {settings.steps:,} control steps are kept; "
+            f"{steps * settings.episode_steps:,} of {settings.steps:,} control steps are kept; "
             "the same command continues there."
         )
 

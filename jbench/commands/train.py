@@ -181,12 +181,10 @@ def sweep(
     from jbench.training.status import failures_among, run_statuses
 
     database = parsing.results_to_write(results)
-    if not until_decided and (claims or max_seeds is not None):
+    if until_decided:
+        _check_until_decided(seeds, only)
+    elif claims or max_seeds is not None:
         raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
-    if until_decided and seeds is not None:
-        raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
-    if until_decided and only is not None:
-        raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
     limit = names.MAX_SEEDS if max_seeds is None else max_seeds
     chosen = parsing.seeds(seeds) if seeds is not None else None
     typed = {"steps": steps, "seeds": seeds_to_compare(matrix, limit) if until_decided else chosen}
@@ -223,6 +221,14 @@ def sweep(
     if not dry_run:
         training.check_failures(document["failures"], count)
         output.say(f"Next: {with_results('jbench report', results)}")
+
+
+def _check_until_decided(seeds: str | None, only: str | None) -> None:
+    """Raises a RequestError for options that `--until-decided` does not take."""
+    if seeds is not None:
+        raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
+    if only is not None:
+        raise RequestError("--until-decided decides whole comparisons; name them, without --only.")
 
 
 def _device(

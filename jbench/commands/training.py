@@ -149,7 +149,10 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
 
 
 def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[str, str]) -> None:
-    """Prints the final returns of runs and what to type next; raises an error for what is not done."""
+    """Prints the final returns of runs and what to type next.
+
+    Raises a WorkError if some have failed, and an ElsewhereError if others are being trained.
+    """
     statuses = run_statuses(runs, results)
     failures = failures | failures_among(statuses)
     left = [id for id, run in statuses.items() if run.state not in ("finished", "failed")]

@@ -165,10 +165,17 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 _ELSEWHERE = {
-    **{"encoders": "query 'FROM encoders'", "list": "runs", "ls": "runs", "plot": "report"},
+    "encoders": "query 'FROM encoders'",
+    "list": "runs",
+    "ls": "runs",
+    "plot": "report",
     **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in names.ENCODER_KINDS},
-    **{"--n-envs": "--environments", "--num-envs": "--environments", "--timesteps": "--steps"},
-    **{"--env": "--task", "--total-timesteps": "--steps", "--lr": "--set learning_rate=VALUE"},
+    "--n-envs": "--environments",
+    "--num-envs": "--environments",
+    "--timesteps": "--steps",
+    "--total-timesteps": "--steps",
+    "--env": "--task",
+    "--lr": "--set learning_rate=VALUE",
 }
 """Commands and options that users may look for, and what to type instead."""
 
@@ -182,7 +189,8 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
         if verb in _ELSEWHERE:
             message = f"No such command '{verb}'; type jbench {_ELSEWHERE[verb]} instead"
     else:
-        verb, option = context.info_name, getattr(error, "option_name", "")
+        verb = context.info_name
+        option = getattr(error, "option_name", "")
         name = option.removeprefix("--").replace("-", "_")
         from jbench.settings.algorithms import SETTINGS
 

@@ -136,7 +136,8 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
     from jbench.datasets import Dataset
 
     records, problems = parsing.results_to_read(results).scan("dataset")
-    rows, entries = [], []
+    rows = []
+    entries = []
     for record in records:
         try:
             dataset = Dataset(record)
@@ -173,7 +174,8 @@ def _list(
     noun: str, listed: Iterable[str], describe: Callable[[str], _Entry], columns: _Entry, hint: str
 ) -> None:
     """Prints a table of what is installed; raises a WorkError if some of it can't be used."""
-    entries, broken = [], []
+    entries = []
+    broken = []
     for name in listed:
         try:
             entries.append(describe(name))

@@ -78,7 +78,8 @@ def _show_outcomes(reached: Sequence[deciding.Outcome], tried: Container[str]) -
             verdict += f": {outcome.unknown} has no finite return"
         difference = f"{decision.difference:+.0f}" if decision.seeds else ""
         interval = f"[{decision.low:+.0f}, {decision.high:+.0f}]" if decision.seeds else ""
-        name, spent = outcome.comparison.name, f"{decision.spent:.2%}"
+        name = outcome.comparison.name
+        spent = f"{decision.spent:.2%}"
         rows.append((name, verdict, decision.seeds, difference, interval, spent))
     decided = sum(outcome.decision.verdict != "undecided" for outcome in reached)
     header = ("comparison", "verdict", "seeds", "difference", "interval", "error spent")
@@ -92,7 +93,8 @@ def _verdict(outcome: deciding.Outcome) -> str:
 
 def _described(outcome: deciding.Outcome) -> dict[str, Any]:
     comparison = outcome.comparison
-    first, second = comparison.first, comparison.second
+    first = comparison.first
+    second = comparison.second
     return {
         "comparison": comparison.name,
         **{name: getattr(first, name) for name in ("task", "algo", "representation")},

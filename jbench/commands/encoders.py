@@ -87,7 +87,8 @@ def train_encoder(
     typed |= {"learning_rate": learning_rate}
     assigned = (f"{name}={value}" for name, value in typed.items() if value is not None)
     given = parsing.parse_overrides([*assigned, *set_])
-    tasks, seeds = names.TASKS if task == "all" else (task,), names.parse_numbers(seed)
+    tasks = names.TASKS if task == "all" else (task,)
+    seeds = names.parse_numbers(seed)
     # Wrong requests are refused before a dataset is missed.
     _planned(kind, given, settings, latent, tasks, seeds, None)
     source = find_dataset(database, dataset, tasks[0])
@@ -154,8 +155,10 @@ def _train_one(
             f"Encoder {settings.id}: {counted(settings.latents, 'latent')} of {states.size} "
             f"features, from {settings.dataset}{passes}."
         )
-    kind, (errors,) = find_kind(settings.kind), record.read("encoder_errors").to_pylist()
-    explained, pca = errors["test_explained"], errors["pca_explained"]
+    kind = find_kind(settings.kind)
+    (errors,) = record.read("encoder_errors").to_pylist()
+    explained = errors["test_explained"]
+    pca = errors["pca_explained"]
     reconstructs = issubclass(kind, Learned) and not issubclass(kind, Predictive)
     if reconstructs and explained < pca - _FAR_LESS:
         output.warn(
@@ -265,7 +268,8 @@ def show_explained(records: Sequence["Record"]) -> None:
         title = "Variance explained and R² of the next control step, on held-out episodes"
         output.frame(title, pd.DataFrame(texts))
         return
-    (row,), latents = texts, records[0].settings["latents"]
+    (row,) = texts
+    latents = records[0].settings["latents"]
     predicted = ", ".join(f"{target} {r2}" for target, r2 in list(row.items())[3:] if r2)
     output.say(
         f"On held-out episodes it explains {row['explained']} of the variance (PCA with "

@@ -50,7 +50,9 @@ def with_settings(
 
 
 def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
-    default, help, type_ = typed_default(field), str(field.description), _plain(field.annotation)
+    default = typed_default(field)
+    help = str(field.description)
+    type_ = _plain(field.annotation)
     extra = field.json_schema_extra
     unit = extra.get("unit") if isinstance(extra, dict) else None
     if default is PydanticUndefined:  # it must be typed
@@ -186,7 +188,8 @@ _task = partial(
     f"{task_specs.GYM}ID of Gymnasium, one of another package (jbench tasks), or MODULE:NAME of a "
     "function that returns a dm_env.Environment or a gymnasium.Env.",
 )
-TASK, REQUIRED_TASK = _task("face_direction"), _task(...)
+TASK = _task("face_direction")
+REQUIRED_TASK = _task(...)
 POLICY_TASK = some_task(
     None,
     help="Task (default: the task of a trained policy; of other policies, evaluate takes "

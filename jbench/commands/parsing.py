@@ -26,7 +26,8 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
 
     Raises a RequestError that lists the others if it is unknown.
     """
-    known, name = _KNOWN[setting], value.lower()
+    known = _KNOWN[setting]
+    name = value.lower()
     if (names.kind_in(name) if setting == "representation" else name) in known:
         return name
     from jbench.store.listing import setting_values

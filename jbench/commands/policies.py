@@ -65,9 +65,11 @@ def evaluate(
     total = settings.episodes * settings.episode_steps
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
         record = run_episodes(settings, database, threads, progress, policy)
-    returns, summary = record.read("policy_episodes")["episode_return"], record.manifest.summary
+    returns = record.read("policy_episodes")["episode_return"]
+    summary = record.manifest.summary
     tails = f" [10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}]" if len(returns) > 9 else ""
-    mean, worst = returns.to_numpy().mean(), returns.to_numpy().min()
+    mean = returns.to_numpy().mean()
+    worst = returns.to_numpy().min()
     output.say(
         f"{task}, {policy}: median return {summary['median']:.0f}{tails}, mean {mean:.0f}, "
         f"worst {worst:.0f}, over {counted(len(returns), 'episode')}{_mark(settings.accepted)}; "

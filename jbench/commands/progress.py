@@ -103,7 +103,9 @@ class _Lines:
 
 def _line(task: Task) -> dict[str, str]:
     """Returns the texts of a task by their parts of a line."""
-    total, speed, left = task.total or 0, task.speed, task.time_remaining
+    total = task.total or 0
+    speed = task.speed
+    left = task.time_remaining
     is_measured = speed is not None and left is not None
     running = is_measured and not task.finished and not task.fields.get("warming_up")
     returns: Returns = task.fields.get("returns") or Returns()
@@ -143,7 +145,8 @@ class Returns(NamedTuple):
 class TrainingView(Meters):
     """Shows the events of a sweep: what is being made, and the processes that train."""
 
-    _plain_every, _alone = 60, False
+    _plain_every = 60
+    _alone = False
 
     def __init__(self) -> None:
         super().__init__()
@@ -161,7 +164,8 @@ class TrainingView(Meters):
         elif event.kind == "training":
             for task in self._making.values():
                 self.remove_task(task)
-            self._runs, self._ended = {run.id: run for run in event.runs}, set[str]()
+            self._runs = {run.id: run for run in event.runs}
+            self._ended = set[str]()
             self._done = dict.fromkeys(self._runs, 0)
             count = self._count_ended()
             self._all = self.add_task(count, total=steps, unit="steps", warming_up=True)
@@ -181,7 +185,8 @@ class TrainingView(Meters):
         return f"{len(self._ended)} of {counted(len(self._runs), 'run')} ended"
 
     def _update(self, event: Event) -> None:
-        run, process = self._runs[event.run], self._processes.get(event.run)
+        run = self._runs[event.run]
+        process = self._processes.get(event.run)
         if event.is_last:
             self._ended.add(run.id)
         if event.kind != "failed":
@@ -211,7 +216,9 @@ class _Process:
     task: TaskID
 
     def __init__(self, runs: Sequence[RunSettings]) -> None:
-        self.runs, self.returns, self.curve = runs, dict[str, float](), list[float]()
+        self.runs = runs
+        self.returns = dict[str, float]()
+        self.curve = list[float]()
         run, seeds = runs[0], ",".join(str(run.seed) for run in runs)
         self.name = f"{run.task} {run.algo} {run.representation} seed {seeds}"
         configurations = len({(run.task, run.representation) for run in runs})

@@ -182,7 +182,8 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         if table.name != "verdicts" or request.claims:
             output.frame(table.title, table.texts(), SPARE.get(table.name, ()))
             continue
-        matrix, rows = verdict_matrix(frames), []
+        matrix = verdict_matrix(frames)
+        rows = []
         for about, group in matrix["groups"].items():
             for row in group:
                 cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
@@ -196,7 +197,9 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     page = out / "index.html"
     output.say(f"Wrote {len(files)} files to {page.parent}; open {page} in a browser.")
     if output.is_json:
-        shown = ["configurations", "verdicts", "comparisons"] + ["claims"] * request.claims
+        shown = ["configurations", "verdicts", "comparisons"]
+        if request.claims:
+            shown.append("claims")
         entries = {name: records(getattr(frames, name)) for name in shown}
         about = {"files": files, "notes": frames.notes, "problems": frames.problems}
         output.document({"headline": frames.headline, **entries, **about})
@@ -213,7 +216,8 @@ def changes(directories: Sequence[Path], poll_seconds: float = 2.0) -> Iterator[
     from jbench.store.follow import stamp
     from jbench.store.manifest import MANIFEST
 
-    interrupts, seen = [], None
+    interrupts = []
+    seen = None
 
     def remember(number: int, frame: FrameType | None) -> None:
         interrupts.append(number)  # a threading.Event could deadlock here, as it has a lock
@@ -224,7 +228,8 @@ def changes(directories: Sequence[Path], poll_seconds: float = 2.0) -> Iterator[
         signal.signal(signal.SIGINT, remember)
     try:
         while not interrupts:
-            began, paths = time.monotonic(), (d.rglob(MANIFEST) for d in directories)
+            began = time.monotonic()
+            paths = (d.rglob(MANIFEST) for d in directories)
             now = {(path, stamp(path)) for path in chain.from_iterable(paths)}
             if now != seen:
                 seen = now

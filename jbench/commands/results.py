@@ -12,7 +12,8 @@ from jbench.importing.request import ImportRequest
 from jbench.settings.base import validated
 from jbench.wording import are, counted, json_text, repair_hint, with_results
 
-_SHOWN, _LONGEST = 100, 80  # rows of a query, and characters of a cell, in a table for people
+_SHOWN = 100  # rows of a query in a table for people
+_LONGEST = 80  # characters of a cell of it
 
 
 def query(
@@ -70,7 +71,8 @@ def repair(
         output.say(f"{moved} -> {to}")
     for sentence in done.left:
         output.warn(sentence)
-    verb, count = "Would set" if dry_run else "Set", counted(len(done.moved), "file")
+    verb = "Would set" if dry_run else "Set"
+    count = counted(len(done.moved), "file")
     output.say(f"{verb} {count} aside." if done.moved else "Nothing to set aside.")
     if done.commands and not dry_run:
         output.say("\n    ".join(["To make damaged records again, repeat:", *done.commands]))
@@ -110,8 +112,15 @@ def merge(
 
 @options.with_settings(
     ImportRequest,
-    *("format", "algo", "seed_from", "representation", "steps_column", "return_column"),
-    *("seed_column", "tag", "returns"),
+    "format",
+    "algo",
+    "seed_from",
+    "representation",
+    "steps_column",
+    "return_column",
+    "seed_column",
+    "tag",
+    "returns",
 )
 def import_(
     files: list[Path] = Argument(..., parser=parsing.path, metavar="FILE", help="Learning curves."),

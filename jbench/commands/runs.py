@@ -108,8 +108,10 @@ def tail(
     database = parsing.results_to_read(results)
     typed = {"task": task, "algo": algo, "representation": representation}
     filters = parsing.run_filters(database, seed, status, **typed)
-    follower, problems = Follower(database, filters), 0
-    lines, is_empty = _json_lines if json else _text_lines, True
+    follower = Follower(database, filters)
+    problems = 0
+    lines = _json_lines if json else _text_lines
+    is_empty = True
     try:
         while True:
             for change in follower.changes():
@@ -157,7 +159,8 @@ def _text_lines(change: "Change") -> Iterator[str]:
 
     run = change.record
     for table, rows in grouped(change.rows):
-        row, steps = rows[0], f"{rows[0]['control_steps']:,} control steps"
+        row = rows[0]
+        steps = f"{rows[0]['control_steps']:,} control steps"
         if table == "metrics":
             values = ", ".join(f"{row['name']} {_mean([row['value']], '.4g')}" for row in rows)
             yield f"{run.id}: {steps}, {values}"
@@ -167,7 +170,8 @@ def _text_lines(change: "Change") -> Iterator[str]:
             after = "" if row["wall_time"] is None else f", {duration(row['wall_time'])}"
             yield f"{run.id}: episode {row['episode']}, return {mean}, {steps}{after}"
         else:
-            number, count = row["evaluation"], counted(len(rows), "episode")
+            number = row["evaluation"]
+            count = counted(len(rows), "episode")
             yield f"{run.id}: evaluation {number} after {steps}, mean return {mean} of {count}"
     if change.status_changed and run.status != "unfinished":
         yield f"{run.id}: {run.status}{f': {run.error}' if run.error else ''}"
@@ -200,7 +204,7 @@ def leaderboard(
 
     Entries whose intervals overlap share a rank.
     """
-    if markdown + as_csv + json > 1:
+    if [markdown, as_csv, json].count(True) > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
     from jbench.commands.report import SPARE
     from jbench.report.leaderboard import ranked_configurations

@@ -153,7 +153,8 @@ def _least(columns: list[_Column], limit: int | None = None) -> int:
 
 def _shortened_to_fit(columns: list[_Column], width: int, shortest: int) -> list[_Column]:
     """Returns columns of which as few characters as possible are left out."""
-    fits, too_long = shortest, max(column.natural for column in columns) + 1
+    fits = shortest
+    too_long = max(column.natural for column in columns) + 1
     while too_long - fits > 1:
         limit = (fits + too_long) // 2
         if _least(columns, limit) <= width:
@@ -184,7 +185,8 @@ def shortened(word: str, limit: int) -> str:
     """Returns a text of at most so many characters: both ends, none of them within a number."""
     if cell_len(word) <= limit:
         return word
-    head, tail = limit // 2, len(word) - (limit - 1 - limit // 2)
+    head = limit // 2
+    tail = len(word) - (limit - 1 - limit // 2)
     while head and word[head - 1] in _DIGITS and word[head] in _DIGITS:
         head -= 1
     while tail < len(word) and word[tail - 1] in _DIGITS and word[tail] in _DIGITS:

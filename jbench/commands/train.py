@@ -212,7 +212,8 @@ def sweep(
         document, count = decide(matrix, parts, cells, claims or [], database, limit, more)
     else:
         runs = all_runs(cells)
-        failures, count = {} if dry_run else train(cells), len(runs)
+        failures = {} if dry_run else train(cells)
+        count = len(runs)
         title = f"{matrix}: {counted(count, 'run')}"
         document = training.show_status(title, cells, database, at_once, train_on, times=dry_run)
         document["made_first"] = training.show_missing(cells, database)

@@ -39,7 +39,8 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
     for run in runs:
         output.note_task(find_task(run.task))
     for run in (run for run in runs if run.is_ours):
-        end, episode = run.last_step, run.episode_steps
+        end = run.last_step
+        episode = run.episode_steps
         if run.steps % episode:
             where = f"in the middle of an episode of {episode:,}, whose return is not recorded"
             if end % (episode * run.environments) == 0:
@@ -82,7 +83,8 @@ def train_cells(
         if output.is_json:  # Ray prints to standard output, which is only for the JSON document
             stack.enter_context(redirect_stdout(sys.stderr))
         if log is not None:
-            logger, ids = make_logger(log, results.path), {run.id for run in all_runs(cells)}
+            logger = make_logger(log, results.path)
+            ids = {run.id for run in all_runs(cells)}
             output.say(logger.where)
             stack.enter_context(copying_rows(results, ids, logger, output.warn))
         view = stack.enter_context(TrainingView())
@@ -197,7 +199,8 @@ def show_status(
 ) -> dict[str, Any]:
     """Prints how many seeds are finished, and perhaps the time left; returns it for JSON."""
     statuses = cell_statuses(cells, results, jobs, device, quick=times)
-    rows, left = [], seconds_left(statuses, jobs)
+    rows = []
+    left = seconds_left(statuses, jobs)
     cell_fields = ("task", "algo", "representation", "settings")
     run_fields = ("encoder", "precision", "time_limit", "steps")
     for status in statuses:

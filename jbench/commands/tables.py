@@ -31,7 +31,8 @@ _UNBROKEN_NUMBERS = 24  # one that begins with a number: 1,000,192 of 1,000,000
 _TEXT = 12  # least width of a column of longer texts
 _SHORTEST = 24  # characters that are kept of a long word, or more if two would become equal
 _SHORTEST_AT_ALL = 14  # where even the spare columns are left out
-_GAP = 2  # spaces between columns; there is one at each side of the table
+_GAP = 3  # spaces between columns; there is one at each side of the table
+_NARROW_GAP = 2  # where a table would not fit otherwise
 _PIPE = 200  # longest line of a text in a pipe, which has no width
 
 
@@ -79,6 +80,7 @@ class Layout:
     below: list[_Column] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     is_list: bool = False
+    gap: int = _NARROW_GAP
 
 
 def print_table(
@@ -104,8 +106,8 @@ def print_table(
     cells = list(zip(*rows, strict=True)) or [()] * len(header)
     columns = [_Column(name, list(column)) for name, column in zip(header, cells, strict=True)]
     if width is None:
-        layout = Layout(columns)
-        width = max(_PIPE, _least(columns))
+        layout = Layout(columns, gap=_GAP)
+        width = max(_PIPE, _least(columns, gap=_GAP))
     else:
         layout = fitted(columns, width, spare, below)
     # A title is a sentence: its lines end where the table's do.
@@ -121,8 +123,9 @@ def fitted(
     columns: list[_Column], width: int, spare: Sequence[str], below: Sequence[str]
 ) -> Layout:
     """Returns the first layout that fits; see this module for their order."""
-    if _least(columns) <= width:
-        return Layout(columns)
+    for gap in (_GAP, _NARROW_GAP):
+        if _least(columns, gap=gap) <= width:
+            return Layout(columns, gap=gap)
     beneath = [column for column in columns if column.name in below]
     beside = [column for column in columns if column.name not in below]
     names = [column.name for column in beside]
@@ -145,10 +148,10 @@ def _without(columns: list[_Column], names: Sequence[str]) -> list[_Column]:
     return [column for column in columns if column.name not in names]
 
 
-def _least(columns: list[_Column], limit: int | None = None) -> int:
+def _least(columns: list[_Column], limit: int | None = None, gap: int = _NARROW_GAP) -> int:
     """Returns the width that columns need side by side, if long words are shortened to a limit."""
     short = columns if limit is None else [column.shortened(limit) for column in columns]
-    return sum(column.least for column in short) + _margins(len(columns))
+    return sum(column.least for column in short) + _margins(len(columns), gap)
 
 
 def _shortened_to_fit(columns: list[_Column], width: int, shortest: int) -> list[_Column]:
@@ -196,14 +199,14 @@ def shortened(word: str, limit: int) -> str:
     return short if cell_len(short) <= limit else shortened(word, limit - 1)
 
 
-def _margins(columns: int) -> int:
-    return _GAP * max(columns - 1, 0) + 2
+def _margins(columns: int, gap: int = _NARROW_GAP) -> int:
+    return gap * max(columns - 1, 0) + 2
 
 
 def _widths(layout: Layout, width: int) -> list[int]:
     """Returns the width of each column: texts that need more lines get more of what is left."""
     widths = [column.least for column in layout.columns]
-    for _ in range(width - _least(layout.columns)):
+    for _ in range(width - _least(layout.columns, gap=layout.gap)):
         narrow = [i for i, column in enumerate(layout.columns) if widths[i] < column.natural]
         if not narrow:
             break
@@ -213,9 +216,9 @@ def _widths(layout: Layout, width: int) -> list[int]:
 
 
 def _grid(layout: Layout, width: int) -> Table:
-    grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    padding = (0, 1, 0, layout.gap - _NARROW_GAP)
+    grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=padding)
     for column, wide in zip(layout.columns, _widths(layout, width), strict=True):
-        # The last column has the padding of the others, too.
         grid.add_column(
             Text(column.name), justify="right" if column.is_number else "left", width=wide
         )

@@ -93,7 +93,7 @@ def test_numbers_are_whole_with_and_without_variant(variant, check, printed):
 
 
 def test_columns_give_way_in_the_stated_order(printed):
-    """By hand: 84 characters with narrow gaps; 68 with an id of 24; 66 without the last column; 40 with 14."""
+    """By hand: 84 characters, 68 with an id of 24, 66 without the last column, 40 with 14."""
     header, row = ["run", "steps", "created"], [RUN, "1,000,192 of 1,000,000", "2026-11-24 10:44"]
 
     def shown(width):

@@ -137,7 +137,7 @@ def _value(text: str) -> Any:
     if re.fullmatch(r"\d+(\.\d+)?[kKmM]", text):
         number = Decimal(text[:-1]) * _SCALES[text[-1].lower()]
         return int(number) if number % 1 == 0 else text
-    for written in (f"[{text}]", text) if "," in text else (text,):
+    for written in (text, f"[{text}]") if "," in text else (text,):
         with contextlib.suppress(ValueError):  # also of thousands of digits
             return json.loads(written)
     return text

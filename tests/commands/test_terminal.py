@@ -92,13 +92,21 @@ def test_number_of_seeds_is_noted(typed, note, monkeypatch, capsys):
 
 
 def test_counts_are_typed_as_steps_are():
-    typed = ["learning_starts=1k", "buffer_size=1.5M", "gamma=0.5", "hidden_layers=64,64", "a=x1k"]
+    typed = [
+        "learning_starts=1k",
+        "buffer_size=1.5M",
+        "gamma=0.5",
+        "hidden_layers=64,64",
+        "a=x1k",
+        "b=[8,8]",
+    ]
     assert parsing.parse_overrides(typed) == {
         "learning_starts": 1000,
         "buffer_size": 1_500_000,
         "gamma": 0.5,
         "hidden_layers": [64, 64],
         "a": "x1k",
+        "b": [8, 8],
     }
 
 

@@ -125,7 +125,6 @@ def report(
     out = out or (Path(f"{curves.resolve().stem}-report") if curves is not None else there)
 
     if not watch:
-        output.if_stopped(f"A report that {out} had before is still there.")
         _report(database, out, request)
         return
 
@@ -175,6 +174,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
     from jbench.report.tables import OBSERVED, tables
     from jbench.store.query import records
 
+    output.if_stopped(f"A report that {out} had before is still there.")
     frames, files = write_report(None if request.curves else database, out, request)
     asked = {"comparisons", "claims"}
     asked |= set() if request.compare else {"final_returns", "verdicts"}

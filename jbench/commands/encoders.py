@@ -139,7 +139,7 @@ def _train_one(
 
     epochs = settings.options.get("epochs")
     before = database.find("encoder", settings.id)
-    is_held = locks.is_held(database.record("encoder", settings.id).path)
+    is_held = locks.is_held(database.folder("encoder", settings.id).path)
     if before is not None and before.status != "finished" and not is_held:
         how = "resumes" if CHECKPOINT in before.roles() else "starts over"
         output.say(f"The encoder {settings.id} was interrupted; it {how}.")

@@ -14,10 +14,11 @@ LAB = "tests.gym_tasks"
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
+        (f"{LAB}:falls", "its episode terminates at control step 7: give it a time limit"),
         (
-            f"{LAB}:falls",
-            "at control step 7 of the episode with seed .*, its episode terminates, and jbench "
-            "trains on episodes of one length, here 20 control steps",
+            "gym:Hopper-v5",
+            "of the episode with seed .*, its episode terminates, and jbench trains on episodes of "
+            "one length, here 1000 control steps",
         ),
         (f"{LAB}:huge_reward", "at control step 3 of the episode with seed .*, its reward is inf"),
         (f"{LAB}:discrete", "its actions are Discrete, and jbench trains on motors"),

@@ -27,6 +27,7 @@ from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.scaling import FloatArray, Scaling, physical_scaling
 from jbench.encoders.states import States
 from jbench.task_specs import TASK_SPECS
+from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug import geometry, model
 from jbench.tasks.jitterbug.features import features, observation_size, split
 from jbench.tasks.jitterbug.geometry import Array, State, Target
@@ -67,7 +68,7 @@ class PlanarReduction(Fitted):
         return tuple(cls().numbers(task, np.zeros(observation_size(task))))
 
     def latent_sizes(self, task: str, features: int) -> range:
-        size = len(self.columns(task)) if task in TASK_SPECS else 0
+        size = len(self.columns(task)) if find_task(task).has_planar_reduction else 0
         return range(size, size + 1) if size else range(0)
 
     def numbers(self, task: str, physical: Array) -> dict[str, Array]:

@@ -16,6 +16,8 @@ predicts the hours of Figure 8 (`benchmarks/cost.py`).
 alternately for 50,000 control steps each. After each fifth it prints the rates and the mean return
 of each seed's episodes in that fifth.
 
+`--normalize` compares jbench with and without standardized inputs instead.
+
 SBX is built on JAX and needs a separate environment: `--make-sbx DIR` creates it and compares with
 it, `--sbx-python DIR/bin/python` reuses it.
 
@@ -147,6 +149,22 @@ def compare(algo: str, arguments: argparse.Namespace) -> None:
         print(line, flush=True)
 
 
+def compare_inputs(algo: str, arguments: argparse.Namespace) -> None:
+    """Prints the rates with standardized inputs, relative to those without."""
+    changes = {"without": {}, "with": {"changes": {"normalize": "running"}}}
+    with ExitStack() as stack:
+        contenders = []
+        for name, more in changes.items():
+            asked = requests("batched", algo, arguments.task, SEEDS, **more)
+            contenders.append(stack.enter_context(contender(name, sys.executable, asked)))
+        rounds = [
+            {each.name: each.run(arguments.seconds) for each in contenders}
+            for _ in range(arguments.rounds)
+        ]
+    parts = [f"{ratio(rounds, 'with', 'without', clock):.3f} ({clock} time)" for clock in CLOCKS]
+    print(f"{algo:5} rate with standardized inputs: {', '.join(parts)} x without", flush=True)
+
+
 def ratio(rounds: list[dict[str, dict[str, Any]]], name: str, peer: str, clock: str) -> float:
     """Returns the median over the rounds of a rate relative to that of a peer."""
     return median(each[name][clock] / each[peer][clock] for each in rounds)
@@ -210,6 +228,9 @@ def main() -> None:
     parser.add_argument(
         "--cores", type=parse_cores, metavar="N,…", help="numbers of cores, to compare with a model"
     )
+    parser.add_argument(
+        "--normalize", action="store_true", help="compare with and without standardized inputs"
+    )
     parser.add_argument("--bursts", type=int, default=30, help="of 50 updates of DDPG alone")
     parser.add_argument("--share-steps", type=int, help="control steps of the shares of training")
     arguments = parser.parse_args()
@@ -220,6 +241,10 @@ def main() -> None:
     algos = arguments.algos.split(",")
     if arguments.cores is not None:
         cost.rows(arguments.cores, [agent for agent in cost.AGENTS if agent.algo in algos])
+        return
+    if arguments.normalize:
+        for algo in algos:
+            compare_inputs(algo, arguments)
         return
 
     if arguments.make_sbx is not None:

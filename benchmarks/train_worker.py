@@ -31,7 +31,7 @@ def settings_of(request: Request) -> Any:
     from jbench.settings.algorithms import algorithm_settings, default_base
 
     every = {"train_freq": 1, "gradient_steps": 1, "learning_starts": 256, "buffer_size": 100_000}
-    changes = {} if request["algo"] == "ppo" else every
+    changes = request.get("changes", {}) | ({} if request["algo"] == "ppo" else every)
     return algorithm_settings(request["algo"], default_base(request["task"]), changes)
 
 

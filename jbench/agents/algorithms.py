@@ -115,21 +115,20 @@ def settings_class(algo: str) -> type[Settings]:
 def describe_settings(algo: str) -> list[dict[str, Any]]:
     """Returns name, default (JSON or "required") and description of each setting of an algorithm.
 
-    A subclass adds the source of its own default to the description.
+    A subclass that changes only a default need not describe the setting again.
     """
     kind, described = settings_class(algo), []
-    bases = [base for base in reversed(kind.__mro__) if issubclass(base, Settings)]
+    bases = [base for base in kind.__mro__ if issubclass(base, Settings)]
     for name, field in kind.model_fields.items():
         if field.default is _NOT_RECORDED:
             continue
         default = field.get_default(call_default_factory=True)
         texts = [base.model_fields[name].description for base in bases if name in base.model_fields]
-        parts = [part for text in texts for part in (text or "").split("; ") if part]
         described.append(
             {
                 "name": name,
                 "default": "required" if field.is_required() else to_jsonable_python(default),
-                "description": "; ".join(dict.fromkeys(parts)),
+                "description": next(filter(None, texts), ""),
             }
         )
     return described

@@ -8,7 +8,7 @@ from functools import cache
 from itertools import product
 from typing import Any
 
-from jbench.settings.algorithms import CHANGES, SETTINGS, algorithm_settings
+from jbench.settings.algorithms import SETTINGS, algorithm_settings
 from jbench.settings.recorded import COMPARED, VARIANT, Flat, Run, alike, flatten
 from jbench.settings.run import RunSettings
 
@@ -212,8 +212,10 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
 @cache
 def _bases(algo: str) -> dict[str, Flat]:
     omitted = SETTINGS[algo].omitted()
-    bases = (base for base in CHANGES if base == "published" or algo in CHANGES[base])
-    return {b: flatten({_TABLE: omitted | algorithm_settings(algo, b).values}) for b in bases}
+    return {
+        base: flatten({_TABLE: omitted | algorithm_settings(algo, base).values})
+        for base in SETTINGS[algo].bases
+    }
 
 
 def _text(value: Any) -> str:

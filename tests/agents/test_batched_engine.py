@@ -17,7 +17,7 @@ from jbench.agents.engine import SeedState
 from jbench.agents.environments import Environments, Generators
 from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import SavedNetwork
-from jbench.settings.algorithms import ALGORITHMS, SCRIPT, algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, SETTINGS, algorithm_settings
 from jbench.settings.records import OFESettings
 from jbench.tasks.gym import JitterbugEnv
 from tests.training.small_runs import TanhEncoder
@@ -34,7 +34,11 @@ BETWEEN_EPISODES = 120  # rollouts and episodes end, with all settings here
 CHEETAH = {"task": "dmc:cheetah-run"}  # 6 motors
 SWIMMER = {"task": "dmc:swimmer-swimmer6"}  # 5 motors; its target is part of the model
 # The authors' script settings with the small step counts above.
-SCRIPTS = {algo: {"changes": changes | SMALL[algo]} for algo, changes in SCRIPT.items()}
+SCRIPTS = {
+    algo: {"changes": {**kind.bases["script"], **SMALL[algo]}}
+    for algo, kind in SETTINGS.items()
+    if "script" in kind.bases
+}
 
 # Learned features: fewer than the 16 observed numbers (used alone) and more (appended).
 FEW, MANY = (OFESettings(units=units, layers=3, standardize_updates=20) for units in (6, 20))

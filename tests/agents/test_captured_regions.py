@@ -25,7 +25,7 @@ from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Generators
-from jbench.settings.algorithms import ALGORITHMS, SCRIPT, algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
 from tests.agents.small_rules import TQC
 from tests.agents.test_batched_engine import (
     FEW,
@@ -70,7 +70,7 @@ def check(tensors, function, *arguments):
     ("algo", "options"),
     [
         *((algo, {}) for algo in (*ALGORITHMS, TQC)),
-        *((algo, {"base": "script"}) for algo in SCRIPT),
+        *((algo, {"base": "script"}) for algo in SCRIPTS),
         *((algo, {"precision": "bfloat16"}) for algo in ("ddpg", "td3", "sac")),
         ("td3", {"limit": "terminal"}),
         ("sac", {"changes": {"ent_coef": 0.1, "target_update_interval": 2}}),

@@ -14,7 +14,7 @@ from jbench.agents.batched.replay import Batch
 from jbench.errors import RequestError
 from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import SavedNetwork, TrainedAgent
-from jbench.settings.algorithms import ALGORITHMS, FIGURE8, algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, DDPGSettings, algorithm_settings
 from jbench.settings.records import OFESettings
 from jbench.store import Results
 from jbench.training.request import request_runs
@@ -55,7 +55,11 @@ from tests.training.small_runs import TanhEncoder, small_run
 RUNNING = {"normalize": "running"}
 NORMALIZED = {"changes": RUNNING}
 # As stable-baselines 2 standardizes.
-AUTHORS = {name: value for name, value in FIGURE8["ddpg"].items() if name.startswith("normalize")}
+AUTHORS = {
+    name: value
+    for name, value in DDPGSettings.bases["figure8"].items()
+    if name.startswith("normalize")
+}
 
 
 def statistics(changes, seeds=1):

@@ -8,13 +8,14 @@ import torch
 from jbench.agents.batched.layers import Affine
 from jbench.agents.batched.ppo import Minibatch
 from jbench.agents.batched.replay import Batch
-from jbench.settings.algorithms import SCRIPT, algorithm_settings
+from jbench.settings.algorithms import SETTINGS, algorithm_settings
 from tests.agents.batched_oracle import SIZE, build_learner, build_settings, linear_layers
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO
 from tests.agents.plain_sac import PlainSAC
 from tests.agents.plain_td3 import PlainTD3
 
+SCRIPT = {algo: SETTINGS[algo].bases["script"] for algo in ("ddpg", "ppo", "td3")}
 ACTIONS = pytest.mark.parametrize("actions", [1, 6, 21])
 # The plain version of each off-policy rule, and its networks.
 PLAIN = {

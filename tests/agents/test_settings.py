@@ -8,12 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 import jbench
 from jbench.agents.sb3 import CLASSES
 from jbench.commands.parsing import parse_overrides
 from jbench.errors import RequestError
-from jbench.settings.algorithms import ALGORITHMS, SETTINGS, algorithm_settings
+from jbench.settings.algorithms import (
+    ALGORITHMS,
+    SETTINGS,
+    DDPGSettings,
+    OffPolicySettings,
+    algorithm_settings,
+)
 from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -134,12 +141,24 @@ def test_new_settings_do_not_change_ids_of_older_runs():
         assert RunSettings(**again).id == run.id
 
 
+SOURCES = ("Table 1", "section 4.2", "stable-baselines 2", "stable-baselines3", "script", "ours")
+
+
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_every_setting_has_a_description(algo):
-    fields = SETTINGS[algo].model_fields
-    silent = [name for name, field in fields.items() if not field.description]
-    # DDPG overrides the noise settings, which the shared class describes.
-    assert set(silent) <= {"action_noise", "noise_mean", "noise_sigma"}
+def test_every_setting_says_what_it_means_and_then_its_source(algo):
+    for name, field in SETTINGS[algo].model_fields.items():
+        meaning, _, source = field.description.rpartition("; ")
+        assert source.startswith(SOURCES), name
+        assert len(meaning.split()) > 2, name
+        assert not meaning.startswith(SOURCES), name
+
+
+def test_another_default_keeps_the_meaning():
+    shared, ddpg = (kind.model_fields["tau"] for kind in (OffPolicySettings, DDPGSettings))
+    assert (shared.default, ddpg.default) == (0.005, 0.001)
+    assert ddpg.description == shared.description
+    with pytest.raises(ValidationError, match="less than or equal to 1"):
+        DDPGSettings(tau=1.5)
 
 
 # Settings of Table 1 and section 4.2, which replace the library's defaults.

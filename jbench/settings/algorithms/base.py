@@ -1,0 +1,190 @@
+"""Settings that several algorithms share, with stable-baselines3's names.
+
+The defaults are the published settings. "Table 1" is the paper's; where it gives no value, the
+paper used the defaults of stable-baselines 2 (section 5, Table 1), which differ from those of
+stable-baselines3. A description says what a setting means, its unit, and after a semicolon the
+source of its default.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, model_validator
+
+from jbench.errors import RequestError
+from jbench.names import Base
+from jbench.settings.base import Count, Settings, omissible
+
+Fraction = Annotated[float, Field(gt=0, le=1)]
+Discount = Annotated[float, Field(ge=0, le=1)]
+
+Initialization = Literal["fan-in", "glorot"]
+Noise = Literal["none", "normal", "ornstein-uhlenbeck"]
+Normalization = Literal["none", "running"]
+
+Changes = Mapping[str, Any]
+"""Settings by name that differ from the published ones."""
+
+
+def changed(kind: type[Settings], name: str, default: Any, source: str) -> Any:
+    """Returns a field of a class with another default, which has another source."""
+    meaning, _, _ = str(kind.model_fields[name].description).rpartition("; ")
+    return Field(default, description=f"{meaning}; {source}")
+
+
+class AlgorithmSettings(Settings):
+    """Settings of all algorithms. Only the batched engine supports omissible settings.
+
+    Attributes:
+        bases: in what the sources of hyperparameters differ from the published ones; those in which
+            the class has no entry have nothing to say about it, or can't be chosen.
+    """
+
+    bases: ClassVar[Mapping[Base, Changes]] = {}
+
+    learning_rate: PositiveFloat = Field(1e-4, description="step size of Adam; Table 1")
+    batch_size: Count = Field(256, description="size of a minibatch, in transitions; Table 1")
+    gamma: Discount = Field(
+        0.99, description="discount of the rewards of each further control step; section 4.2"
+    )
+    hidden_layers: tuple[Count, ...] = Field(
+        (350, 250),
+        strict=False,  # JSON has lists
+        description="ReLU units of each hidden layer, in actor and critic; Table 1",
+    )
+    normalize: Normalization = omissible(
+        "none",
+        description="running: the networks see (observation - mean) / sd, with the mean and the "
+        "standard deviation of all observations on which the agent has acted (latents, if there is "
+        "an encoder); ours",
+    )
+    normalize_clip: PositiveFloat = omissible(
+        5.0, description="bound of a standardized number, in sd; stable-baselines 2"
+    )
+    normalize_min_sd: NonNegativeFloat = omissible(
+        0.0,
+        description="least standard deviation, in the units of the observation: smaller ones count "
+        "as this; stable-baselines3 (stable-baselines 2: 0.1)",
+    )
+    normalize_epsilon: NonNegativeFloat = omissible(
+        1e-8,
+        description="added to the variance of an observation; stable-baselines3 "
+        "(stable-baselines 2: 0)",
+    )
+    normalize_start_count: PositiveFloat = omissible(
+        1e-4,
+        description="number of observations that the first mean of 0 and the first variance of 1 "
+        "count as; stable-baselines3 (stable-baselines 2: 0.01)",
+    )
+
+    @model_validator(mode="after")
+    def _has_a_deviation(self) -> Self:
+        if self.normalize != "none" and self.normalize_min_sd == self.normalize_epsilon == 0:
+            raise ValueError(
+                "a constant number can't be standardized without normalize_min_sd or "
+                "normalize_epsilon: one of them must be above 0"
+            )
+        return self
+
+    def rollout_steps(self, environments: int) -> int:
+        """Returns the control steps of each environment between learning phases."""
+        raise NotImplementedError
+
+
+class OffPolicySettings(AlgorithmSettings):
+    """Settings of DDPG, TD3, SAC and rules of other packages, whose defaults these are."""
+
+    buffer_size: Count = Field(
+        1_000_000, description="transitions that the replay buffer holds; Table 1"
+    )
+    learning_starts: NonNegativeInt = Field(
+        100, description="control steps after which updates begin; stable-baselines 2"
+    )
+    uniform_warmup: bool = Field(
+        True,
+        description="whether actions are uniformly random until learning_starts, not the policy's; "
+        "stable-baselines 2",
+    )
+    train_freq: Count = Field(
+        1, description="control steps from one learning phase to the next; stable-baselines 2"
+    )
+    gradient_steps: Count = Field(1, description="updates in a learning phase; stable-baselines 2")
+    tau: Fraction = Field(
+        0.005,
+        description="share of a network in the next version of its target network; "
+        "stable-baselines 2",
+    )
+    action_noise: Noise = Field(
+        "none", description="noise that is added to actions in training; Table 1"
+    )
+    noise_mean: float = Field(
+        0.0, description="mean of the action noise, where actions are from -1 to 1; Table 1"
+    )
+    noise_sigma: NonNegativeFloat = Field(
+        0.2,
+        description="standard deviation of normal action noise, or diffusion of Ornstein-Uhlenbeck "
+        "noise in 1/√s; Table 1",
+    )
+    noise_theta: NonNegativeFloat = Field(
+        0.15, description="rate of Ornstein-Uhlenbeck noise towards its mean, in 1/s; Table 1"
+    )
+    noise_dt: PositiveFloat = Field(
+        0.01, description="step of Ornstein-Uhlenbeck noise, in s; stable-baselines 2"
+    )
+    mirror: bool = omissible(
+        False,
+        description="whether half of each minibatch is mirrored: x to -x, the action negated; ours",
+    )
+
+    @property
+    def first_update(self) -> int:
+        """Control steps before the first update, with one environment."""
+        return self.train_freq * (self.learning_starts // self.train_freq + 1)
+
+    def rollout_steps(self, environments: int) -> int:
+        """Returns the control steps of each environment between learning phases."""
+        return max(1, self.train_freq // environments)
+
+    def schedule(self, environments: int) -> tuple[int, int]:
+        """Returns the steps per environment between learning phases, and the updates per phase.
+
+        More environments take fewer steps each, so the ratio of updates to control steps does not
+        depend on their number. Raises a RequestError if the number of updates is not an integer.
+        """
+        steps = self.rollout_steps(environments)
+        updates, remainder = divmod(self.gradient_steps * steps * environments, self.train_freq)
+        if remainder:
+            raise RequestError(
+                f"{environments} environments can't share {self.gradient_steps} updates every "
+                f"{self.train_freq} control steps: type a number of environments that divides "
+                f"{self.train_freq}."
+            )
+        return steps, updates
+
+
+class DeterministicSettings(OffPolicySettings):
+    """Settings of DDPG and TD3, whose policies are deterministic."""
+
+    initialization: Initialization = omissible(
+        "fan-in",
+        description="first weights: U(-b, b) with b = 1 / sqrt(inputs), for biases too (fan-in), "
+        "or b = sqrt(6 / (inputs + outputs)) and zero biases (glorot); stable-baselines3 (script: "
+        "glorot)",
+    )
+
+
+EVERY_STEP: Changes = {
+    "uniform_warmup": True,
+    "train_freq": 1,
+    "gradient_steps": 1,
+    "tau": 0.005,
+}
+"""The schedule of stable-baselines3 off policy."""
+
+SUITE_OFF_POLICY: Changes = {
+    **EVERY_STEP,
+    "hidden_layers": [256, 256],
+    "learning_starts": 1_000,
+    "noise_mean": 0.0,
+}
+"""Of agents on other robots: two layers of 256 units and 1,000 random control steps."""

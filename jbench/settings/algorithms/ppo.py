@@ -1,0 +1,93 @@
+"""Settings of PPO."""
+
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+
+from jbench.names import Base
+from jbench.settings.algorithms.base import AlgorithmSettings, Changes, Discount, changed
+from jbench.settings.base import Count, omissible
+
+_LIBRARY: Changes = {"n_epochs": 10, "clip_range_vf": None}
+
+
+class PPOSettings(AlgorithmSettings):
+    """PPO with a clipped objective (Schulman et al., 2017)."""
+
+    bases: ClassVar[Mapping[Base, Changes]] = {
+        "published": {},
+        "script": {
+            "n_steps": 32,  # 256 over 8 environments
+            "batch_size": 64,  # 4 minibatches
+            "clip_range": 0.1,
+            "clip_range_vf": 0.1,
+            "value_loss": "max",
+            "shared_layers": True,
+            "vf_coef": 0.25,  # stable-baselines 2: 0.5 of half the squared error
+        },
+        "sb3": {**_LIBRARY, "batch_size": 256},  # Table 1's
+        "suite": {
+            **_LIBRARY,
+            "hidden_layers": [64, 64],
+            "batch_size": 64,
+            "learning_rate": 3e-4,
+            "ent_coef": 0.0,
+        },
+    }
+
+    normalize_clip: PositiveFloat = omissible(
+        10.0, description="bound of a standardized number, in sd; stable-baselines3"
+    )
+    n_envs: Count = Field(8, description="number of parallel environments; script")
+    n_steps: Count = Field(
+        256, description="control steps of each environment between updates; Table 1"
+    )
+    # stable-baselines 2 has no batch size for PPO but 4 minibatches: 8 * 256 / 4 transitions.
+    batch_size: Count = changed(AlgorithmSettings, "batch_size", 512, "stable-baselines 2")
+    n_epochs: Count = Field(
+        4, description="passes over the transitions of a rollout; stable-baselines 2"
+    )
+    gae_lambda: Discount = Field(
+        0.95,
+        description="decay of longer returns in the estimate of an advantage; stable-baselines 2",
+    )
+    clip_range: PositiveFloat = Field(
+        0.2,
+        description="bound of the change of an action's likelihood ratio from 1; "
+        "stable-baselines 2 (script: 0.1)",
+    )
+    clip_range_vf: PositiveFloat | None = Field(
+        0.2,
+        description="bound of the change of an estimated value, in returns, or null for none; "
+        "stable-baselines 2 (script: 0.1)",
+    )
+    normalize_advantage: bool = Field(
+        True,
+        description="whether the advantages of a minibatch are standardized; stable-baselines 2",
+    )
+    ent_coef: NonNegativeFloat = Field(
+        0.01, description="weight of the entropy in the loss, per nat; Table 1"
+    )
+    vf_coef: NonNegativeFloat = Field(
+        0.5,
+        description="weight of the squared error of the value in the loss; stable-baselines 2 "
+        "(script: 0.25)",
+    )
+    max_grad_norm: PositiveFloat = Field(
+        0.5,
+        description="norm to which a longer gradient is shortened; stable-baselines 2",
+    )
+    shared_layers: bool = omissible(
+        False,
+        description="whether policy and value share their hidden layers; Table 1 (script: true)",
+    )
+    value_loss: Literal["clipped", "max"] = omissible(
+        "clipped",
+        description="squared error of the clipped value, or the maximum of those of the clipped "
+        "and the unclipped; stable-baselines3 (script: max)",
+    )
+
+    def rollout_steps(self, environments: int) -> int:
+        """Returns the control steps of each environment between updates, `n_steps` if `n_envs`."""
+        return max(1, self.n_steps * self.n_envs // environments)

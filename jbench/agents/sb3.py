@@ -13,7 +13,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.type_aliases import TrainFrequencyUnit
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from torch import nn
 
 from jbench.agents.algorithms import find_class
@@ -90,6 +90,7 @@ def build(
     chosen: Mapping[str, Any]
     if isinstance(settings, AlgorithmSettings):
         kind, chosen = _ours(algo, settings, shape)
+        env = _standardized(env, settings)
     else:
         kind, chosen = find_class(algo), settings
     arguments: dict[str, Any] = {
@@ -127,6 +128,18 @@ def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict
             kind = _DDPGWithPolicyWarmup
     net_arch = {"pi": layers, "vf" if algo == "ppo" else "qf": layers}
     return kind, {**arguments, "policy_kwargs": {"net_arch": net_arch, "activation_fn": "ReLU"}}
+
+
+def _standardized(env: VecEnv, settings: AlgorithmSettings) -> VecEnv:
+    """Returns an environment whose observations are standardized if the settings say so."""
+    if settings.normalize == "none":
+        return env
+    return VecNormalize(
+        env,
+        norm_reward=False,
+        clip_obs=settings.normalize_clip,
+        epsilon=settings.normalize_epsilon,
+    )
 
 
 def losses(agent: BaseAlgorithm) -> dict[str, float]:

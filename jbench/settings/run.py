@@ -84,7 +84,7 @@ class RunSettings(TrainedSettings):
         if self.engine == "sb3" and self.is_ours:
             if self.parallel is not None:
                 raise ValueError("environments is a setting of the batched engine")
-            unknown = set(self.hyperparameters) & set(SETTINGS[self.algo].omitted())
+            unknown = set(self.hyperparameters) & SETTINGS[self.algo].only_batched()
             if unknown:
                 raise ValueError(
                     f"stable-baselines3 has no {', '.join(sorted(unknown))}: choose the batched "

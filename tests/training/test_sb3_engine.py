@@ -7,6 +7,7 @@ from jbench.policies.saved import load_agent
 from jbench.store import Results
 from jbench.tasks.jitterbug import geometry
 from jbench.training.evaluation import make_env
+from jbench.training.repeat import reevaluate
 from jbench.training.status import run_statuses
 from tests.training.small_runs import EPISODE, paths, small_run, train
 
@@ -82,6 +83,25 @@ def test_saved_agent_reproduces_evaluation(finished):
     np.testing.assert_allclose(turn, 1, atol=1e-5)
     target = [*targets[2].position[:2], targets[2].yaw]
     np.testing.assert_allclose(found[["target_x", "target_y", "target_yaw"]], [target] * 3)
+
+
+@pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=pytest.mark.slow)])
+def test_standardized_inputs_are_those_of_vec_normalize(algo, tmp_path):
+    small = {"normalize": "running", "normalize_clip": 2.0}
+    small |= {"n_envs": 2, "n_steps": 25} if algo == "ppo" else {}
+    results = Results(tmp_path)
+    record = train(settings(algo, small), results)
+    shift, scale, clip = load_agent(results, record.id).policy.layers[:3]
+    assert (shift.kind, scale.kind, clip.kind) == ("shift", "scale", "clip")
+    assert (clip.numbers["low"], clip.numbers["high"]) == (-2, 2)
+    assert not np.allclose(shift.arrays["offset"], 0)
+    assert not np.allclose(scale.arrays["factor"], 1)
+    assert reevaluate(results, record).verdict == "equal"
+
+
+def test_standardization_that_vec_normalize_does_not_have_is_refused():
+    with pytest.raises(ValueError, match="stable-baselines3 has no normalize_min_sd: choose the"):
+        settings(overrides={"normalize": "running", "normalize_min_sd": 0.1})
 
 
 @pytest.mark.parametrize(

@@ -33,11 +33,10 @@ def changed(kind: type[Settings], name: str, default: Any, source: str) -> Any:
 
 
 class AlgorithmSettings(Settings):
-    """Settings of all algorithms. Only the batched engine supports omissible settings.
+    """Settings of all algorithms.
 
     Attributes:
-        bases: in what the sources of hyperparameters differ from the published ones; those in which
-            the class has no entry have nothing to say about it, or can't be chosen.
+        bases: sources of hyperparameters, and in what each differs from the published ones.
     """
 
     bases: ClassVar[Mapping[Base, Changes]] = {}
@@ -85,6 +84,12 @@ class AlgorithmSettings(Settings):
                 "normalize_epsilon: one of them must be above 0"
             )
         return self
+
+    @classmethod
+    def only_batched(cls) -> set[str]:
+        """Returns the settings that stable-baselines3 does not have but at their defaults."""
+        in_vec_normalize = {"normalize", "normalize_clip", "normalize_epsilon"}
+        return cls.omitted().keys() - in_vec_normalize
 
     def rollout_steps(self, environments: int) -> int:
         """Returns the control steps of each environment between learning phases."""

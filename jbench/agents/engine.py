@@ -62,14 +62,13 @@ def divergent_loss(losses: Mapping[str, float]) -> str | None:
 
 
 class Engine(AbstractContextManager["Engine"]):
-    """Trains several seeds side by side; each learns what it would learn alone.
+    """A `Trainer` of several seeds side by side; each learns what it would learn alone.
 
     Use it as a context manager: it holds threads. `control_steps` and `updates` (None if unknown)
     are per seed. Robots of the `diverged` seeds, by index, get the action 0; the others are not
     affected.
     """
 
-    is_resumable = True
     updates: int | None = None
 
     def __init__(self, environments: Environments, rollout_steps: int = 1) -> None:
@@ -78,6 +77,10 @@ class Engine(AbstractContextManager["Engine"]):
         self.control_steps = 0
         self.diverged: dict[int, DivergedError] = {}
         self._rollout_steps, self._collected = rollout_steps, 0
+
+    def __enter__(self) -> Self:
+        """Returns itself."""
+        return self
 
     def __exit__(self, *_: object) -> None:
         """Ends the threads."""
@@ -131,6 +134,11 @@ class Engine(AbstractContextManager["Engine"]):
         robot_actions: NDArray[np.floating] = actions * self.environments.action_signs(seen)
         return robot_actions.reshape(*observations.shape[:-1], -1)
 
+    @property
+    def threads(self) -> int:
+        """See `Trainer.threads`."""
+        return self.environments.threads
+
     @abstractmethod
     def policy(self, seed: int) -> SavedNetwork | None:
         """Returns a copy of the deterministic policy of the seed with this index, if there is one.
@@ -148,8 +156,11 @@ class Engine(AbstractContextManager["Engine"]):
         """Records in `diverged` the seeds whose weights or optimizer moments are not finite."""
 
     @abstractmethod
-    def state(self, seed: int) -> SeedState:
-        """Returns the state of one seed without its replay rows, at any control step."""
+    def state(self, seed: int) -> SeedState | None:
+        """Returns the state of one seed without its replay rows, at any control step.
+
+        None if its agent has none that can be restored.
+        """
 
     @abstractmethod
     def restore(self, states: Sequence[SeedState]) -> None:

@@ -24,6 +24,8 @@ from jbench.store import schema
 class PluginEngine(Engine):
     """Trains one agent of another package, which itself decides when it learns."""
 
+    replay = None
+
     def __init__(
         self,
         name: str,
@@ -44,7 +46,7 @@ class PluginEngine(Engine):
         self._name, self._time_limit = name, time_limit
         super().__init__(environments)
         self._device = device
-        self.is_resumable = is_resumable(kind)
+        self._is_resumable = is_resumable(kind)
         self._losses: dict[str, float] = {}
         size, action_size = environments.size, environments.action_size
         count, seed = environments.observations.shape[1], environments.generators[0].seed
@@ -73,8 +75,10 @@ class PluginEngine(Engine):
         if not all(bool(parameter.isfinite().all()) for parameter in parameters):
             self._record_divergence(0, "weights")
 
-    def state(self, seed: int) -> SeedState:
+    def state(self, seed: int) -> SeedState | None:
         """See `Engine.state`; the agent's may contain something that can't be saved: WorkError."""
+        if not self._is_resumable:
+            return None
         tensors: dict[str, Tensor] = {}
         robots = self.environments.state(0)
         scalars = {

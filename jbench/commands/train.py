@@ -237,6 +237,7 @@ def _device(
 ) -> str:
     """Returns the device that the batched engine trains on, `cpu`, `cuda` or such as `cuda:1`."""
     from jbench.devices import check_precision
+    from jbench.settings.engines import ENGINES
     from jbench.training.request import training_device
 
     if executor == "local":
@@ -249,6 +250,8 @@ def _device(
     train_on = "cuda" if gpus else "cpu"
     for part in parts:
         check_precision(part.precision, train_on)
-        if gpus and part.engine == "sb3":
-            raise RequestError("--gpus-per-task is for the batched engine; this matrix uses sb3.")
+        if gpus and part.engine is not None and not ENGINES[part.engine].is_for_gpu:
+            raise RequestError(
+                f"--gpus-per-task is for the batched engine; this matrix uses {part.engine}."
+            )
     return train_on

@@ -17,6 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks
@@ -115,11 +116,11 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     """Returns the runs of each process.
 
     On a CPU the seeds of a configuration are divided among `jobs` processes. On a GPU they are one
-    stack in one process. A run of another engine than the batched one has its own process.
+    stack in one process. A run of an engine that takes one seed has its own process.
     """
     configurations: dict[str, list[RunSettings]] = {}
     for run in runs:
-        key = alike(run, SEED) if run.engine == "batched" else run.id
+        key = alike(run, SEED) if ENGINES[run.engine].takes_many_seeds else run.id
         configurations.setdefault(key, []).append(run)
     most = jobs if device == "cpu" else 1
     return [

@@ -3,13 +3,14 @@
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import CHECKPOINT_EVERY
+from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.code import code_of
@@ -57,7 +58,7 @@ def run_batch(
     Returns the error of each failed run by id; a failure does not stop the others. Raises a
     RequestError if the device is unavailable.
     """
-    if runs[0].engine == "sb3":
+    if not ENGINES[runs[0].engine].is_for_gpu:
         device = "cpu"
     code = run_code(runs[0], encoders or results)
     made_on = {**device_provenance(find_device(device)), **code}
@@ -77,14 +78,22 @@ def run_batch(
                 failures[run.id] = error
             else:
                 members += [] if member is None else [member]
-        options = device, checkpoint_every, len(members), final_episodes, report, keep_state
+        make_group = partial(
+            TrainingGroup,
+            device=device,
+            checkpoint_every=checkpoint_every,
+            sharing=len(members),
+            final_episodes=final_episodes,
+            report=report,
+            keep_state=keep_state,
+        )
         while due := [m for m in members if m.is_unfinished and m.control_steps < end]:
             # Seeds may have stopped at different steps: those furthest behind catch up first.
             behind = min(member.control_steps for member in due)
             ahead = [member.control_steps for member in due if member.control_steps > behind]
             group = [member for member in due if member.control_steps == behind]
             try:
-                TrainingGroup(group, *options).train(min(ahead, default=until))
+                make_group(group).train(min(ahead, default=until))
             except Exception as error:
                 for member in group:
                     if member.is_unfinished:

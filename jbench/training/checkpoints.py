@@ -18,9 +18,8 @@ import torch
 from pydantic import BaseModel, ValidationError
 from torch import Tensor
 
-from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.engine import Engine
 from jbench.agents.environments import SeedState
+from jbench.agents.trainer import Trainer
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
@@ -68,33 +67,39 @@ class _Piece(NamedTuple):
         return f"replay-{self.first:012d}-{self.end:012d}.safetensors"
 
 
-def save(record: Record, log: RunLog, engine: Engine, index: int, only: bool = False) -> Checkpoint:
+def save(
+    record: Record, log: RunLog, trainer: Trainer, index: int, *, only: bool = False
+) -> Checkpoint | None:
     """Commits the pending rows of a run and a checkpoint atomically.
 
-    The run has an index in the engine, which is between two control steps. If `only`, all existing
-    checkpoints are dropped.
+    The run has an index in its trainer, which is between two control steps; a trainer without a
+    state has no checkpoint. If `only`, all existing checkpoints are dropped.
     """
+    state = trainer.state(index)
+    if state is None:
+        log.commit()
+        return None
     roles = record.roles()
     states = [match for role in roles if (match := _STATE.fullmatch(role))]
     ended = set(roles) if only else {match[0] for match in states[:-1]}  # two are kept
     files: dict[str, bytes] = {}
     row = 0
-    if isinstance(engine, OffPolicyEngine):
-        row, oldest = engine.replay.row, engine.replay.oldest
+    if (replay := trainer.replay) is not None:
+        row, oldest = replay.row, replay.oldest
         pieces = [] if only else _pieces(roles)
         # A piece that begins before the oldest row in the buffer stays as it is.
         too_many = len(pieces) >= _MAX_PIECES
         joined = [piece for piece in pieces if too_many and piece.first >= oldest]
         first = joined[0].first if joined else max([oldest, *(other.end for other in pieces)])
         piece = _Piece(first, row)
-        rows = engine.replay.rows_since(index, piece.first)
+        rows = replay.rows_since(index, piece.first)
         files[piece.role] = safetensors.torch.save({_ROWS: rows.contiguous()})
         # The previous checkpoint needs rows that are older by the same number.
         behind = row - min((int(match[2]) for match in states[-1:]), default=row)
         ended |= {other.role for other in joined}
         ended |= {other.role for other in pieces if other.end <= oldest - behind}
-    position = log.position(engine.control_steps)
-    checkpoint = Checkpoint(position, engine.state(index), row, newest=True)
+    position = log.position(trainer.control_steps)
+    checkpoint = Checkpoint(position, state, row, newest=True)
     log.commit(files | _state_file(checkpoint, record.id), ended)
     return checkpoint
 

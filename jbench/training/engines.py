@@ -1,29 +1,30 @@
 """What trains the agents of a batch of runs, jbench's engine or another loop, and its speed."""
 
 import time
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
 from jbench.agents.algorithms import find_class, hyperparameters
+from jbench.agents.batched.engine import BatchedEngine
 from jbench.agents.batched.make import make_engine
-from jbench.agents.engine import Engine
 from jbench.agents.environments import Environments
 from jbench.agents.plugin_engine import PluginEngine
+from jbench.agents.trainer import Trainer
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
+from jbench.policies.saved import TrainedAgent
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
+from jbench.settings.engines import ENGINES
+from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.tasks.find import check_specs, find_task
+from jbench.tasks.task import Act
 from jbench.training.evaluation import derive_seeds, final_evaluation_episodes
-
-if TYPE_CHECKING:
-    from jbench.training.sb3_engine import SB3Engine
-
-Trainer: TypeAlias = "Engine | SB3Engine"
 
 _STEPS, _UPDATES = 300, 40  # of a measurement of the speed
 
@@ -61,6 +62,25 @@ def make_trainer(
         return PluginEngine(settings.algo, algorithm, values, environments, **options)
     options |= {"ofe": settings.ofe, "precision": settings.precision}
     return make_engine(algorithm, values, environments, **options)
+
+
+@contextmanager
+def acting_as_evaluated(
+    settings: RunSettings | ExternalSettings, agent: TrainedAgent, control_steps: int, device: str
+) -> Iterator[Act]:
+    """Yields the actions of a run's kept policy, with the bits that its last evaluation had.
+
+    Raises a RequestError or a ValueError if the policy is not that of an agent with these settings.
+    """
+    if settings.engine != "batched":
+        yield agent.act
+        return
+    assert isinstance(settings, RunSettings)
+    # The products of the engine round differently from those of the copy.
+    with make_trainer([settings], [agent.encoder], device) as engine:
+        assert isinstance(engine, BatchedEngine)
+        engine.load_policy(0, agent.policy, control_steps)
+        yield engine.act
 
 
 def seconds_per_step(
@@ -124,7 +144,7 @@ def stepping(
 ) -> float:
     """Returns the seconds per control step without training, with a robot on each thread."""
     task, threads = find_task(settings.task), 1
-    if device != "cpu" and settings.engine != "sb3":
+    if device != "cpu" and ENGINES[settings.engine].is_for_gpu:
         threads = cores()
     actions = np.zeros((threads, task.action_size), np.float32)
     with task.worlds(threads, threads, settings.augment) as worlds:

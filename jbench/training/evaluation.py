@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.registration import environment_id
+from jbench.settings.engines import ENGINES
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -125,7 +126,7 @@ def evaluate_policies(
     task, augment = find_task(settings.task), settings.augment
     if isinstance(settings, RunSettings):
         augment = settings.robot_seed(settings.robot_at(control_steps))
-    if settings.engine == "sb3":
+    if ENGINES[settings.engine].has_one_stream:
         block, generators = 1, [np.random.default_rng(*seeds)]
         act_alone, act = act, lambda rows: act_alone(rows[0])[None]  # it may round by shape
         with task.worlds(1) as worlds:

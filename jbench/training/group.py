@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.engine import DivergedError, Engine
+from jbench.agents.engine import DivergedError
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
+from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Record
 from jbench.tasks.task import EpisodeError
@@ -51,6 +51,7 @@ class TrainingGroup:
     def __init__(
         self,
         members: Sequence[Member],
+        *,
         device: str,
         checkpoint_every: float,
         sharing: int,
@@ -105,12 +106,11 @@ class TrainingGroup:
         return True
 
     def _restore(self) -> None:
-        assert isinstance(self._engine, Engine)
         checkpoints = [m.checkpoint for m in self._members if m.checkpoint is not None]
         for index, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
-            if isinstance(self._engine, OffPolicyEngine):
+            if (replay := self._engine.replay) is not None:
                 row = checkpoint.replay_row
-                self._engine.replay.restore(index, read_replay(member.record, row), row)
+                replay.restore(index, read_replay(member.record, row), row)
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
         position = checkpoints[0].position
         if position.last_evaluation == position.control_steps:
@@ -147,7 +147,7 @@ class TrainingGroup:
             [evaluation.derive_seeds(member.settings.seed)[1] for member in self._members],
             log.progress.evaluations,
             engine.act,
-            threads=engine.environments.threads if isinstance(engine, Engine) else 1,
+            threads=engine.threads,
             control_steps=engine.control_steps,
             episodes=self._final_episodes if engine.has_made(settings.steps) else None,
         )
@@ -178,10 +178,7 @@ class TrainingGroup:
     def _save_one(self, index: int, *, only: bool = False) -> None:
         member, engine = self._members[index], self._engine
         member.control_steps = engine.control_steps
-        if isinstance(engine, Engine) and engine.is_resumable:
-            member.checkpoint = save(member.record, member.log, engine, index, only=only)
-        else:
-            member.log.commit()
+        member.checkpoint = save(member.record, member.log, engine, index, only=only)
 
     def _end(self) -> None:
         self._fail_diverged(weights=True)
@@ -191,8 +188,8 @@ class TrainingGroup:
         self._share_processor_time()
         for index, member in self._active():
             member.log.commit()
-            # A copy of a plugin's policy may round differently.
-            is_same = member.evaluated is not None and self._settings.engine != "plugin"
+            facts = ENGINES[self._settings.engine]
+            is_same = member.evaluated is not None and facts.copies_round_alike
             summary = member.log.summary(steps, evaluated=is_same)
             policy = member.evaluated or self._engine.policy(index)
             member.record.finish(

@@ -1,6 +1,5 @@
 """Computes the last evaluation or first episodes of a run again; compares its rows bit for bit."""
 
-import contextlib
 import math
 import tempfile
 from collections.abc import Callable, Mapping
@@ -9,11 +8,11 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jbench.agents.batched.engine import BatchedEngine
 from jbench.cores import one_thread
 from jbench.devices import find_device
 from jbench.errors import RequestError
 from jbench.policies.saved import has_policy, load_agent
+from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import Run, Unreadable, read_run
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
@@ -21,10 +20,9 @@ from jbench.store import Record, Results, schema
 from jbench.store.code import ChangedCodeError, changed_since, check_code, code_hash, have_changed
 from jbench.store.merge import TIMES
 from jbench.store.provenance import device_provenance, differences, provenance
-from jbench.tasks.task import Act
 from jbench.training.batched_run import run_batch
 from jbench.training.code import run_code
-from jbench.training.engines import make_trainer
+from jbench.training.engines import acting_as_evaluated
 from jbench.training.evaluation import derive_seeds, evaluate_policies
 from jbench.training.log import POLICY_EVALUATION
 
@@ -83,15 +81,8 @@ def reevaluate(results: Results, record: Record, accept_changed: bool = False) -
         if changed_code(record, results, accept_changed) and isinstance(settings, RunSettings):
             settings = settings.model_copy(update={"accepted": "repeated"})
         agent = load_agent(results, record.id, accept_changed)
-        with one_thread(), contextlib.ExitStack() as stack:
-            act: Act = agent.act
-            if settings.engine == "batched":
-                engine = stack.enter_context(
-                    make_trainer([settings], [agent.encoder], _device(record, at_end=True))
-                )
-                assert isinstance(engine, BatchedEngine)
-                engine.load_policy(0, agent.policy, control_steps)
-                act = engine.act
+        device = _device(record, at_end=True)
+        with one_thread(), acting_as_evaluated(settings, agent, control_steps, device) as act:
             (evaluation,) = evaluate_policies(
                 settings,
                 [derive_seeds(settings.seed)[1]],
@@ -207,7 +198,7 @@ def _obstacle(record: Record, settings: Run, rows: _Rows) -> str:
         return "It has no evaluation."
     if _recorded_device(record, at_end=True) != _device(record, at_end=True):
         return "A GPU evaluated it, and this machine has none."
-    if settings.engine == "plugin":
+    if not ENGINES[settings.engine].copies_round_alike:
         return "Its evaluations ran the agent's own code; the kept copy rounds sums differently."
     newest = max(number for _, _, number, _ in rows)
     evaluated = record.manifest.summary.get(POLICY_EVALUATION)

@@ -12,6 +12,7 @@ from jbench.errors import RequestError
 from jbench.names import OFE
 from jbench.settings.algorithms import OffPolicySettings, default_time_limit
 from jbench.settings.base import validated
+from jbench.settings.engines import ENGINES
 from jbench.settings.records import episode_steps, requested_ofe
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -127,9 +128,11 @@ def training_device(
 
     Raises a RequestError if it is unavailable, or does not support the engine or precision.
     """
-    if engine == "sb3":
+    if engine is not None and not ENGINES[engine].is_for_gpu:
         if wanted.startswith("cuda"):
-            raise RequestError(f"--device {wanted} is for --engine batched; sb3 trains on cpu.")
+            raise RequestError(
+                f"--device {wanted} is for --engine batched; {engine} trains on cpu."
+            )
         find_device(wanted)
         return "cpu"
     device = str(find_device(wanted))

@@ -1,5 +1,6 @@
 """An agent of stable-baselines3, or of a class with its interface, trained by its own loop."""
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
@@ -11,6 +12,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
 from jbench.agents.engine import AfterStep, DivergedError, divergent_loss
+from jbench.agents.environments import SeedState
 from jbench.encoders import Encoder, on_observations
 from jbench.policies.saved import SavedNetwork
 from jbench.settings.run import RunSettings
@@ -19,7 +21,10 @@ from jbench.training.evaluation import make_env
 
 
 class SB3Engine(AbstractContextManager["SB3Engine"]):
-    """Has the interface of `Engine` for one seed, except for its state: such a run starts over."""
+    """A `Trainer` of one seed, without a state: such a run starts over."""
+
+    threads = 1
+    replay = None
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         self._encoder = encoder
@@ -84,6 +89,13 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
     def losses(self, seed: int) -> dict[str, float]:
         """Returns the last losses by database name; empty before the first update."""
         return sb3.losses(self._agent)
+
+    def state(self, seed: int) -> None:
+        """Returns None: there is no state from which it could resume."""
+
+    def restore(self, states: Sequence[SeedState]) -> None:
+        """Is not called, as there are no states."""
+        raise NotImplementedError
 
     def check_weights(self) -> None:
         """Records a divergence if a loss or a weight is not finite."""

@@ -27,7 +27,7 @@ class OffPolicyEngine(BatchedEngine):
         rollout_steps, self._due = settings.schedule(count)
         shape = seeds, count, environments.action_size
         self._noise = ActionNoise(settings, shape)
-        self.replay = ReplayBuffer(
+        self._replay = ReplayBuffer(
             *(seeds, count, settings.buffer_size, environments.size, environments.action_size),
             flush_every=rollout_steps,
             dtype=tensors.dtype,
@@ -49,6 +49,11 @@ class OffPolicyEngine(BatchedEngine):
             for group in self.groups
         ]
         self.replay.begin(environments.observations)
+
+    @property
+    def replay(self) -> ReplayBuffer:
+        """The replay buffers of all seeds."""
+        return self._replay
 
     def _explore(self, observations: Tensor) -> NDArray[np.floating]:
         settings, shape = self._settings, self._noise.previous.shape[1:]

@@ -17,6 +17,7 @@ class OnPolicyEngine(BatchedEngine):
     """Agents that learn from the transitions of their last rollout."""
 
     _settings: PPOSettings
+    replay = None
 
     def _make_buffers(self) -> None:
         settings, environments = self._settings, self.environments

@@ -1,0 +1,34 @@
+"""What each training engine can do, for those who plan, evaluate and repeat its runs."""
+
+from dataclasses import dataclass
+
+from jbench.settings.records import EXTERNAL
+
+
+@dataclass(frozen=True)
+class EngineFacts:
+    """What a training engine can do.
+
+    Attributes:
+        takes_many_seeds: whether runs that differ in their seeds can be trained in one process.
+        is_for_gpu: whether it trains on a GPU, too.
+        has_one_stream: whether all evaluations of a run draw from one generator, episode by
+            episode; otherwise each has its own, and its episodes are stepped together.
+        copies_round_alike: whether the kept policy acts as the agent that was evaluated, bit for
+            bit, if the same code computes both.
+    """
+
+    takes_many_seeds: bool = False
+    is_for_gpu: bool = False
+    has_one_stream: bool = False
+    copies_round_alike: bool = True
+
+
+ENGINES: dict[str, EngineFacts] = {
+    "batched": EngineFacts(takes_many_seeds=True, is_for_gpu=True),
+    "sb3": EngineFacts(has_one_stream=True),
+    # An agent computes its actions by its own code.
+    "plugin": EngineFacts(is_for_gpu=True, copies_round_alike=False),
+    EXTERNAL: EngineFacts(),
+}
+"""The training engines by name, and training loops of others that jbench records."""

@@ -14,7 +14,12 @@ from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS, Base, Engine, known
-from jbench.settings.algorithms import SETTINGS, OffPolicySettings, algorithm_settings, default_base
+from jbench.settings.algorithms import (
+    SETTINGS,
+    OffPolicySettings,
+    algorithm_settings,
+    default_base,
+)
 from jbench.settings.base import Settings, canonical_json, omissible, settings_with
 from jbench.settings.run import RunSettings
 from jbench.sources import checksum

@@ -20,7 +20,7 @@ from jbench.agents.algorithms import find_class
 from jbench.errors import RequestError
 from jbench.policies.actors import UnsupportedPolicyError, copy_module, normalization
 from jbench.policies.saved import SavedLayer, SavedNetwork
-from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
+from jbench.settings.algorithms import Algorithm, AlgorithmSettings, Foreign, OffPolicySettings
 from jbench.store.schema import LOSSES
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
@@ -48,7 +48,7 @@ def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count:
     """
     env = DummyVecEnv([lambda: Spaces(*sizes)] * count)
     try:
-        agent = build(name, settings, env, seed=0)
+        agent = build(name, Foreign(hyperparameters=dict(settings)), env, seed=0)
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0].rstrip(".")
         if "action spaces" in reason:  # the rest is the spaces' classes
@@ -74,9 +74,7 @@ def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count:
         ) from None
 
 
-def build(
-    algo: str, settings: AlgorithmSettings | Mapping[str, Any], env: VecEnv, seed: int
-) -> BaseAlgorithm:
+def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorithm:
     """Returns an untrained agent on the CPU, with the policy MlpPolicy.
 
     Args:
@@ -92,7 +90,8 @@ def build(
         kind, chosen = _ours(algo, settings, shape)
         env = _standardized(env, settings)
     else:
-        kind, chosen = find_class(algo), settings
+        assert isinstance(settings, Foreign)
+        kind, chosen = find_class(algo), settings.hyperparameters
     arguments: dict[str, Any] = {
         n: tuple(v) if isinstance(v, list) else v for n, v in chosen.items()
     }

@@ -10,7 +10,6 @@ from jbench.commands import output
 from jbench.commands.progress import TrainingView
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
-from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.evaluations import added_returns
@@ -38,7 +37,7 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
     sentences = []
     for run in runs:
         output.note_task(find_task(run.task))
-    for run in (run for run in runs if run.is_ours):
+    for run in (run for run in runs if run.algorithm.knows_rollouts):
         end = run.last_step
         episode = run.episode_steps
         if run.steps % episode:
@@ -46,10 +45,10 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
             if end % (episode * run.environments) == 0:
                 where = f"at the end of an episode of {episode:,}"
             sentences.append(f"a run of {run.steps:,} control steps ends after {end:,}, {where}.")
-        algorithm = run.algorithm
-        if isinstance(algorithm, OffPolicySettings) and end < algorithm.first_update:
+        first = run.algorithm.first_update
+        if end < first:
             sentences.append(
-                f"{run.algo} first updates its networks after {algorithm.first_update:,} control "
+                f"{run.algo} first updates its networks after {first:,} control "
                 f"steps, so a run of {run.steps:,} learns nothing; raise --steps, or lower that "
                 "number with --set learning_starts=N and --set train_freq=N (in a matrix file, the "
                 f"same keys of [hyperparameters.{run.algo}])."

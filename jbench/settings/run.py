@@ -5,8 +5,9 @@ from typing import Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from jbench.names import OFE, Engine, Precision, kind_in
-from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
+from jbench.settings.algorithms import SETTINGS, Algorithm, Foreign
 from jbench.settings.base import omissible, validated
+from jbench.settings.engines import ENGINES
 from jbench.settings.records import LABEL, OFESettings, TrainedSettings
 
 
@@ -71,30 +72,32 @@ class RunSettings(TrainedSettings):
 
     @model_validator(mode="after")
     def _is_possible(self) -> Self:
-        if self.is_ours:
-            if self.engine == "plugin":
-                raise ValueError(f"{self.algo} has the engine batched or sb3, not plugin")
-            _ = self.algorithm  # which checks the hyperparameters
-        elif self.engine == "sb3" and ":" not in self.algo:
-            raise ValueError(f"the engine {self.engine} has no {self.algo}")
-        if self.specs is not None and self.hyperparameters.get("mirror"):
+        algorithm = self.algorithm  # which checks the hyperparameters
+        engines = algorithm.engines(self.algo)
+        if self.engine not in engines:
+            raise ValueError(
+                f"{self.algo} has the engine {' or '.join(engines)}, not {self.engine}"
+            )
+        if self.specs is not None and algorithm.is_mirrored:
             raise ValueError(f"no mirror image is known of {self.task}: mirror must be false")
-        if self.engine != "batched" and self.precision != "float32":
+        if self.precision != "float32" and not ENGINES[self.engine].has_options:
             raise ValueError("precision is a setting of the batched engine")
-        if self.engine == "sb3" and self.is_ours:
-            if self.parallel is not None:
-                raise ValueError("environments is a setting of the batched engine")
-            unknown = set(self.hyperparameters) & SETTINGS[self.algo].only_batched()
-            if unknown:
+        if self.precision not in algorithm.precisions:
+            raise ValueError(
+                f"{self.algo} does not learn in {self.precision}: precision must be float32"
+            )
+        if not ENGINES[self.engine].has_options:
+            parallel = [] if self.parallel is None else ["environments"]
+            if unknown := algorithm.only_batched([*self.hyperparameters, *parallel]):
                 raise ValueError(
-                    f"stable-baselines3 has no {', '.join(sorted(unknown))}: choose the batched "
-                    "engine, or settings other than the script's"
+                    f"stable-baselines3 has no {', '.join(unknown)}: choose the batched engine, or "
+                    "other settings"
                 )
-        # PPO's probability ratios would compare an old policy in float32 with a new one in
-        # bfloat16; the layers of other packages' rules are torch's own.
-        if self.precision == "bfloat16" and (self.algo == "ppo" or not self.is_ours):
-            name = self.algo.upper() if self.is_ours else self.algo
-            raise ValueError(f"{name} does not learn in bfloat16: precision must be float32")
+        return self
+
+    @model_validator(mode="after")
+    def _shares_its_steps(self) -> Self:
+        """Robots in sequence have as many whole episodes each."""
         least = self.robots * self.environments * self.episode_steps
         if self.robots > 1 and self.steps % least:
             up = (self.steps // least + 1) * least
@@ -118,49 +121,35 @@ class RunSettings(TrainedSettings):
             raise ValueError(
                 f"{self.ofe.units} learned features are called {self.ofe.representation}"
             )
-        if self.engine != "batched" or not self.is_ours or self.algo == "ppo":
+        if not (self.algorithm.learns_features and ENGINES[self.engine].has_options):
             # PPO keeps no transitions to learn features from.
-            other = "stable-baselines3" if self.engine == "sb3" else self.algo
             raise ValueError(
-                f"{name} is for DDPG, TD3 and SAC of the batched engine, not for {other}; choose "
-                "td3, or another representation"
+                f"{name} is for DDPG, TD3 and SAC of the batched engine, not for {self.algo} of "
+                f"the engine {self.engine}; choose td3, or another representation"
             )
         if self.encoder is not None:
             raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
-        if self.hyperparameters.get("normalize", "none") != "none":
-            raise ValueError(
-                f"{name} standardizes its inputs itself: normalize must be none, or choose another "
-                "representation"
-            )
-        if self.hyperparameters.get("action_layer"):
-            raise ValueError(
-                f"{name} gives the critic features of observation and action: action_layer must "
-                "be 0"
-            )
+        if obstacle := self.algorithm.obstacle_to_features():
+            raise ValueError(f"{name} {obstacle}")
         return self
 
     @property
-    def is_ours(self) -> bool:
-        """Whether the algorithm is one of jbench's own; of others, only the names are checked."""
-        return self.algo in SETTINGS
-
-    @property
-    def algorithm(self) -> AlgorithmSettings:
-        """The settings of an algorithm of ours."""
-        return validated(SETTINGS[self.algo], self.algo, **self.hyperparameters)
+    def algorithm(self) -> Algorithm:
+        """The settings of the algorithm; of another package's, only their names are checked."""
+        kind = SETTINGS.get(self.algo)
+        if kind is None:
+            return Foreign(hyperparameters=self.hyperparameters)
+        return validated(kind, self.algo, **self.hyperparameters)
 
     @property
     def environments(self) -> int:
         """Number of parallel environments of the agent."""
-        per_rollout = self.hyperparameters.get("n_envs", 1) if self.is_ours else 1
-        return self.parallel or int(per_rollout)
+        return self.parallel or self.algorithm.environments
 
     @property
     def rollout(self) -> int:
-        """Number of control steps between learning phases; 1 if the algorithm is not ours."""
-        if not self.is_ours:
-            return 1
-        return self.algorithm.rollout_steps(self.environments) * self.environments
+        """Number of control steps between learning phases; 1 if it is unknown."""
+        return self.algorithm.rollout(self.environments)
 
     @property
     def last_step(self) -> int:

@@ -18,7 +18,7 @@ from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.policies.saved import TrainedAgent
-from jbench.settings.algorithms import OffPolicySettings, PPOSettings
+from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.engines import ENGINES
 from jbench.settings.records import ExternalSettings
 from jbench.settings.run import RunSettings
@@ -44,7 +44,7 @@ def make_trainer(
         from jbench.training.sb3_engine import SB3Engine  # takes a second to import
 
         return SB3Engine(settings, encoders[0], seeds[0])
-    algorithm: Any = settings.algo if settings.is_ours else find_class(settings.algo)
+    algorithm: Any = settings.algo if settings.algo in SETTINGS else find_class(settings.algo)
     values: Any = hyperparameters(settings)
     train_on = find_device(device)
     environments = Environments(
@@ -94,39 +94,27 @@ def seconds_per_step(
     negligible. The clock is `time.process_time` if other work on the machine is not to count.
     Raises a WorkError if neither the algorithm nor the engine is jbench's own.
     """
-    settings, changes = runs[0], {}
-    if not settings.is_ours and settings.engine != "batched":
+    settings, algorithm = runs[0], hyperparameters(runs[0])
+    if not isinstance(algorithm, AlgorithmSettings):
         raise WorkError(f"The speed of {settings.algo} is not measured.")
-    idle, algorithm = len(runs) * stepping(settings, device, clock), hyperparameters(settings)
+    idle = len(runs) * stepping(settings, device, clock)
     evaluating, count = evaluation_steps(settings) * idle, settings.environments
-    if isinstance(algorithm, PPOSettings):
-        rollout = algorithm.n_steps * algorithm.n_envs
-        first = 0 if device == "cpu" else rollout  # a GPU's first calls take longer
-    else:
-        assert isinstance(algorithm, OffPolicySettings)
-        if settings.last_step < algorithm.first_update:
-            return idle + evaluating  # it ends before it learns
-        # A schedule of the same ratio, but shorter.
-        steps, updates = algorithm.schedule(count)
-        max_parts = max(1, updates // _UPDATES)
-        parts = max(n for n in range(1, max_parts + 1) if steps % n == updates % n == 0)
-        often = {"train_freq": steps // parts * count, "gradient_steps": updates // parts}
-        rollout = max(often["train_freq"], _UPDATES)
-        first = algorithm.batch_size + rollout
-        changes = {"buffer_size": first + rollout, "learning_starts": algorithm.batch_size, **often}
-    changed = {**settings.hyperparameters, **changes}
+    if settings.last_step < algorithm.first_update:
+        return idle + evaluating  # it ends before it learns
+    short = algorithm.measurement(count, device, _UPDATES)
+    changed = {**settings.hyperparameters, **short.changes}
     measured = [run.model_copy(update={"hyperparameters": changed}) for run in runs]
     with make_trainer(measured, [None] * len(runs), device) as engine:
         before, began = 0, clock()
 
         def after_step(_: object) -> bool:
             nonlocal before, began
-            if before < first < engine.control_steps:  # the first updates have been made
+            if before < short.first < engine.control_steps:  # the first updates have been made
                 before, began = engine.control_steps, clock()
             return True
 
-        unmeasured = count if first else 0  # the step after the first updates
-        engine.train(first + unmeasured + rollout, after_step)
+        unmeasured = count if short.first else 0  # the step after the first updates
+        engine.train(short.first + unmeasured + short.rollout, after_step)
         return evaluating + (clock() - began) / (engine.control_steps - before)
 
 

@@ -10,7 +10,7 @@ from jbench.encoders import find_draws, find_encoder, load_encoder
 from jbench.encoders.wrapper import input_mirror
 from jbench.errors import RequestError
 from jbench.names import OFE
-from jbench.settings.algorithms import OffPolicySettings, default_time_limit
+from jbench.settings.algorithms import Algorithm, default_time_limit
 from jbench.settings.base import validated
 from jbench.settings.engines import ENGINES
 from jbench.settings.records import episode_steps, requested_ofe
@@ -102,17 +102,25 @@ def make_runs(
             f"No episode of {runs[0].algo} would end in {steps} control steps: it takes "
             f"{length}{where}; type {min_steps} or more."
         )
-    if runs[0].engine == "batched":
-        algorithm = hyperparameters(runs[0])
-        if isinstance(algorithm, OffPolicySettings):
-            algorithm.schedule(count)
-    if runs[0].engine == "sb3" and not runs[0].is_ours:
+    _check_agent(runs[0])
+    return runs
+
+
+def _check_agent(run: RunSettings) -> None:
+    """Raises a RequestError if an agent of a run with its number of environments can't be made.
+
+    Others find out when they are made: the environments can't share the updates, or a class with
+    the interface of stable-baselines3 refuses its settings.
+    """
+    settings = hyperparameters(run)
+    if isinstance(settings, Algorithm):
+        settings.check_environments(run.environments)
+    elif run.engine == "sb3":
         from jbench.agents import sb3  # stable-baselines3 takes a second to import
 
-        task = find_task(runs[0].task)
+        task = find_task(run.task)
         sizes = task.observation_size, task.action_size
-        sb3.check(runs[0].algo, runs[0].hyperparameters, sizes, count)
-    return runs
+        sb3.check(run.algo, run.hyperparameters, sizes, run.environments)
 
 
 def read_representation(results: Results, encoder: str, accept_changed: bool = False) -> str:

@@ -30,8 +30,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         self._encoder = encoder
         self._robots = [RobotSequence(settings, encoder) for _ in range(settings.environments)]
         env = DummyVecEnv([partial(_made, robot) for robot in self._robots])
-        values = settings.algorithm if settings.is_ours else settings.hyperparameters
-        self._agent = sb3.build(settings.algo, values, env, seed)
+        self._agent = sb3.build(settings.algo, settings.algorithm, env, seed)
         self.diverged: dict[int, DivergedError] = {}
         self._policy: SavedNetwork | None = None
 

@@ -184,7 +184,7 @@ def test_incompatible_settings_and_devices_are_refused():
         settings(engine="sb3", parallel=2)
     with pytest.raises(ValueError, match="setting of the batched engine"):
         settings(engine="sb3", precision="bfloat16")
-    with pytest.raises(ValueError, match="PPO does not learn in bfloat16: precision must be float"):
+    with pytest.raises(ValueError, match="ppo does not learn in bfloat16: precision must be float"):
         settings("ppo", precision="bfloat16")
     with pytest.raises(RequestError, match="--device cuda is for --engine batched"):
         training_device("sb3", "cuda")

@@ -1,10 +1,12 @@
 """Hyperparameters of jbench's algorithms: a class for each, and where their values come from.
 
-base.py        settings that several algorithms share
-ddpg.py, td3.py, sac.py, ppo.py    one algorithm each, with its sources of hyperparameters
-by_name.py     the classes by name, and settings from a source and changes
+`algorithm.py` has what jbench asks the settings of any algorithm, `foreign.py` its answers for one
+of another package, and `base.py` the settings that several of jbench's algorithms share. `ddpg.py`,
+`td3.py`, `sac.py` and `ppo.py` have one algorithm each with its sources of hyperparameters, and
+`by_name.py` finds the classes by name.
 """
 
+from jbench.settings.algorithms.algorithm import Algorithm
 from jbench.settings.algorithms.base import (
     AlgorithmSettings,
     DeterministicSettings,
@@ -19,6 +21,7 @@ from jbench.settings.algorithms.by_name import (
     default_time_limit,
 )
 from jbench.settings.algorithms.ddpg import DDPGSettings
+from jbench.settings.algorithms.foreign import Foreign
 from jbench.settings.algorithms.ppo import PPOSettings
 from jbench.settings.algorithms.sac import SACSettings
 from jbench.settings.algorithms.td3 import TD3Settings
@@ -26,9 +29,11 @@ from jbench.settings.algorithms.td3 import TD3Settings
 __all__ = [
     "ALGORITHMS",
     "SETTINGS",
+    "Algorithm",
     "AlgorithmSettings",
     "DDPGSettings",
     "DeterministicSettings",
+    "Foreign",
     "Initialization",
     "OffPolicySettings",
     "PPOSettings",

@@ -6,13 +6,15 @@ stable-baselines3. A description says what a setting means, its unit, and after 
 source of its default.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import Base
+from jbench.names import Base, Engine, Precision
+from jbench.settings.algorithms.algorithm import Algorithm
 from jbench.settings.base import Count, Settings, omissible
 
 Fraction = Annotated[float, Field(gt=0, le=1)]
@@ -26,20 +28,37 @@ Changes = Mapping[str, Any]
 """Settings by name that differ from the published ones."""
 
 
+@dataclass(frozen=True)
+class Measurement:
+    """A short training whose control steps take as long as those of a run.
+
+    Attributes:
+        changes: hyperparameters by name that make it short.
+        first: control steps until the first updates have been made, which may take longer.
+        rollout: control steps after these that are measured.
+    """
+
+    changes: dict[str, Any]
+    first: int
+    rollout: int
+
+
 def changed(kind: type[Settings], name: str, default: Any, source: str) -> Any:
     """Returns a field of a class with another default, which has another source."""
     meaning, _, _ = str(kind.model_fields[name].description).rpartition("; ")
     return Field(default, description=f"{meaning}; {source}")
 
 
-class AlgorithmSettings(Settings):
-    """Settings of all algorithms.
+class AlgorithmSettings(Algorithm):
+    """Settings of jbench's own algorithms, and of rules of other packages.
 
     Attributes:
         bases: sources of hyperparameters, and in what each differs from the published ones.
     """
 
     bases: ClassVar[Mapping[Base, Changes]] = {}
+    precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32", "bfloat16")
+    knows_rollouts: ClassVar[bool] = True
 
     learning_rate: PositiveFloat = Field(1e-4, description="step size of Adam; Table 1")
     batch_size: Count = Field(256, description="size of a minibatch, in transitions; Table 1")
@@ -86,14 +105,36 @@ class AlgorithmSettings(Settings):
         return self
 
     @classmethod
-    def only_batched(cls) -> set[str]:
-        """Returns the settings that stable-baselines3 does not have but at their defaults."""
-        in_vec_normalize = {"normalize", "normalize_clip", "normalize_epsilon"}
-        return cls.omitted().keys() - in_vec_normalize
+    def engines(cls, name: str) -> tuple[Engine, ...]:
+        """See `Algorithm.engines`."""
+        return ("batched", "sb3")
 
     def rollout_steps(self, environments: int) -> int:
         """Returns the control steps of each environment between learning phases."""
         raise NotImplementedError
+
+    def rollout(self, environments: int) -> int:
+        """See `Algorithm.rollout`."""
+        return self.rollout_steps(environments) * environments
+
+    def measurement(self, environments: int, device: str, updates: int) -> Measurement:
+        """Returns how to measure its speed by about so many updates."""
+        raise NotImplementedError
+
+    def only_batched(self, chosen: Collection[str]) -> list[str]:
+        """See `Algorithm.only_batched`; VecNormalize standardizes inputs."""
+        in_vec_normalize = {"normalize", "normalize_clip", "normalize_epsilon"}
+        not_there = (self.omitted().keys() - in_vec_normalize) | {"environments"}
+        return sorted(not_there.intersection(chosen))
+
+    def obstacle_to_features(self) -> str:
+        """See `Algorithm.obstacle_to_features`."""
+        if self.normalize == "none":
+            return ""
+        return (
+            "standardizes its inputs itself: normalize must be none, or choose another "
+            "representation"
+        )
 
 
 class OffPolicySettings(AlgorithmSettings):
@@ -143,12 +184,37 @@ class OffPolicySettings(AlgorithmSettings):
 
     @property
     def first_update(self) -> int:
-        """Control steps before the first update, with one environment."""
+        """See `Algorithm.first_update`."""
         return self.train_freq * (self.learning_starts // self.train_freq + 1)
 
     def rollout_steps(self, environments: int) -> int:
         """Returns the control steps of each environment between learning phases."""
         return max(1, self.train_freq // environments)
+
+    @property
+    def is_mirrored(self) -> bool:
+        """See `Algorithm.is_mirrored`."""
+        return self.mirror
+
+    def check_environments(self, environments: int) -> Self:
+        """See `Algorithm.check_environments`."""
+        self.schedule(environments)
+        return self
+
+    def measurement(self, environments: int, device: str, updates: int) -> Measurement:
+        """See `AlgorithmSettings.measurement`: a schedule of the same ratio, but shorter."""
+        steps, due = self.schedule(environments)
+        most = max(1, due // updates)
+        parts = max(n for n in range(1, most + 1) if steps % n == due % n == 0)
+        often = {"train_freq": steps // parts * environments, "gradient_steps": due // parts}
+        rollout = max(often["train_freq"], updates)
+        first = self.batch_size + rollout
+        changes = {
+            "buffer_size": first + rollout,
+            "learning_starts": self.batch_size,
+            **often,
+        }
+        return Measurement(changes, first, rollout)
 
     def schedule(self, environments: int) -> tuple[int, int]:
         """Returns the steps per environment between learning phases, and the updates per phase.
@@ -169,6 +235,8 @@ class OffPolicySettings(AlgorithmSettings):
 
 class DeterministicSettings(OffPolicySettings):
     """Settings of DDPG and TD3, whose policies are deterministic."""
+
+    learns_features: ClassVar[bool] = True
 
     initialization: Initialization = omissible(
         "fan-in",

@@ -83,6 +83,12 @@ class DDPGSettings(DeterministicSettings):
         "(script: true)",
     )
 
+    def obstacle_to_features(self) -> str:
+        """See `Algorithm.obstacle_to_features`."""
+        if self.action_layer:
+            return "gives the critic features of observation and action: action_layer must be 0"
+        return super().obstacle_to_features()
+
     @model_validator(mode="after")
     def _layer_exists(self) -> Self:
         if self.action_layer > len(self.hidden_layers):

@@ -5,8 +5,14 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from jbench.names import Base
-from jbench.settings.algorithms.base import AlgorithmSettings, Changes, Discount, changed
+from jbench.names import Base, Precision
+from jbench.settings.algorithms.base import (
+    AlgorithmSettings,
+    Changes,
+    Discount,
+    Measurement,
+    changed,
+)
 from jbench.settings.base import Count, omissible
 
 _LIBRARY: Changes = {"n_epochs": 10, "clip_range_vf": None}
@@ -14,6 +20,9 @@ _LIBRARY: Changes = {"n_epochs": 10, "clip_range_vf": None}
 
 class PPOSettings(AlgorithmSettings):
     """PPO with a clipped objective (Schulman et al., 2017)."""
+
+    # Its likelihood ratios would compare an old policy in float32 with a new one in bfloat16.
+    precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32")
 
     bases: ClassVar[Mapping[Base, Changes]] = {
         "published": {},
@@ -87,6 +96,16 @@ class PPOSettings(AlgorithmSettings):
         description="squared error of the clipped value, or the maximum of those of the clipped "
         "and the unclipped; stable-baselines3 (script: max)",
     )
+
+    @property
+    def environments(self) -> int:
+        """See `Algorithm.environments`."""
+        return self.n_envs
+
+    def measurement(self, environments: int, device: str, updates: int) -> Measurement:
+        """See `AlgorithmSettings.measurement`: a whole rollout, on a GPU the second one."""
+        rollout = self.n_steps * self.n_envs
+        return Measurement({}, 0 if device == "cpu" else rollout, rollout)
 
     def rollout_steps(self, environments: int) -> int:
         """Returns the control steps of each environment between updates, `n_steps` if `n_envs`."""

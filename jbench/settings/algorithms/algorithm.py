@@ -1,0 +1,57 @@
+"""What jbench asks the settings of any algorithm, its own or another package's."""
+
+from collections.abc import Collection
+from typing import ClassVar, Self
+
+from jbench.names import Engine, Precision
+from jbench.settings.base import Settings
+
+
+class Algorithm(Settings):
+    """Answers about an algorithm; the defaults are for those of which jbench knows only the name.
+
+    Attributes:
+        precisions: of the batched engine's matrix products, in which it learns.
+        learns_features: whether the batched engine can learn features with it.
+        knows_rollouts: whether its learning phases follow from its settings.
+    """
+
+    precisions: ClassVar[tuple[Precision, ...]] = ("float32", "tf32")
+    learns_features: ClassVar[bool] = False
+    knows_rollouts: ClassVar[bool] = False
+
+    @classmethod
+    def engines(cls, name: str) -> tuple[Engine, ...]:
+        """Returns the engines that may train an algorithm with this name."""
+        raise NotImplementedError
+
+    @property
+    def environments(self) -> int:
+        """Number of parallel environments of an agent, if no other one is typed."""
+        return 1
+
+    @property
+    def first_update(self) -> int:
+        """Control steps before the first update, with one environment; 0 if unknown."""
+        return 0
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether it learns from mirror images, too."""
+        return False
+
+    def rollout(self, environments: int) -> int:
+        """Returns the control steps over all environments between learning phases."""
+        return 1
+
+    def only_batched(self, chosen: Collection[str]) -> list[str]:
+        """Returns those of the chosen settings that only the batched engine has, in order."""
+        return []
+
+    def obstacle_to_features(self) -> str:
+        """Returns what prevents features from being learned with it, after their name, or ""."""
+        return ""
+
+    def check_environments(self, environments: int) -> Self:
+        """Returns itself; raises a RequestError if so many environments can't share its updates."""
+        return self

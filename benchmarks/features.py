@@ -9,6 +9,7 @@ processor time, which depends less on other work on the machine.
 import argparse
 import statistics
 import time
+from typing import Any
 
 import torch
 
@@ -32,7 +33,9 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     torch.set_num_threads(1)
     settings = TD3Settings()
-    learners: dict[str, OffPolicyLearner] = {"full": TD3(settings, _SIZE, 1, Tensors(1).select(0))}
+    learners: dict[str, OffPolicyLearner[Any]] = {
+        "full": TD3(settings, _SIZE, 1, Tensors(1).select(0))
+    }
     for units in _UNITS:
         ofe, part = OFESettings(units=units), Tensors(1).select(0)
         learners[f"ofe{units}"] = on_features("td3", ofe)(settings, _SIZE, 1, part)
@@ -61,7 +64,7 @@ def main() -> None:
         )
 
 
-def _seconds(learner: OffPolicyLearner, batch: Batch) -> float:
+def _seconds(learner: OffPolicyLearner[Any], batch: Batch) -> float:
     """Returns the processor time of an update; every other update is delayed."""
     began = time.process_time()
     for number in range(_UPDATES):

@@ -25,7 +25,7 @@ from jbench.settings.algorithms import OffPolicySettings
 from jbench.store.schema import LOSSES
 
 
-class AutogradLearner(OffPolicyLearner):
+class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
     """An update rule of another package, for one seed or for a stack."""
 
     def __init__(

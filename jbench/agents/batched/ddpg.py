@@ -8,10 +8,9 @@ from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import DDPGSettings
 
 
-class DDPG(OffPolicyLearner):
+class DDPG(OffPolicyLearner[DDPGSettings]):
     """DDPG, for one seed or for a stack."""
 
-    settings: DDPGSettings
     losses = ("actor_loss", "critic_loss")
     noise_per_transition = 0
 

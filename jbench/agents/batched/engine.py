@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -25,10 +25,13 @@ _LOOP = "loop/"
 _STATISTICS = "statistics/"
 
 
-class Group(NamedTuple):
+_Learner = TypeVar("_Learner", bound=Learner[Any])
+
+
+class Group(NamedTuple, Generic[_Learner]):
     """Seeds whose updates are computed together: one seed, or all of them in a stack."""
 
-    learner: Any
+    learner: _Learner
     seeds: range
     generators: Sequence[Generators]
 
@@ -44,7 +47,7 @@ class Group(NamedTuple):
         return torch.from_numpy(np.stack(per_seed, axis=1)).to(self.learner.view.device)
 
 
-class BatchedEngine(Engine):
+class BatchedEngine(Engine, Generic[_Learner]):
     """Trains a learner per seed; those of a stack are also one learner on the same tensors."""
 
     updates: int
@@ -52,7 +55,7 @@ class BatchedEngine(Engine):
     def __init__(
         self,
         settings: AlgorithmSettings,
-        make: Callable[[Tensors], Learner],
+        make: Callable[[Tensors], _Learner],
         tensors: Tensors,
         environments: Environments,
         *,
@@ -63,13 +66,13 @@ class BatchedEngine(Engine):
         self.tensors, self._saved, self.updates = tensors, tensors.saved, 0
         self._settings, self._time_limit = settings, time_limit
         generators, seeds = environments.generators, range(tensors.seeds)
-        self.learners: list[Any] = [make(tensors.select(seed)) for seed in seeds]
+        self.learners = [make(tensors.select(seed)) for seed in seeds]
         self._stack = make(tensors) if stacked else None
         self.groups = [
             Group(learner, seeds[seed : seed + 1], generators[seed : seed + 1])
             for seed, learner in enumerate(self.learners)
         ]
-        if stacked:
+        if self._stack is not None:
             self.groups = [Group(self._stack, seeds, generators)]
         self._statistics = running_statistics(
             settings, tensors.seeds, environments.size, tensors.dtype, tensors.device
@@ -89,7 +92,7 @@ class BatchedEngine(Engine):
 
     def policy(self, seed: int) -> SavedNetwork:
         """Returns a copy of the deterministic policy of the seed with this index."""
-        policy: SavedNetwork = self.learners[seed].policy()
+        policy = self.learners[seed].policy()
         return policy if self._statistics is None else self._statistics.with_layers(seed, policy)
 
     def load_policy(self, seed: int, policy: SavedNetwork, control_steps: int) -> None:
@@ -204,7 +207,7 @@ class BatchedEngine(Engine):
         # Only one small copy from a GPU.
         return [seed for seed, is_finite in enumerate(finite.tolist()) if not is_finite]
 
-    def _still_learning(self, group: Group) -> bool:
+    def _still_learning(self, group: Group[_Learner]) -> bool:
         return not all(seed in self.diverged for seed in group.seeds)
 
     @abstractmethod

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Generic, TypeVar
 
 import torch
 from torch import Generator, Tensor
@@ -12,15 +12,18 @@ from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Adam, Tensors
 from jbench.policies.saved import SavedLayer, SavedNetwork, relu_layers
-from jbench.settings.algorithms import AlgorithmSettings, Initialization
+from jbench.settings.algorithms import AlgorithmSettings, Initialization, OffPolicySettings
 
 LOSS_SUMS = "losses"
 """Name of the tensor (..., losses, 2) with the sum and the number of values of each loss."""
 
 _TARGET = "_target"  # ends the name of a target network
 
+_Settings = TypeVar("_Settings", bound=AlgorithmSettings)
+_OffPolicySettings = TypeVar("_OffPolicySettings", bound=OffPolicySettings)
 
-class Learner:
+
+class Learner(Generic[_Settings]):
     """An update rule and its networks, for one seed or for a stack.
 
     Its state lies in the tensors of its `Tensors`; learners of the same view share their state. The
@@ -32,11 +35,11 @@ class Learner:
     actor: Network
 
     def __init__(
-        self, settings: AlgorithmSettings, observation_size: int, action_size: int, view: Tensors
+        self, settings: _Settings, observation_size: int, action_size: int, view: Tensors
     ) -> None:
         """Makes the agent; `observation_size` is the number of inputs of the policy."""
         self.view, self.action_size = view, action_size
-        self.settings: Any = settings
+        self.settings = settings
         self.policy_layout = Layout((observation_size, *settings.hidden_layers, action_size))
         self._loss_sums = view.state(LOSS_SUMS, len(self.losses), 2)
         self._sums_by_name = dict(zip(self.losses, self._loss_sums.unbind(dim=-2), strict=True))
@@ -49,6 +52,10 @@ class Learner:
 
     def _make_networks(self) -> None:
         """Makes the networks, and what else an update needs."""
+
+    def initialize(self, generator: Generator) -> None:
+        """Draws the initial parameters of one seed."""
+        raise NotImplementedError
 
     def act(self, observations: Tensor) -> Tensor:
         """Returns deterministic actions (..., N, action_size) for inputs (..., N, inputs)."""
@@ -105,7 +112,7 @@ class Learner:
         return network
 
 
-class OffPolicyLearner(Learner):
+class OffPolicyLearner(Learner[_OffPolicySettings]):
     """An update rule that learns from the transitions of any policy."""
 
     noise_per_transition: int  # standard normal numbers that an update needs per transition
@@ -140,6 +147,10 @@ class OffPolicyLearner(Learner):
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """Returns whether targets or actor are updated, too; see `Rule.is_delayed_update`."""
         return True
+
+    def pretrain(self, batch: Batch) -> None:
+        """Makes one update of its features, before those of the agent."""
+        raise NotImplementedError
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Makes one update from a minibatch, whose actions and next actions it overwrites."""

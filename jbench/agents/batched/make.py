@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import torch
 from torch import nn
@@ -27,7 +28,7 @@ from jbench.policies.actors import copy_module
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.records import OFESettings
 
-LEARNERS: dict[str, type[Learner]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
+LEARNERS: dict[str, type[Learner[Any]]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
 """jbench's own update rules by name of the algorithm."""
 
 
@@ -59,28 +60,39 @@ def make_engine(
         UnsupportedPolicyError: if the rule's policy can't be saved.
     """
     sizes = environments.size, environments.action_size
-    learner: Callable[..., Learner]
-    if not isinstance(algo, str):
-        assert isinstance(settings, OffPolicySettings)
-        learner = partial(AutogradLearner, rule=checked_rule(algo, settings, *sizes))
-    else:
-        learner = LEARNERS[algo] if ofe is None else on_features(algo, ofe)
+    seeds = len(environments.generators)
+    learner = _learner(algo, settings, ofe, *sizes)
     _set_precision(device, precision)
-    seeds, low_precision = len(environments.generators), precision == "bfloat16"
-    make = partial(learner, settings, *sizes)
-    about = make, Tensors(seeds, dtype, device, low_precision=low_precision), environments
-    if stacked is None:
-        stacked = device.type == "cuda"
+    tensors = Tensors(seeds, dtype, device, low_precision=precision == "bfloat16")
+    how: dict[str, Any] = {
+        "time_limit": time_limit,
+        "stacked": device.type == "cuda" if stacked is None else stacked,
+    }
+    make: Any = partial(learner, settings, *sizes)
     if isinstance(settings, PPOSettings):
-        return OnPolicyEngine(settings, *about, time_limit=time_limit, stacked=stacked)
+        return OnPolicyEngine(settings, make, tensors, environments, **how)
     assert isinstance(settings, OffPolicySettings)
     try:
-        return OffPolicyEngine(settings, *about, time_limit=time_limit, stacked=stacked)
+        return OffPolicyEngine(settings, make, tensors, environments, **how)
     except torch.OutOfMemoryError:
         raise WorkError(
             f"The GPU's memory is not enough for the replay buffers of {seeds} seeds: type fewer "
             f"--seeds at a time, or less than --set buffer_size={settings.buffer_size}."
         ) from None
+
+
+def _learner(
+    algo: str | type[Rule],
+    settings: AlgorithmSettings,
+    ofe: OFESettings | None,
+    observation_size: int,
+    action_size: int,
+) -> Callable[..., Learner[Any]]:
+    if not isinstance(algo, str):
+        assert isinstance(settings, OffPolicySettings)
+        rule = checked_rule(algo, settings, observation_size, action_size)
+        return partial(AutogradLearner, rule=rule)
+    return LEARNERS[algo] if ofe is None else on_features(algo, ofe)
 
 
 def on_features(algo: str, ofe: OFESettings) -> Callable[..., OnFeatures]:

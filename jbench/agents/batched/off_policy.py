@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.agents.batched.engine import BatchedEngine
+from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.updates import Updates
 from jbench.agents.environments import Environments, Generators, StepResult
@@ -16,7 +18,7 @@ from jbench.encoders.wrapper import input_mirror
 from jbench.settings.algorithms import OffPolicySettings
 
 
-class OffPolicyEngine(BatchedEngine):
+class OffPolicyEngine(BatchedEngine[OffPolicyLearner[Any]]):
     """Agents that learn from one replay buffer each."""
 
     _settings: OffPolicySettings

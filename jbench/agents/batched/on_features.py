@@ -17,10 +17,11 @@ from jbench.agents.batched.network import Layout, Network
 from jbench.agents.batched.replay import Batch
 from jbench.agents.batched.tensors import Tensors
 from jbench.policies.saved import SavedLayer, SavedNetwork
+from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.records import OFESettings
 
 
-class OnFeatures(OffPolicyLearner):
+class OnFeatures(OffPolicyLearner[OffPolicySettings]):
     """Mixin that trains features and passes them to an update rule.
 
     Target networks use the current features too. The agent's gradients do not change the features,
@@ -29,7 +30,7 @@ class OnFeatures(OffPolicyLearner):
 
     def __init__(
         self,
-        settings: Any,
+        settings: OffPolicySettings,
         observation_size: int,
         action_size: int,
         view: Tensors,
@@ -65,6 +66,10 @@ class OnFeatures(OffPolicyLearner):
         """See `Learner.load_policy`."""
         super().load_policy(policy)
         self.features.load_standardization(*policy.layers[:2])
+
+    def pretrain(self, batch: Batch) -> None:
+        """See `OffPolicyLearner.pretrain`."""
+        self.features.learn(batch)
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """Updates the features, then the agent on the new features of the same minibatch."""

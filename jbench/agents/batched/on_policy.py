@@ -7,13 +7,13 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import BatchedEngine, Group
 from jbench.agents.batched.graphs import Captured
-from jbench.agents.batched.ppo import COLUMNS, split_minibatch
+from jbench.agents.batched.ppo import COLUMNS, PPO, split_minibatch
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.environments import StepResult
 from jbench.settings.algorithms import PPOSettings
 
 
-class OnPolicyEngine(BatchedEngine):
+class OnPolicyEngine(BatchedEngine[PPO]):
     """Agents that learn from the transitions of their last rollout."""
 
     _settings: PPOSettings
@@ -94,7 +94,7 @@ def estimate(
 class Epochs:
     """The updates of one group of seeds after each rollout: shuffled minibatches."""
 
-    def __init__(self, settings: PPOSettings, group: Group, rollout: Tensor) -> None:
+    def __init__(self, settings: PPOSettings, group: Group[PPO], rollout: Tensor) -> None:
         self.group, self._learner, self._settings = group, group.learner, settings
         rows = rollout[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.

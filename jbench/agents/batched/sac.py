@@ -18,10 +18,9 @@ _EPSILON = 1e-6
 _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
 
 
-class SAC(OffPolicyLearner):
+class SAC(OffPolicyLearner[SACSettings]):
     """SAC, for one seed or for a stack."""
 
-    settings: SACSettings
     losses = ("actor_loss", "critic_loss", "entropy_coefficient")
     is_stochastic = True
 

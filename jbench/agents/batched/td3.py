@@ -9,10 +9,9 @@ from jbench.agents.batched.replay import Batch
 from jbench.settings.algorithms import TD3Settings
 
 
-class TD3(OffPolicyLearner):
+class TD3(OffPolicyLearner[TD3Settings]):
     """TD3, for one seed or for a stack."""
 
-    settings: TD3Settings
     losses = ("actor_loss", "critic_loss")
 
     def _make_networks(self) -> None:

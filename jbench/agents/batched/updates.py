@@ -1,6 +1,7 @@
 """Off-policy updates: sampling minibatches per seed and updating each group of seeds."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -8,6 +9,7 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import Group
 from jbench.agents.batched.graphs import Captured
+from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.normalize import RunningStatistics
 from jbench.agents.batched.replay import Batch, ReplayBuffer
 from jbench.names import TimeLimit
@@ -26,7 +28,7 @@ class Updates:
     def __init__(
         self,
         settings: OffPolicySettings,
-        group: Group,
+        group: Group[OffPolicyLearner[Any]],
         replay: ReplayBuffer,
         time_limit: TimeLimit,
         *,
@@ -105,7 +107,7 @@ class Updates:
             self._standardization.apply_in_place(self._batch.observations)
             self._standardization.apply_in_place(self._batch.next_observations)
         if delayed is None:
-            self._learner.features.learn(self._batch)
+            self._learner.pretrain(self._batch)
         else:
             self._learner.update(self._batch, delayed)
 

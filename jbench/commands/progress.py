@@ -223,8 +223,7 @@ class _Process:
         self.name = f"{run.task} {run.algo} {run.representation} seed {seeds}"
         configurations = len({(run.task, run.representation) for run in runs})
         # The control steps before the first updates are fast and tell nothing of the time left.
-        first_updates = (getattr(run.algorithm, "first_update", 0) for run in runs)
-        self.warm_up = sum(first_updates) if run.is_ours else 0
+        self.warm_up = sum(run.algorithm.first_update for run in runs)
         self.warming_up = True
         self._alike = configurations == 1
         if not self._alike:

@@ -18,6 +18,7 @@ from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.engine import Group
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.make import LEARNERS, on_features
+from jbench.agents.batched.normalize import running_statistics
 from jbench.agents.batched.on_policy import Epochs
 from jbench.agents.batched.ppo import COLUMNS
 from jbench.agents.batched.replay import ReplayBuffer
@@ -71,6 +72,7 @@ def check(tensors, function, *arguments):
     [
         *((algo, {}) for algo in (*ALGORITHMS, TQC)),
         *((algo, {"base": "script"}) for algo in SCRIPTS),
+        ("ddpg", {"base": "figure8"}),
         *((algo, {"precision": "bfloat16"}) for algo in ("ddpg", "td3", "sac")),
         ("td3", {"limit": "terminal"}),
         ("sac", {"changes": {"ent_coef": 0.1, "target_update_interval": 2}}),
@@ -101,7 +103,9 @@ def test_recorded_functions_stay_on_gpu(algo, options):
         check(tensors, learner.value, seen)
         return
     replay = ReplayBuffer(SEEDS, 1, 100, SIZE, 1, flush_every=1, device=GPU, episode_steps=1000)
-    updates = Updates(settings, group, replay, options.get("limit", "bootstrap"))
+    statistics = running_statistics(settings, SEEDS, SIZE, torch.float32, GPU)
+    limit = options.get("limit", "bootstrap")
+    updates = Updates(settings, group, replay, limit, statistics=statistics)
     for delayed in (True, False):
         check(tensors, updates._update_once, delayed)
     if ofe is not None:
@@ -162,7 +166,7 @@ class Replayed(Captured):
         *((algo, {}) for algo in ALGORITHMS),
         *(slow(*case) for case in SCRIPTS.items()),
         ("td3", {"time_limit": "terminal", "precision": "bfloat16"}),
-        ("ddpg", {"changes": {"mirror": True}}),
+        ("ddpg", {"changes": {"mirror": True, "normalize": "running"}}),
         ("ppo", {"changes": {"batch_size": 12}}),
         ("sac", {"changes": {"gradient_steps": 4, "train_freq": 4, "target_update_interval": 3}}),
     ],

@@ -98,10 +98,12 @@ class RunSettings(TrainedSettings):
     @model_validator(mode="after")
     def _shares_its_steps(self) -> Self:
         """Robots in sequence have as many whole episodes each."""
-        least = self.robots * self.environments * self.episode_steps
-        if self.robots > 1 and self.steps % least:
+        if self.robots == 1:
+            return self
+        count = self.environments
+        least = self.robots * count * self.episode_steps
+        if self.steps % least:
             up = (self.steps // least + 1) * least
-            count = self.environments
             where = f" in each of {count} environments" if count > 1 else ""
             raise ValueError(
                 f"{self.robots} robots can't share {self.steps} steps equally, in episodes of "

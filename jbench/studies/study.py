@@ -246,7 +246,7 @@ def _matching(every: Sequence[Arm], entry: Entry, side: Side) -> Iterator[Arm]:
         if not is_named:
             continue
         given = arm.run.hyperparameters
-        omitted = arm.run.algorithm.omitted() if arm.run.is_ours else {}
+        omitted = arm.run.algorithm.omitted()
         values = {**omitted, **given}
         for name in wanted:
             known("hyperparameter", name, [*values])

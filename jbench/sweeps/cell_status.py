@@ -11,6 +11,7 @@ import torch
 
 from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
+from jbench.settings.engines import ENGINES
 from jbench.settings.recorded import COST, SEED, alike, read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -123,7 +124,7 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     needed = 0
     most = 0
     for run in runs:
-        if run.engine != "batched":
+        if not ENGINES[run.engine].has_options:
             continue
         task = find_task(run.task)
         size = int(run.hyperparameters.get("buffer_size", 0))

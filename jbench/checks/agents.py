@@ -14,7 +14,6 @@ from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.rule import Rule
 from jbench.agents.engine import Engine
 from jbench.agents.environments import Environments, SeedState
-from jbench.agents.plugin import is_resumable
 from jbench.agents.plugin_engine import PluginEngine
 from jbench.checks.checked import NotableError
 from jbench.errors import WorkError
@@ -56,7 +55,7 @@ def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[
     yield "environments", partial(_trains, make, environments=2)
     yield "seeds", partial(_seeds, make)
     yield "evaluation", partial(_evaluation, make)
-    yield "state", partial(_state, make, is_resumable(kind))
+    yield "state", partial(_state, make)
     yield "policy", partial(_policy, make)
 
 
@@ -166,12 +165,12 @@ def _evaluation(make: _Make) -> str:
     return "act and policy change nothing in training"
 
 
-def _state(make: _Make, resumable: bool) -> str:
-    if not resumable:
-        raise NotableError("no state and restore: a killed run starts over")
+def _state(make: _Make) -> str:
     with make([0]) as engine:
         _train(engine, episodes=1)
         saved = engine.state(0)
+        if saved is None:
+            raise NotableError("no state and restore: a killed run starts over")
         whole = _numbers(engine)
     # As a checkpoint holds it.
     copy = SeedState(

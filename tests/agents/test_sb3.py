@@ -9,7 +9,7 @@ from jbench.agents import sb3
 from jbench.agents.algorithms import algorithm_fields
 from jbench.errors import RequestError
 from jbench.policies.saved import SavedNetwork
-from jbench.settings.algorithms import ALGORITHMS, algorithm_settings
+from jbench.settings.algorithms import ALGORITHMS, Foreign, algorithm_settings
 from jbench.settings.recorded import read_run
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -100,7 +100,7 @@ def test_run_of_class_is_recorded(tmp_path):
 
 @pytest.mark.parametrize("actions", [1, 6])
 def test_extracted_policy_equals_model(actions):
-    agent = sb3.build(NAME, SMALL, _env(actions), 3)
+    agent = sb3.build(NAME, Foreign(hyperparameters=SMALL), _env(actions), 3)
     assert isinstance(agent, TQC)
     assert type(agent.actor.latent_pi[1]).__name__ == "Tanh"
     network = sb3.copy_model(agent)
@@ -113,7 +113,7 @@ def test_extracted_policy_equals_model(actions):
 def test_lists_and_noise_are_converted_to_arguments():
     # The noise has a number for each of the actions.
     settings = {**SMALL, "train_freq": [2, "episode"], "action_noise": 0.25}
-    agent = sb3.build("stable_baselines3:TD3", settings, _env(3), 0)
+    agent = sb3.build("stable_baselines3:TD3", Foreign(hyperparameters=settings), _env(3), 0)
     assert agent.train_freq.frequency == 2
     assert agent.train_freq.unit.value == "episode"
     assert agent.action_noise._sigma.tolist() == [0.25] * 3
@@ -128,7 +128,9 @@ def test_arguments_by_position_are_no_settings():
 def test_none_replaces_a_default():
     settings = build_settings("stable_baselines3:PPO", target_kl=0.1)
     assert settings["clip_range_vf"] is None
-    agent = sb3.build("stable_baselines3:PPO", {**settings, "target_kl": None}, _env(), 0)
+    agent = sb3.build(
+        "stable_baselines3:PPO", Foreign(hyperparameters={**settings, "target_kl": None}), _env(), 0
+    )
     assert agent.target_kl is None
 
 

@@ -49,7 +49,7 @@ class OtherEncoder(TanhEncoder):
 def test_run_in_batch_equals_run_alone(algo, changes, tmp_path, monkeypatch):
     if changes:
         encoders = {changes["encoder"]: TanhEncoder(), OTHER: OtherEncoder()}
-        monkeypatch.setattr(batched_run, "load_run_encoder", lambda id, _: encoders[id])
+        monkeypatch.setattr(batched_run, "load_run_encoder", lambda id, *_: encoders[id])
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
     about = {0: changes, 3: {**changes, "encoder": OTHER} if changes else {}}
     runs = [settings(algo, seed, steps=4 * EPISODE, **about[seed]) for seed in about]

@@ -14,6 +14,7 @@ from torch import Tensor
 from jbench.agents.environments import Environments, SeedState, StepResult
 from jbench.errors import WorkError
 from jbench.policies.saved import SavedNetwork
+from jbench.tasks.task import EpisodeError
 from jbench.timing import part
 
 AfterStep = Callable[[NDArray[np.float64] | None], bool]
@@ -133,6 +134,11 @@ class Engine(AbstractContextManager["Engine"]):
         actions[list(self.diverged)] = 0
         robot_actions: NDArray[np.floating] = actions * self.environments.action_signs(seen)
         return robot_actions.reshape(*observations.shape[:-1], -1)
+
+    @property
+    def failures(self) -> Mapping[int, EpisodeError]:
+        """See `Trainer.failures`."""
+        return self.environments.failures
 
     @property
     def threads(self) -> int:

@@ -11,6 +11,7 @@ from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.engine import AfterStep, DivergedError
 from jbench.agents.environments import SeedState
 from jbench.policies.saved import SavedNetwork
+from jbench.tasks.task import EpisodeError
 
 
 class Trainer(Protocol):
@@ -34,6 +35,10 @@ class Trainer(Protocol):
     @property
     def diverged(self) -> Mapping[int, DivergedError]:
         """The seeds whose agents have diverged."""
+
+    @property
+    def failures(self) -> Mapping[int, EpisodeError]:
+        """The seeds of which an episode could not go on, if the training of others goes on."""
 
     @property
     def replay(self) -> ReplayBuffer | None:

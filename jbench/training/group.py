@@ -208,10 +208,9 @@ class TrainingGroup:
 
     def _fail_stopped(self) -> None:
         """Fails the runs of which an episode could not go on."""
-        if isinstance(self._engine, Engine):
-            for index, error in self._engine.environments.failures.items():
-                if self._members[index].failure is None:
-                    self._fail(self._members[index], error)
+        for index, error in self._engine.failures.items():
+            if self._members[index].failure is None:
+                self._fail(self._members[index], error)
 
     def _fail(self, member: Member, error: DivergedError | EpisodeError) -> None:
         self._share_processor_time()

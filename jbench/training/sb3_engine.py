@@ -32,6 +32,7 @@ class SB3Engine(AbstractContextManager["SB3Engine"]):
         env = DummyVecEnv([partial(_made, robot) for robot in self._robots])
         self._agent = sb3.build(settings.algo, settings.algorithm, env, seed)
         self.diverged: dict[int, DivergedError] = {}
+        self.failures: dict[int, EpisodeError] = {}  # none: an error ends the loop
         self._policy: SavedNetwork | None = None
 
     @property

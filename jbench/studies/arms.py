@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import FULL, Base, shown_representation
+from jbench.names import FULL, Base, evaluation_interval, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
     algorithm_settings,
@@ -15,7 +15,7 @@ from jbench.settings.algorithms import (
 )
 from jbench.settings.base import canonical_json, in_id, validated
 from jbench.settings.recorded import Run, comparable
-from jbench.settings.records import Specs, requested_ofe
+from jbench.settings.records import Specs, episode_steps, requested_ofe
 from jbench.settings.run import RunSettings
 from jbench.studies.file import named
 from jbench.studies.matrix import Matrix, Parts
@@ -63,13 +63,16 @@ class Arm:
 
         Raises a RequestError if the algorithm, a hyperparameter or the task is unknown or invalid.
         """
+        typed = self.part.run_fields
+        specs = _specs(self.task)
+        interval = evaluation_interval(typed["steps"], episode_steps(specs))
         return {
-            **self.part.run_fields,
+            **typed,
             **self._algorithm_fields(),
             "task": self.task,
-            "specs": _specs(self.task),
-            "time_limit": self.part.run_fields["time_limit"]
-            or default_time_limit(self.part.settings),
+            "specs": specs,
+            "time_limit": typed["time_limit"] or default_time_limit(self.part.settings),
+            "evaluate_every": typed["evaluate_every"] or interval,
             "encoder": None,
             "ofe": requested_ofe(self.representation, self.part.ofe),
         }

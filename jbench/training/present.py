@@ -8,14 +8,10 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from jbench import plugins
-from jbench.agents import algorithms
-from jbench.encoders.registry import offered_kinds
 from jbench.errors import RequestError, WorkError
-from jbench.policies.find import offered_policies
 from jbench.store import Record
 from jbench.store.code import MODULES, changed_files, changed_since, code_of
 from jbench.store.manifest import Kind
-from jbench.tasks import find
 
 _TASKS = {"dataset": "robot", "run": "task", "evaluation": "task"}
 """The setting that names the task, by kind of record."""
@@ -51,6 +47,12 @@ def other_code(records: Iterable[Record]) -> Iterator[OtherCode]:
 
 
 def _at_hand(record: Record) -> dict[str, Any]:
+    # These import torch and MuJoCo, which records without users' code do not need.
+    from jbench.agents import algorithms
+    from jbench.encoders.registry import offered_kinds
+    from jbench.policies.find import offered_policies
+    from jbench.tasks import find
+
     settings = record.settings
     found = dict[str, Any]()
     task = str(settings.get(_TASKS.get(record.kind, "")))
@@ -71,6 +73,8 @@ def _robot(record: Record) -> dict[str, Any]:
         return {}
     if not record.manifest.provenance.get("task_sources"):
         return {}
+    from jbench.tasks import find  # imports MuJoCo
+
     try:
         return find.code_provenance(str(record.settings.get(_TASKS[record.kind])))
     except (RequestError, WorkError):

@@ -9,6 +9,7 @@ from hypothesis import settings
 
 from jbench.names import ONE_THREAD
 from jbench.opengl import OFF
+from jbench.task_specs import EPISODE_STEPS
 
 # Libraries read this when they are first imported, and processes inherit it. `make test` runs a
 # process on each core; more threads would only wait for each other.
@@ -114,5 +115,8 @@ def demo_results(tmp_path_factory):
     from tests.demo_results import add_demo
 
     results = Results(tmp_path_factory.mktemp("demo") / "results")
-    add_demo(results)
+    with pytest.MonkeyPatch.context() as patch:
+        # The first test that needs them may be one of short episodes.
+        patch.setattr("jbench.task_specs.EPISODE_STEPS", EPISODE_STEPS)
+        add_demo(results)
     return results

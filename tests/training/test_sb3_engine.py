@@ -43,7 +43,7 @@ def test_episodes_and_evaluations_are_rows(finished):
     assert [row["critic_loss"] is None for row in episodes] == [True, True, False]
     evaluations = record.read("evaluations").to_pylist()
     assert [(r["evaluation"], r["episode"], r["control_steps"]) for r in evaluations] == [
-        (0, 0, 100), (0, 1, 100), (1, 0, 150), (1, 1, 150),
+        (0, 0, 100), (0, 1, 100), (1, 0, 150), (1, 1, 150), (1, 2, 150),
     ]  # fmt: skip
     for row in (*episodes, *evaluations):
         assert (row["length"], row["run"]) == (EPISODE, record.id)
@@ -61,7 +61,7 @@ def test_saved_agent_reproduces_evaluation(finished):
     env = make_env(settings(task="move_to_pose"), None)
     env.reset(seed=evaluation_seed)
     returns, poses, targets = [], [], []
-    for _ in range(4):
+    for _ in range(2 + 3):
         observation, _ = env.reset()
         total, ended = 0.0, False
         poses.append([pose(env)])
@@ -72,7 +72,7 @@ def test_saved_agent_reproduces_evaluation(finished):
             poses[-1].append(pose(env))
         returns.append(total)
     rows = record.read("evaluations").to_pylist()
-    # The last two episodes are of the final policy, the first two of an earlier one.
+    # The last three episodes are of the final policy, the first two of an earlier one.
     assert returns[2:] == [row["episode_return"] for row in rows[2:]]
     # Points at control steps 0, 20 and 40.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}

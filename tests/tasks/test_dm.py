@@ -191,7 +191,8 @@ made = [gymnasium.make(name, render_mode="rgb_array", width=64, height=48) for n
 for env in made:
     env.reset(seed=0)
 drawn = [[env.render() for env in made] for _ in range(2)]
-print([picture.shape for picture in drawn[0]], [picture.std() > 10 for picture in drawn[0]])
+print([picture.shape for picture in drawn[0]])
+print(all(picture.std() > 10 for picture in drawn[0]))
 print(all((one == other).all() for one, other in zip(*drawn)))
 for env in made:
     env.close()
@@ -205,7 +206,7 @@ def test_robots_are_drawn_in_turn_without_display_or_setting(order):
     kept = {name: value for name, value in os.environ.items() if name not in unset}
     command = [sys.executable, "-W", "ignore", "-c", PICTURES.replace("ORDER", order)]
     printed = subprocess.check_output(command, env=kept, text=True).splitlines()
-    assert printed == [f"{[(48, 64, 3)] * 3} {[True] * 3}", "True"]
+    assert printed == [str([(48, 64, 3)] * 3), "True", "True"]
 
 
 def test_episode_ends_with_the_task_and_is_begun_by_reset():

@@ -11,8 +11,9 @@ install: $(VENV)/.installed
 
 # torch first and by itself: its CPU build on Linux without an NVIDIA driver, where that of the
 # package index has CUDA, which is three times as large. TORCH=torch==2.13.0 asks for CUDA.
+# Where PyTorch's index can't be reached, the package index is enough: one retry, then on.
 DRIVER := $(wildcard /proc/driver/nvidia/version /dev/nvidiactl /dev/dxg)
-CPU_INDEX := --index-url https://download.pytorch.org/whl/cpu
+CPU_INDEX := --retries 1 --extra-index-url https://download.pytorch.org/whl/cpu
 TORCH ?= torch==2.13.0 $(if $(DRIVER),,$(if $(filter Linux,$(shell uname -s)),$(CPU_INDEX)))
 $(VENV)/.installed: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)

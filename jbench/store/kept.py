@@ -43,13 +43,15 @@ _SMALLEST = 1e-6  # singular values relative to the largest; smaller ones are no
 def with_kept(record: Record, rows: pa.Table) -> pa.Table:
     """Returns rows of `encoder_features` of an encoder with the column `kept`.
 
-    It is null for kinds of more than one layer, and before an encoder is finished. Raises a
-    RecordError if the weights are damaged.
+    It is null for kinds of more than one layer, and for a record that lists no weights: before an
+    encoder is finished, or if its folder lacks a file that it may lack. Raises a RecordError if the
+    weights are damaged.
     """
     kind = str(record.settings.get("kind"))
     shares: NDArray[np.float64] | None = None
     has_one_layer = kind in (*_DIRECTIONS, *_IDENTITIES)
-    if has_one_layer and record.status == "finished" and len(rows):
+    has_weights = any(entry.name == _WEIGHTS for entry in record.manifest.files)
+    if has_one_layer and has_weights and len(rows):
         content = record.read_file(_WEIGHTS)
         try:
             weights = safetensors.numpy.load(content)

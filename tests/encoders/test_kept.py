@@ -81,3 +81,13 @@ def test_damaged_weights_are_a_problem_of_the_encoder(trained, results):
     frame, (problem,) = query_results(results, "SELECT kept FROM encoder_features")
     assert len(frame) == 0
     assert "encoder.safetensors is damaged" in problem
+
+
+def test_share_is_null_without_weights(trained, results):
+    """As of an encoder of an old version, or one whose weights its folder may lack."""
+    record = results.create("encoder", trained.record.id, trained.record.settings)
+    record.append({"encoder_features": trained.record.read("encoder_features")})
+    record.finish({"test_mse": 0.1})
+    shares = column(results)
+    assert shares.shape == (16,)
+    assert np.isnan(shares).all()

@@ -160,7 +160,7 @@ def test_each_epoch_and_feature_has_row(trained):
         assert set(table["encoder"]) == {trained.record.id}
         assert table.notna().all(axis=None)
     (total,) = errors.to_dict("records")
-    for name in schema.TABLES["encoder_features"].names[3:]:
+    for name in schema.FILES["encoder_features"].names[3:]:
         assert features[name].mean() == pytest.approx(total[name])
     # One of five episodes is held out; its error is reported after each epoch.
     assert total["test_mse"] == pytest.approx(epochs["test_mse"].iloc[-1], rel=1e-5)

@@ -87,7 +87,8 @@ def record(
     settings = validated(ExternalSettings, "the run", hyperparameters={}, **checked)
     fields["specs"] = specs = checked_task(task).specs
     interval = _evaluation_interval(settings.steps, episode_steps(specs))
-    fields["evaluate_every"] = interval if evaluate_every is None else evaluate_every
+    if evaluate_every is None:
+        fields["evaluate_every"] = interval
     if representation not in NO_ENCODER:
         if kind_in(representation).rstrip(":") == OFE:
             raise RequestError(

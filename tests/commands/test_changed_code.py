@@ -185,7 +185,7 @@ def test_changed_code_is_another_experiment(made, kind, edit, verb, tmp_path):
     VERBS[verb](project, project.edit(edit))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("verb", VERBS)
 @pytest.mark.parametrize("edit", EDITS)
 @pytest.mark.parametrize("kind", KINDS)
@@ -195,7 +195,7 @@ def test_changed_code_is_another_experiment_in_every_verb(made, kind, edit, verb
 
 
 @pytest.mark.parametrize(
-    "kind", ["task", *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS[1:])]
+    "kind", ["task", *(pytest.param(kind, marks=pytest.mark.exhaustive) for kind in KINDS[1:])]
 )
 def test_comments_and_formatting_are_no_change(made, kind, tmp_path):
     project = made(kind).copy(tmp_path / "project")
@@ -250,7 +250,7 @@ def evaluations_of(project):
     return [row for row in rows if row["returns"] == "evaluation"]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_keys_of_a_newer_version_refuse_nothing(made, tmp_path):
     project = made("task").copy(tmp_path / "project")
     for record in project.runs().values():

@@ -48,7 +48,7 @@ def test_latex_table_fits_a_column_and_explains_its_words(fabric, out):
     add_runs(fabric)
     assert report(fabric, out) == 0
     text = (out / "tables" / "final_returns.tex").read_text()
-    assert "\ntask & algorithm & observation & seeds & median \\\\\n" in text
+    assert "\ntask & algorithm & representation & seeds & median \\\\\n" in text
     (caption,) = re.findall(r"\\caption\{(.*)\}", text)
     assert caption.startswith("Final evaluation returns. Mean return of a run's last evaluation")
     assert "95\\% interval" in caption

@@ -104,7 +104,7 @@ def test_repeated_training_is_skipped_and_people_read_three_lines(filled, run_co
     assert re.search(r"R² yaw rate -?0\.\d{3}, tilt rate", explained)
     command = "Next: jbench train --task face_direction --encoder pca2"
     # The dataset is small: a trial, not ten seeds of five million control steps.
-    assert following == f"{command} --algo td3 --steps 20k --seeds 0-1 --results {filled}"
+    assert following == f"{command} --steps 20k --seeds 0-1 --results {filled}"
     monkeypatch.setattr(encoders, "_TRIAL", 0)
     assert one()[1].endswith(f"\n{command} --results {filled}\n")
     printed = one("--verbose")[1]

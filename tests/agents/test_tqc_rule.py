@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from jbench.agents import sb3
+from jbench.settings.algorithms import Foreign
 from tests.agents.batched_oracle import (
     build_oracle,
     fill,
@@ -33,7 +34,8 @@ def test_documented_tqc_equals_sb3_contrib(monkeypatch):
     same = settings.model_dump(include={"learning_rate", "batch_size", "tau", "gamma"})
     more = {"top_quantiles_to_drop_per_net": settings.dropped, "buffer_size": len(data[0])}
     theirs = {**same, **more, "policy_kwargs": network}
-    agent = build_oracle("sb3_contrib:TQC", theirs, dtype, monkeypatch)
+    foreign = Foreign(hyperparameters=theirs)
+    agent = build_oracle("sb3_contrib:TQC", foreign, dtype, monkeypatch)
     agent.log_ent_coef.data.fill_(-0.7)
     fill(agent, data)
     tensors, (learner,), _ = learners(TQC, settings, dtype)

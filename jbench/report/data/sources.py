@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from jbench.errors import NothingYetError, RequestError
 from jbench.importing.curves import as_imports, as_runs
 from jbench.importing.dialects import read_curves
-from jbench.names import REFERENCE, in_prose, shown_representation
+from jbench.names import REFERENCE, shown_representation
 from jbench.report.data.build import build, usable_runs
 from jbench.report.data.configuration import IMPORTED, OWN, Configuration, paper_order
 from jbench.report.data.points import PATHS, POINT, run_paths
@@ -173,10 +173,10 @@ def _note_added_episodes(built: Sequence[Configuration], evaluations: pa.Table) 
     added = evaluations.filter(pc.field("episode") >= ADDED)["run"].to_pylist()
     counts = Counter(added)
     for config in built:
-        seeds = [str(s) for s, run in zip(config.seeds, config.runs, strict=True) if counts[run]]
+        seeds = sum(counts[run] > 0 for run in config.runs)
         if config.kind == EVALUATION and seeds:
             episodes = counted(sum(counts[run] for run in config.runs), "episode")
-            which = f"{'seed' if len(seeds) == 1 else 'seeds'} {in_prose(seeds, 'and')}"
+            which = counted(seeds, "seed")
             note = f"jbench evaluate added {episodes} to the last evaluations of {which}"
             config.notes = (*config.notes, note)
 

@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from jbench.cli import main
+from jbench.errors import ElsewhereError
 from jbench.store import Results
 from jbench.sweeps.executors import Local
 from jbench.training.events import Event
@@ -77,7 +78,7 @@ def test_failed_runs_are_retried_only_with_option(tmp_path, capsys, monkeypatch)
         "jbench.sweeps.scheduler._Scheduler.train", lambda _, runs: asked.append(runs) or {}
     )
     arguments = ["train", "--seeds", "0-1", "--results", str(tmp_path)]
-    assert main(arguments) == 0
+    assert main(arguments) == ElsewhereError.exit_code  # nothing is trained here
     ((failed, new),) = asked
     results.create("run", failed.id, failed.model_dump(mode="json")).fail("out of luck")
     capsys.readouterr()
@@ -98,7 +99,7 @@ def test_run_that_must_fail_again_is_not_retried(tmp_path, capsys, monkeypatch):
         "jbench.sweeps.scheduler._Scheduler.train", lambda _, runs: asked.extend(runs) or {}
     )
     arguments = ["train", "--seeds", "0-1", "--retry-failed", "--results", str(tmp_path)]
-    assert main(arguments) == 0
+    assert main(arguments) == ElsewhereError.exit_code  # nothing is trained here
     diverged, other = asked
     sentence = "The agent diverged: its weights are not finite at control step 7."
     for run, made_on in ((diverged, {}), (other, {"processor": "another one"})):

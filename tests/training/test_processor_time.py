@@ -40,10 +40,11 @@ def test_seeds_share_processor_time_evenly(seeds, tmp_path):
     for run in runs:
         record = only(tmp_path, run)
         # Two environments each end an episode at 100 and at 200 steps, followed by evaluations; the
-        # first ones are committed at once. The last evaluation is at 240, the end of a rollout.
+        # first ones are committed at once. The last evaluation is at 240, the end of a rollout, and
+        # has as many episodes as the training.
         assert times(record) == [
             [share, share, 4 * share, 4 * share],
-            [2 * share, 5 * share, 6 * share],
+            [2 * share, 5 * share, *[6 * share] * 4],
         ]
         assert record.manifest.summary["processor_time"] == 7 * share
     rows, _ = query.query_results(Results(tmp_path), "SELECT DISTINCT processor_time FROM runs")
@@ -74,5 +75,6 @@ def test_run_of_version_2_resumes_without_processor_time(tmp_path):
     # Version 2 kept no paths; of the first evaluation there is none, of the last one there is.
     assert set(record.read("paths")["evaluation"].to_pylist()) == {4}
     # The fifth evaluation is at 210, the end of a rollout.
-    assert times(record) == [[None] * 4, [None] * 5]
+    # It has as many episodes as the training.
+    assert times(record) == [[None] * 4, [None] * (4 + 4)]
     assert verify(Results(tmp_path / "old"), 1).faults == []

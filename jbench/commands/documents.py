@@ -160,6 +160,9 @@ class Verify(Document):
     bytes: int
     findings: list[Annotated[Any, _object(Flaw)]]
     left_out: int = Field(description="runs whose policy is not in an installed package")
+    other_code: list[dict[str, Any]] = Field(
+        description="records whose code is not the present one"
+    )
     reevaluations: list[Annotated[Any, _object(Repeated)]] | None = None
 
 

@@ -73,8 +73,7 @@ def standard_deviation(strata: Strata) -> FloatArray:
     scores = _pooled(strata)
     if scores.shape[-1] < 2:
         return np.full(scores.shape[:-1], np.nan)
-    # Equal scores, as of a resample that drew one seed only, have exactly 0: no rounded mean.
-    return np.asarray(np.std(scores - scores[..., :1], axis=-1, ddof=1))
+    return np.asarray(np.std(scores, axis=-1, ddof=1))
 
 
 def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:

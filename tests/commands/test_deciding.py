@@ -231,8 +231,8 @@ def test_only_undecided_comparisons_get_more_seeds(results, matrix):
     for seed in range(5, 10):
         finish(results, pca.runs[seed], [100.0 + seed])
     pca_outcome, random_outcome = matrix.outcomes()
-    assert (pca_outcome.decision.verdict, pca_outcome.needed) == ("smaller", [])
-    assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", [])
+    assert (pca_outcome.decision.verdict, pca_outcome.needed) == ("smaller", ())
+    assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", ())
 
 
 def test_each_seed_has_its_own_encoder_if_the_matrix_says_so(read, results):

@@ -59,8 +59,9 @@ def test_report_shows_every_cell(pipeline, tmp_path):
     done = succeed("report", "--json", "--out", str(tmp_path / "report"), results=pipeline)
     printed = json.loads(done.stdout)
     rows = printed["configurations"]
+    trained = "dae5-batch-64-epochs-2"
     reported = {(row["algo"], row["representation"], row["seeds"]) for row in rows}
-    assert reported == {(algo.upper(), rep, 2) for algo in ALGOS for rep in ("full", "dae5")}
+    assert reported == {(algo.upper(), rep, 2) for algo in ALGOS for rep in ("full", trained)}
     names = {Path(path).name for path in printed["files"]}
     assert {"representations.png", "representations.svg", "curves.parquet", "curves.csv"} <= names
     assert all(Path(path).stat().st_size > 0 for path in printed["files"])

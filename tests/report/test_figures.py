@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from jbench.names import ENCODER_KINDS, kind_in
 from jbench.report import style
 from jbench.report.data.returns import map_texts
+from jbench.report.encoders import PREDICTED
 from jbench.report.figures import charts
 from jbench.report.figures.chart import Panel
 from jbench.report.figures.curves import drawn_points
@@ -171,6 +172,7 @@ def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
     encoders = [
         {"task": "face_direction", "kind": "pca", "representation": f"pca{size}", "settings": ""}
         | {"latents": size, "test": 0.1 / size, "heuristic": 0.2}
+        | dict.fromkeys(PREDICTED, np.nan)
         for size in (2, 4)
     ]
     found.encoders = pd.DataFrame(encoders)

@@ -265,7 +265,7 @@ def test_young_page_shows_both_representations_at_once(fabric, opened, tmp_path)
     shown = opened(path).page
     first = shown.locator("main > section").first
     assert first.get_attribute("id") == "representations"
-    assert "training" in first.get_attribute("class")
+    assert "evaluation" in first.get_attribute("class")
     names = first.locator(".legend button").all_inner_texts()
     assert names == ["full", "dae12", "published, training"]
     # Two seeds say nothing about their variability.

@@ -35,10 +35,20 @@ _INSTALLED = frozenset({"site-packages", "dist-packages"})
 _OURS = "jbench"
 
 
-installed_packages = cache(packages_distributions)
-"""Returns the distributions of each top-level package; the first call takes a second."""
-
 _known: WeakKeyDictionary[ModuleType, dict[str, str]] = WeakKeyDictionary()
+
+
+def installed_packages() -> Mapping[str, list[str]]:
+    """Returns the distributions of each top-level package that `sys.path` now finds.
+
+    The first call takes a second, as does the first one after a change of `sys.path`.
+    """
+    return _installed_packages(tuple(sys.path))
+
+
+@cache
+def _installed_packages(_search_path: tuple[str, ...]) -> Mapping[str, list[str]]:
+    return packages_distributions()
 
 
 def source_files(module_name: str) -> dict[str, str]:

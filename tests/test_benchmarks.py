@@ -101,7 +101,7 @@ def test_every_script_is_run():
     assert scripts - COMPANIONS == {f"{case.script}.py" for case in CASES}
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.script} {case.arguments}")
 def test_script_prints_its_tables(case, tmp_path):
     (tmp_path / "results").mkdir()

@@ -91,6 +91,7 @@ def installed(wheel, tmp_path_factory):
     return place
 
 
+@pytest.mark.slow
 def test_sdist_contains_every_file_of_checkout(sdist):
     generated = {"PKG-INFO", "setup.cfg", *(name for name in files(sdist) if ".egg-info/" in name)}
     assert files(sdist) - generated == packaged() - generated - {".gitignore"}
@@ -210,6 +211,7 @@ EVERY_ROW = " UNION ALL ".join(
 """A query whose result does not depend on the order of rows."""
 
 
+@pytest.mark.slow
 def test_installed_results_are_those_of_the_checkout(installed):
     asked = ("-m", "jbench", "query", EVERY_ROW, "--results", "reference", "--json")
     assert json.loads(run(installed, *asked)) == json.loads(
@@ -227,6 +229,7 @@ def test_installed_results_are_those_of_the_checkout(installed):
     assert (installed / "reference-report" / "index.html").exists()
 
 
+@pytest.mark.slow
 def test_left_out_policy_is_refused_in_a_sentence(installed):
     """The run is there, with all of its rows; a checkout has the policy."""
     name = "reference/face_direction/ppo/full/s00"

@@ -146,6 +146,7 @@ print(suite.load("jitterbug", "move_to_pose").action_spec().shape)
 """
 
 
+@pytest.mark.slow
 def test_tasks_need_no_labmaze_and_warn_of_no_display(tmp_path):
     env = customize(tmp_path, "import sys\nsys.modules['labmaze'] = None\n")
     assert answer(f"import jbench.tasks{DOMAIN}", env=env)[0] == "(1,)\n"

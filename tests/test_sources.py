@@ -141,10 +141,7 @@ def test_code_of_python_jbench_and_libraries_is_not_of_a_user(name):
 
 
 def test_installed_package_counts_if_it_is_made_for_jbench_or_from_a_folder(folder, monkeypatch):
-    from jbench import sources
-
     site = folder / "site-packages"
-    monkeypatch.syspath_prepend(str(site))
     points = "[jbench.agents]\nours = ours:Agent\n"
     local = '{"url": "file:///home/me/local", "dir_info": {}}'
     for name, file, text in (
@@ -159,7 +156,8 @@ def test_installed_package_counts_if_it_is_made_for_jbench_or_from_a_folder(fold
         (about / "RECORD").write_text(f"{name}/__init__.py,,\n{name}/part.py,,\n")
         (about / file).write_text(text)
     write(site, {"beside": ""})
-    monkeypatch.setattr(sources, "installed_packages", sources.packages_distributions)
+    read("ours")  # before the packages can be imported
+    monkeypatch.syspath_prepend(str(site))
     assert [*read("ours")] == ["ours/__init__.py"]  # what is beside it is another package
     assert set(read("local.part")) == {"local/part.py", "local/__init__.py"}
     assert read("library") == {}

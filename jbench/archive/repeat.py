@@ -56,9 +56,15 @@ def _part(group: Sequence[RunSettings], encoders: Mapping[str, Record]) -> str:
     if run.ofe is not None:
         keys["ofe"] = run.ofe.model_dump(mode="json")
     if run.encoder is not None and run.encoder in encoders:
-        settings = encoders[run.encoder].settings
-        seed = "each" if run.encoder_draws else settings["seed"]
-        keys["encoder"] = {"seed": seed, "options": {settings["kind"]: settings["options"]}}
+        if run.encoder_draws:
+            settings = encoders[run.encoder].settings
+            keys["encoder"] = {
+                "seed": "each",
+                "options": {settings["kind"]: settings["options"]},
+            }
+        else:
+            # By its name, it would be trained again, perhaps on another dataset.
+            keys["representations"] = [run.encoder]
     lines = [f"{name} = {_toml(value)}" for name, value in keys.items()]
     return "\n".join(["", "[[part]]", *lines, ""])
 

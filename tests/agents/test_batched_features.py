@@ -113,6 +113,7 @@ def test_units_are_divided_among_layers():
     assert OFESettings(units=3).widths == [1] * 3
 
 
+@pytest.mark.slow
 def test_features_learn_in_pretraining_and_training():
     ofe = OFESettings(units=12, learning_rate=3e-3, pretraining=2.0, standardize_updates=50)
     losses = []

@@ -85,6 +85,7 @@ def content(results):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_blind", [False, True])
 def test_archive_verifies_and_reports_elsewhere(
     results, is_blind, tmp_path, known_machine, monkeypatch, run_command
@@ -118,6 +119,7 @@ def test_no_name_is_left_in_a_blind_archive(results, tmp_path, known_machine):
     assert list(leaks((tmp_path / "blind.zip").read_bytes(), words)) == []
 
 
+@pytest.mark.slow
 def test_names_become_the_same_numbers_everywhere(results, tmp_path, known_machine):
     write_archive(results, tmp_path / "blind.zip", blind=True)
     place, _ = opened(tmp_path / "blind.zip", tmp_path)
@@ -166,8 +168,6 @@ def test_leaks_are_found_in_columns_and_pictures(tmp_path):
     }
 
 
-# Default epochs depend on what ran before in the process.
-@pytest.mark.exhaustive
 def test_matrix_trains_the_runs_of_the_archive(demo_results, tmp_path):
     write_archive(demo_results, tmp_path / "a.zip")
     place, _ = opened(tmp_path / "a.zip", tmp_path)
@@ -175,6 +175,7 @@ def test_matrix_trains_the_runs_of_the_archive(demo_results, tmp_path):
     assert {run.id for run in all_runs(cells)} == {run.id for run in demo_results.scan("run")[0]}
 
 
+@pytest.mark.slow
 def test_unfinished_run_is_left_out_and_named(results, tmp_path):
     settings = {**RUN_SETTINGS, "seed": 5}
     id = f"face_direction/ddpg/full/s05-{settings_hash(settings)}"

@@ -206,6 +206,7 @@ def test_comments_and_formatting_are_no_change(made, kind, tmp_path):
     assert "not the present one" not in project.succeed("verify").stdout
 
 
+@pytest.mark.slow
 def test_runs_of_older_versions_keep_their_ids_and_are_joined_by_more_seeds(made, tmp_path):
     project = made("task").copy(tmp_path / "project")
     project.age()

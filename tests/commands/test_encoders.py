@@ -202,6 +202,7 @@ def site(tmp_path_factory):
 SHORT_TRAINING = ("--latent", "7", "--epochs", "2", "--set", "batch=500", "--json")
 
 
+@pytest.mark.slow
 def test_kind_of_other_package_is_trained(short, site, monkeypatch):
     run = partial(jbench, results=short, short=True)
     monkeypatch.setenv("PYTHONPATH", str(site))
@@ -226,6 +227,7 @@ def test_kind_of_other_package_is_trained(short, site, monkeypatch):
     assert run("query", "FROM encoders").returncode == 0
 
 
+@pytest.mark.slow
 def test_kind_of_a_module_is_trained_and_used(short, site, tmp_path, monkeypatch):
     run = partial(jbench, results=short, short=True)
     (source,) = site.rglob("third_party_encoder.py")

@@ -216,6 +216,7 @@ def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
     assert "Next:" not in done.stdout
 
 
+@pytest.mark.slow
 def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, tmp_path):
     run = agent_run(NAME, package=None)
     request = {"path": str(tmp_path), "runs": [run.model_dump(mode="json")]}

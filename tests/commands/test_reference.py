@@ -42,6 +42,7 @@ def test_messages_call_the_shipped_results_reference(refused, capsys):
         assert capsys.readouterr().out == f"No datasets in {name}; {command} makes a small one.\n"
 
 
+@pytest.mark.slow
 def test_report_is_written_to_working_directory(tmp_path, capsys):
     arguments = ("--results", "reference", "--task", "face_direction", "--algo", "sac")
     assert main(["report", *arguments, "--format", "svg"]) == 0

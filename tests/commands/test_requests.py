@@ -264,6 +264,7 @@ print(*(name for name in ("torch._dynamo", "triton") if name in sys.modules))
 """
 
 
+@pytest.mark.slow
 def test_compiler_of_torch_is_not_imported(tmp_path):
     """Its triton ends the process if MuJoCo's renderer has loaded another LLVM before."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

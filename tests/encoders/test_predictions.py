@@ -45,6 +45,7 @@ def probe(kind, weights, states):
     return {row["target"]: row["r2"] for row in found}, found[0]
 
 
+@pytest.mark.slow
 def test_forward_predicts_yaw_rate_better_than_autoencoder(simulated):
     cheap = {"epochs": 12, "batch": 256}
     found = []

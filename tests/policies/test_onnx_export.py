@@ -65,6 +65,7 @@ def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_p
     assert error == f"Error: The settings of the run {id} lack a task or an encoder.\n"
 
 
+@pytest.mark.slow
 def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     results = tmp_path / "results"

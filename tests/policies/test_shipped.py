@@ -170,6 +170,7 @@ def test_missing_shipped_policies_are_reported(tmp_path, monkeypatch, refused):
     assert "this version of jbench ships none" in error
 
 
+@pytest.mark.slow
 def test_policies_of_the_package_load():
     results = Results(shipped())
     policies = filter(has_policy, results.scan("run")[0])

@@ -53,6 +53,7 @@ def test_curves_name_the_settings_that_differ(shipped):
     assert "learning_rate" not in curves  # one for all
 
 
+@pytest.mark.slow
 def test_curves_of_seeds_have_the_quantiles_of_the_curves(shipped):
     asked = {"task": "face_direction", "algo": "td3"}
     seeds = shipped.curves(**asked, per_seed=True)

@@ -101,6 +101,7 @@ def test_another_robot_is_drawn_by_its_first_camera_or_a_named_one():
     assert first[1].goal == ""
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("rendering")
 def test_terrain_of_a_later_episode_is_that_which_is_drawn():
     first, second = (

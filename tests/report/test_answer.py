@@ -159,6 +159,7 @@ def test_main_table(returns, page, heading, count):
         assert row[1::2] == [policies[task][column].split()[0] for task in TASKS]
 
 
+@pytest.mark.slow
 def test_tables_are_as_generated():
     for path, text in answer_tables.pages(answer_tables.ShippedNumbers()).items():
         assert path.read_text("utf-8") == text

@@ -44,6 +44,7 @@ def report(fabric, out, *typed):
     return main(["report", *where, "--format", "svg", *typed])
 
 
+@pytest.mark.slow
 def test_latex_table_fits_a_column_and_explains_its_words(fabric, out):
     add_runs(fabric)
     assert report(fabric, out) == 0

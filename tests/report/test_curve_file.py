@@ -125,6 +125,7 @@ def test_methods_whose_names_differ_by_case_or_a_word_are_two(tmp_path):
     assert set(report.configurations["label"]) == {"TD3", "td3", "PPO", "PPO full"}
 
 
+@pytest.mark.slow
 def test_report_has_the_files_of_results(two_methods, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "out"

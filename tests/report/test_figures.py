@@ -195,6 +195,7 @@ def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
         assert style.image(chart.figure(2), "png").startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("columns", "width"), [(1, 3.5), (2, 7.15)])
 def test_files_have_the_width_of_a_column_and_the_same_bytes(fabric, columns, width):
     add_runs(fabric, "full", "dae12")

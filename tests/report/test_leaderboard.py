@@ -77,6 +77,7 @@ def directories(fabric, tmp_path):
     return fabric.results.path
 
 
+@pytest.mark.slow
 def test_command_ranks_runs_of_directories(directories, capsys):
     assert main(["leaderboard", str(directories), "reference", "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)["entries"]

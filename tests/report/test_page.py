@@ -72,6 +72,7 @@ def hostile(found):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_shipped_page_is_accessible_and_short(shipped_page, opened, scheme):
     shown = opened(shipped_page, color_scheme=scheme).page
@@ -85,6 +86,7 @@ def test_shipped_page_is_accessible_and_short(shipped_page, opened, scheme):
     assert shown.locator(".scroll").evaluate_all(cut) == []
 
 
+@pytest.mark.slow
 def test_same_frames_give_the_same_bytes_and_nothing_but_its_own_script_may_run(
     shipped, shipped_page
 ):
@@ -99,6 +101,7 @@ def test_same_frames_give_the_same_bytes_and_nothing_but_its_own_script_may_run(
     assert set(re.findall(r'href="#([^"]+)"', text)) <= set(ids)
 
 
+@pytest.mark.slow
 def test_legends_hide_and_isolate_by_mouse_and_key(shipped_page, opened):
     shown = opened(shipped_page).page
     figure = shown.locator("#representations")
@@ -125,6 +128,7 @@ def test_legends_hide_and_isolate_by_mouse_and_key(shipped_page, opened):
     assert all(seen())
 
 
+@pytest.mark.slow
 def test_switches_show_another_axis_and_the_other_returns(shipped_page, opened):
     shown = opened(shipped_page).page
     figure = shown.locator("#representations")
@@ -138,6 +142,7 @@ def test_switches_show_another_axis_and_the_other_returns(shipped_page, opened):
     assert set(figure.evaluate(classes)) == {"evaluation log"}
 
 
+@pytest.mark.slow
 def test_tips_name_the_nearest_mark(shipped_page, opened):
     shown = opened(shipped_page).page
     panel = shown.locator("#representations .panel").nth(1)
@@ -148,6 +153,7 @@ def test_tips_name_the_nearest_mark(shipped_page, opened):
     assert re.match(r"planar at 100,000: \d+ \[\d+, \d+\], n = 10", shown.inner_text(".tip"))
 
 
+@pytest.mark.slow
 def test_figures_are_saved_with_colors_of_their_own(shipped_page, opened, tmp_path):
     shown = opened(shipped_page).page
     figure = shown.locator("#algorithms")
@@ -160,6 +166,7 @@ def test_figures_are_saved_with_colors_of_their_own(shipped_page, opened, tmp_pa
         assert b"var(" not in content
 
 
+@pytest.mark.slow
 def test_saved_panels_have_the_legend_of_their_visible_series(shipped_page, opened, tmp_path):
     figure = (shown := opened(shipped_page).page).locator("#representations")
     figure.get_by_role("button", name="dae12", exact=True).click()
@@ -176,6 +183,7 @@ def test_saved_panels_have_the_legend_of_their_visible_series(shipped_page, open
     assert saved.locator("svg > svg").count() == 4
 
 
+@pytest.mark.slow
 def test_runs_are_sorted_filtered_searched_and_opened(shipped_page, opened):
     shown = opened(shipped_page).page
     table = shown.locator("#table-runs")
@@ -216,6 +224,7 @@ def test_metrics_of_a_run_are_curves_in_its_dialog(fabric, tmp_path, opened):
     assert dialog.locator(".curve .mark").count() == 1
 
 
+@pytest.mark.slow
 def test_everything_that_a_mouse_can_do_a_keyboard_can(shipped_page, opened):
     shown = opened(shipped_page).page
     selector = "button, a[href], select, input, summary, .scroll"
@@ -224,6 +233,7 @@ def test_everything_that_a_mouse_can_do_a_keyboard_can(shipped_page, opened):
     assert shown.locator("tr[data-run]").evaluate_all(row)
 
 
+@pytest.mark.slow
 def test_page_is_readable_without_scripts(shipped_page, opened):
     shown = opened(shipped_page, java_script_enabled=False).page
     assert shown.locator("#representations .panel > svg:visible").count() == 3
@@ -281,6 +291,7 @@ def test_watched_page_reloads_itself_and_links_no_files(fabric, opened, tmp_path
     assert shown.locator("a[download]").count() == 0
 
 
+@pytest.mark.slow
 def test_legends_have_the_marks_that_are_drawn(shipped_page, opened):
     figure = opened(shipped_page).page.locator("#predictions")
     pairs = figure.locator(".legend path").evaluate_all(
@@ -289,6 +300,7 @@ def test_legends_have_the_marks_that_are_drawn(shipped_page, opened):
     assert len(set(pairs)) == len(pairs) > 8
 
 
+@pytest.mark.slow
 def test_page_prints_without_tools(shipped_page, opened):
     shown = opened(shipped_page).page
     shown.emulate_media(media="print")

@@ -202,6 +202,7 @@ def test_single_file_is_old_or_new(tmp_path):
     assert found == {b"old", b"the new content"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["file", "directory"])
 def test_missing_sync_is_noticed(tmp_path, missing, monkeypatch):
     """The states are not vacuous: without one of the two syncs, a commit can be damaged."""

@@ -147,6 +147,7 @@ def test_set_aside_directory_that_is_link_is_refused(tmp_path, results):
     assert results.find("run", run.id) is not None
 
 
+@pytest.mark.slow
 def test_killed_repair_is_completed_by_next_repair(results):
     record = results.create("run", "a/b", {})
     for n in range(60):

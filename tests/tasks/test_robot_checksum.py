@@ -86,6 +86,7 @@ def changes(model):
                 setattr(holder, name, value)
 
 
+@pytest.mark.slow
 def test_each_field_of_the_compiled_model_that_can_move_it_makes_another_robot(model):
     before, same, seen = checksum(model), set(), set()
     for name in changes(model):

@@ -82,6 +82,7 @@ def test_states_equal_those_of_general_collision(robot, general, control):
     assert most > 4  # more than four feet
 
 
+@pytest.mark.slow
 def test_contacts_of_robot_that_touches_itself_equal_general_collision(robot, general):
     random, seen = np.random.default_rng(0), set()
     ours, theirs = mujoco.MjData(robot), mujoco.MjData(general)

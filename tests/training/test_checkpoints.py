@@ -201,6 +201,7 @@ def test_resume_with_other_versions_is_reported(stopped):
     assert "processor a toaster is now" in sentence
 
 
+@pytest.mark.slow
 def test_number_of_files_of_run_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr(log, "_MAX_PARTS", 3)
     monkeypatch.setattr(checkpoints, "_MAX_PIECES", 2)

@@ -45,7 +45,7 @@ def lengths(algo, *steps, seed=1, **changes):
     ("algo", "short", "changes"),
     [
         # The evaluation at the end of the shorter run is one of the longer run's, too.
-        ("td3", 300, {}),
+        pytest.param("td3", 300, {}, marks=pytest.mark.slow),
         # It is not, and step 280, the end of a rollout, is in the middle of an episode.
         ("ddpg", 275, {"normalize": "running"}),
         pytest.param("sac", 250, {}, marks=pytest.mark.slow),
@@ -134,6 +134,7 @@ def test_run_that_finds_no_room_for_its_copy_does_not_begin(left, tmp_path, monk
     assert train(tmp_path, [whole]) == [(1, 100, "", short.id)]
 
 
+@pytest.mark.slow
 def test_last_evaluation_of_shorter_run_is_shortened(tmp_path):
     short, whole = lengths("td3", 300, 450, evaluate_episodes=2)
     train(tmp_path / "twice", [short], final_episodes=5)

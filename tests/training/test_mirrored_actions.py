@@ -108,6 +108,7 @@ def policy():
     return SimpleNamespace(agent=agent, observations=observations, actions=actions)
 
 
+@pytest.mark.slow
 def test_saved_and_exported_policies_act_as_in_training(policy, tmp_path):
     found = policy.agent.act(policy.observations)
     assert found.dtype == np.float32

@@ -20,6 +20,9 @@ PREDICTED = {n: n.replace("_", " ") for n in ("yaw_rate", "forward_speed", "tilt
 
 _FRACTIONS = ("test", "pca", "random", "heuristic", "pca_heuristic")
 _MEDIANS = ("test_mse", *_FRACTIONS, *PREDICTED, "effective_rank")
+_WHOLE = 0.9995
+"""A share that is shown as 1."""
+
 _COLUMNS = ["task", "kind", "representation", "settings", "latents", "seeds", *_MEDIANS]
 
 
@@ -55,6 +58,36 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
     return frame[_COLUMNS].sort_values(
         ["task", "kind", "settings", "latents", "representation"],
         key=lambda k: k.map(in_order(k, orders[k.name]).index) if k.name in orders else k,
+        ignore_index=True,
+    )
+
+
+def kept_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> pd.DataFrame:
+    """Returns how much of each feature of the observation encoders of one layer keep.
+
+    A row has a task, a representation, a feature, the number of encoders, and the median over them
+    of the share `kept` (see `store/kept.py`). Encoders that keep every feature whole are left out.
+    """
+    columns = ["task", "representation", "feature", "seeds", "kept"]
+    encoders = tables["encoders"]
+    if task is not None:
+        encoders = encoders[encoders["task"] == task]
+    features = tables["encoder_features"]
+    rows = encoders[["encoder", "task"]].merge(features[features["kept"].notna()], on="encoder")
+    if rows.empty:
+        return pd.DataFrame(columns=columns)
+
+    names = rows["encoder"].str.split("/").str[1]
+    rows["representation"] = names.map(shown_representation)
+    groups = rows.groupby(["task", "representation", "feature"], as_index=False, sort=False)
+    frame = groups.agg(seeds=("encoder", "nunique"), kept=("kept", "median"))
+
+    least = frame.groupby(["task", "representation"])["kept"].transform("min")
+    frame = frame[least < _WHOLE]
+    return frame[columns].sort_values(
+        ["task", "representation"],
+        key=lambda k: k.map(in_order(k, TASKS).index) if k.name == "task" else k,
+        kind="stable",
         ignore_index=True,
     )
 

@@ -25,7 +25,7 @@ from jbench.report.configurations import (
 from jbench.report.data.configuration import IMPORTED, Configuration, rename, with_returns
 from jbench.report.data.curves import SEQUENCE, read_published
 from jbench.report.data.returns import FILE, clean, map_texts
-from jbench.report.encoders import encoder_frame, prediction_frame
+from jbench.report.encoders import encoder_frame, kept_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
 from jbench.report.reading import notes_on, read, tested_claims
@@ -256,6 +256,12 @@ class Frames:
     def predictions(self) -> pd.DataFrame:
         """Final returns beside what latents predict."""
         return prediction_frame(with_returns(self._trained, self.returns), self.encoders)
+
+    @_frame
+    def kept(self) -> pd.DataFrame:
+        """What encoders keep of each feature of the observation."""
+        kept = kept_frame(self._source.tables, self.request.task)
+        return kept.assign(representation=kept["representation"].replace(self._shown))
 
     @_frame
     def motor(self) -> pd.DataFrame:

@@ -77,7 +77,7 @@ def table_files(frames: Frames) -> Iterator[tuple[str, str]]:
                 yield f"{table.name}.{ending}", write(shown)
     for name in (
         *("configurations", "seeds", "curves", "published", "baselines", "pairs", "profiles"),
-        *("predictions", "processor", "motor", "positions", "sequences"),
+        *("predictions", "kept", "processor", "motor", "positions", "sequences"),
     ):  # frames of figures
         if len(frame := getattr(frames, name)):
             yield f"{name}.csv", to_csv(frame)

@@ -6,7 +6,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.errors import RequestError
-from jbench.report.encoders import encoder_frame
+from jbench.report.encoders import encoder_frame, kept_frame
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store import Results, listed, query, schema
@@ -101,3 +101,26 @@ def test_measured_predictions_stand_beside_errors(results):
     np.testing.assert_allclose(table["yaw_rate"], [0.4, np.nan])
     np.testing.assert_allclose(table["effective_rank"], [3.5, np.nan])
     assert table["reward"].isna().all()
+
+
+def test_kept_features_are_medians_of_the_draws():
+    """Encoders that keep all features, or have more than one layer, are left out."""
+    ids = [f"face_direction/dae1/s0{seed}-1a2b3c4d" for seed in range(3)]
+    whole = "face_direction/scaled2/s00-1a2b3c4d"
+    deep = "face_direction/vae1/s00-1a2b3c4d"
+    shares = {ids[0]: (0.5, 0.5), ids[1]: (1.0, 0.0), ids[2]: (0.9, 0.1), whole: (1, 1)}
+    rows = [
+        {"encoder": id, "feature": feature, "kept": share}
+        for id, pair in {**shares, deep: (None, None)}.items()
+        for feature, share in zip("yx", pair, strict=True)
+    ]
+    encoders = pd.DataFrame({"encoder": [*shares, deep], "task": "face_direction"})
+    tables = {"encoders": encoders, "encoder_features": pd.DataFrame(rows)}
+
+    found = kept_frame(tables)
+
+    assert found["representation"].tolist() == ["dae1", "dae1"]
+    assert found["feature"].tolist() == ["y", "x"]  # in the order of the observation
+    assert found["kept"].tolist() == pytest.approx([0.9, 0.1])
+    assert found["seeds"].tolist() == [3, 3]
+    assert kept_frame(tables, "move_to_pose").empty

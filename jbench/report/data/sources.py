@@ -29,8 +29,13 @@ from jbench.wording import are, counted
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
 _MORE = (
-    *("encoders", "encoder_errors", "encoder_predictions"),
-    *("policy_evaluations", "policy_episodes", "metrics"),
+    "encoders",
+    "encoder_errors",
+    "encoder_features",
+    "encoder_predictions",
+    "policy_evaluations",
+    "policy_episodes",
+    "metrics",
 )
 _COLUMNS = {
     "episodes": ("run", "episode", *POINT),

@@ -2,7 +2,7 @@
 
 from copy import copy
 
-from jbench.report.figures import curves, returns, shares
+from jbench.report.figures import curves, kept, returns, shares
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 
@@ -14,6 +14,7 @@ _MAKERS = (
     shares.pairs,
     shares.profiles,
     returns.predictions,
+    kept.kept,
     returns.errors,
     curves.by_processor_time,
     shares.motor,

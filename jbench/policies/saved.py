@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import safetensors.numpy
-from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
+from jbench.arrays import namespace
 from jbench.encoders import Encoder, encoder_code, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.names import POLICY_FILES
@@ -53,15 +53,15 @@ class SavedLayer:
 def _layer_norm(x: Array, weight: Array, bias: Array, epsilon: float) -> Array:
     centered = x - x.mean(axis=-1, keepdims=True)
     variance = (centered * centered).mean(axis=-1, keepdims=True)
-    return centered / array_namespace(x).sqrt(variance + epsilon) * weight + bias
+    return centered / namespace(x).sqrt(variance + epsilon) * weight + bias
 
 
 def _sigmoid(x: Array) -> Array:
-    return 0.5 + 0.5 * array_namespace(x).tanh(0.5 * x)  # does not overflow
+    return 0.5 + 0.5 * namespace(x).tanh(0.5 * x)  # does not overflow
 
 
 def _elu(x: Array, alpha: float) -> Array:
-    xp = array_namespace(x)
+    xp = namespace(x)
     return xp.where(x > 0, x, alpha * xp.expm1(x.clip(max=0)))
 
 
@@ -74,12 +74,12 @@ LAYERS: dict[str, Callable[..., Array]] = {
     "columns": lambda x, first: x[..., int(first) :],
     "clip": lambda x, low, high: x.clip(low, high),
     "relu": lambda x: x.clip(0),
-    "tanh": lambda x: array_namespace(x).tanh(x),
+    "tanh": lambda x: namespace(x).tanh(x),
     "sigmoid": _sigmoid,
     "silu": lambda x: x * _sigmoid(x),
     "elu": _elu,
-    "leaky_relu": lambda x, slope: array_namespace(x).where(x > 0, x, slope * x),
-    _CONCAT: lambda x, earlier: array_namespace(x).concat([earlier, x], axis=-1),
+    "leaky_relu": lambda x, slope: namespace(x).where(x > 0, x, slope * x),
+    _CONCAT: lambda x, earlier: namespace(x).concat([earlier, x], axis=-1),
 }
 """The function of each kind of layer, of the result of the layer before it."""
 
@@ -109,7 +109,7 @@ class SavedNetwork:
 
     def act(self, observations: Array) -> Array:
         """Returns actions (..., action_size) for (..., size), of numpy or, for ONNX, of torch."""
-        xp = array_namespace(observations)
+        xp = namespace(observations)
         results = [xp.astype(observations, xp.float32, copy=False)]
         for layer in self.layers:
             arguments: dict[str, Any] = {n: xp.asarray(array) for n, array in layer.arrays.items()}

@@ -180,10 +180,9 @@ def outcome(
         info["target"] = resets.target_numbers(task, target)
     if not {"near", "away"}.isdisjoint(TASK_SPECS[task].rewards):
         info["distance"] = distance_to_target(state, target)
-    angle = None
     if "angle_to_target" in values:
-        info["angle"] = angle = values["angle_to_target"][..., 0]
-    terms = rewards.reward_terms(task, state, target, angle)
+        info["angle"] = values["angle_to_target"][..., 0]
+    terms = rewards.reward_terms(task, state, target, values)
     info.update({f"reward_{name}": term for name, term in terms.items()})
     observation = np.asarray(features.flatten(task, values), np.float32)
     return observation, math.prod(terms.values()), info

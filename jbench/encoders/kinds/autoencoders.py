@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
 import torch
-from array_api_compat import array_namespace
 from pydantic import Field
 from torch import Tensor
 
+from jbench.arrays import namespace
 from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh, tanh_
 from jbench.encoders.states import MAX_HORIZON, StatePairs
 from jbench.names import EncoderBase
@@ -113,7 +113,7 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         latents = super().encode(weights, scaled)
-        return array_namespace(latents).concat([latents, scaled[..., _YAW_RATE]], axis=-1)
+        return namespace(latents).concat([latents, scaled[..., _YAW_RATE]], axis=-1)
 
     def decode(self, weights: Weights, latents: Array) -> Array:
         return super().decode(weights, latents[..., :-1])

@@ -21,8 +21,8 @@ from collections.abc import Iterable
 from functools import reduce
 
 import numpy as np
-from array_api_compat import array_namespace
 
+from jbench.arrays import namespace
 from jbench.encoders.kind import Fitted, Weights
 from jbench.encoders.scaling import FloatArray, Scaling, physical_scaling
 from jbench.encoders.states import States
@@ -97,7 +97,7 @@ class PlanarReduction(Fitted):
     def reduce(self, task: str, physical: Array) -> Array:
         """Returns the `numbers` as an array (..., latents)."""
         numbers = self.numbers(task, physical)
-        return array_namespace(physical).stack(list(numbers.values()), axis=-1)
+        return namespace(physical).stack(list(numbers.values()), axis=-1)
 
     def restore(self, task: str, latents: Array, center_of_mass: Array) -> Array:
         """Returns features (..., dim(O)) in SI units of a robot with these unscaled latents.
@@ -106,7 +106,7 @@ class PlanarReduction(Fitted):
         heading h is 0, and it is at the origin; in `move_from_origin` it is on the other side of
         the way to the origin. The torso's center of mass (3,) is in its own frame (m).
         """
-        xp = array_namespace(latents)
+        xp = namespace(latents)
         zero = xp.zeros_like(latents[..., 0])
         numbers = defaultdict[str, Array](lambda: zero)
         numbers |= {name: latents[..., i] for i, name in enumerate(self.columns(task))}
@@ -202,7 +202,7 @@ class PlanarMirror(PlanarReduction):
     """
 
     def numbers(self, task: str, physical: Array) -> dict[str, Array]:
-        where = array_namespace(physical).where
+        where = namespace(physical).where
         numbers = super().numbers(task, physical)
         is_right = (numbers["angle"] if "angle" in numbers else numbers["target_x"]) < 0
         return {n: where(is_right, SIGNS[n] * value, value) for n, value in numbers.items()}
@@ -214,7 +214,7 @@ class PlanarMirror(PlanarReduction):
         side = split(task, physical).get("angle_to_target")
         if side is None:
             side = super().numbers(task, physical)["target_x"][..., None]
-        xp = array_namespace(scaled)
+        xp = namespace(scaled)
         sign = xp.asarray([1], dtype=scaled.dtype, device=getattr(scaled, "device", None))
         return xp.where(side < 0, -sign, sign)
 
@@ -245,5 +245,5 @@ def _by_axis(name: str, values: Iterable[Array]) -> dict[str, Array]:
 
 def _divided(values: Array, gain: Array) -> Array:
     """Returns values / gain, or 0 for constant features, whose gain is 0."""
-    xp = array_namespace(values)
+    xp = namespace(values)
     return xp.where(gain != 0, values / xp.where(gain != 0, gain, 1.0), 0.0)

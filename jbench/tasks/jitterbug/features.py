@@ -12,9 +12,9 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
+from jbench.arrays import namespace
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.jitterbug import geometry
 from jbench.tasks.jitterbug.geometry import Array, State, Target
@@ -102,7 +102,7 @@ def observation(task: str, state: State, target: Target) -> Array:
 
 def flatten(task: str, values: Mapping[str, Array]) -> Array:
     """Returns the (..., dim(O)) observation that consists of the given `features`."""
-    xp = array_namespace(*values.values())
+    xp = namespace(next(iter(values.values())))
     return normalize(task, xp.concat(list(values.values()), axis=-1))
 
 
@@ -123,7 +123,7 @@ def mirrored(task: str, flat: Array) -> Array:
     are the robot's left and right at heading 0, where legs 1 and 4, and legs 2 and 3, change
     places. `docs/encoders.md` has the accuracy of the simulator.
     """
-    xp = array_namespace(flat)
+    xp = namespace(flat)
     device = getattr(flat, "device", None)
     return flat * xp.asarray(by_dimension(task, "mirror"), dtype=flat.dtype, device=device)
 
@@ -141,7 +141,7 @@ def denormalize(task: str, observed: Array) -> Array:
 
 
 def _feature_range(task: str, like: Array) -> list[Array]:
-    return _range(task, array_namespace(like), like.dtype, getattr(like, "device", None))
+    return _range(task, namespace(like), like.dtype, getattr(like, "device", None))
 
 
 @cache  # they are needed at every control step

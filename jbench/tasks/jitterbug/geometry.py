@@ -8,7 +8,7 @@ length.
 import math
 from typing import Any, NamedTuple
 
-from array_api_compat import array_namespace
+from jbench.arrays import namespace
 
 Array = Any  # A numpy or torch array
 
@@ -34,7 +34,7 @@ class Target(NamedTuple):
 
 def wrap_angle(angle: Array) -> Array:
     """Wraps an angle to (-pi, pi]; angles within that range are rewrapped exactly."""
-    xp = array_namespace(angle)
+    xp = namespace(angle)
     wrapped = angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
     # Rounding may leave a wrapped angle slightly outside.
     inside = wrapped.clip(math.nextafter(-math.pi, 0), math.pi)
@@ -43,7 +43,7 @@ def wrap_angle(angle: Array) -> Array:
 
 def rotation_matrix(quaternion: Array) -> Array:
     """Returns the (..., 3, 3) rotation matrices of (..., 4) unit quaternions (w, x, y, z)."""
-    xp = array_namespace(quaternion)
+    xp = namespace(quaternion)
     w, x, y, z = (quaternion[..., i] for i in range(4))
     entries = (
         *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -62,14 +62,14 @@ def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> 
     """Returns the (..., 3) world velocity of a point of the torso, in its frame (..., 3) (m/s)."""
     x, y, z = (offset[..., i] for i in range(3))
     wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
-    xp = array_namespace(position, velocity, offset)
+    xp = namespace(velocity)
     rotational = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=-1)
     return velocity[..., :3] + rotate(rotation_matrix(position[..., 3:7]), rotational)
 
 
 def heading(state: State) -> Array:
     """Returns the yaw (...) of the robot's forward axis, -y (rad)."""
-    xp = array_namespace(state.position)
+    xp = namespace(state.position)
     w, x, y, z = (state.position[..., 3 + i] for i in range(4))
     return xp.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)) - math.pi / 2
 
@@ -81,21 +81,21 @@ def angle_to_target(state: State, target: Target) -> Array:
 
 def distance_to_target(state: State, target: Target) -> Array:
     """Returns the 3D distance (...) from the torso's frame to the target (m)."""
-    xp = array_namespace(state.position)
+    xp = namespace(state.position)
     to_target = target.position - state.position[..., :3]
     return xp.sqrt(xp.sum(to_target * to_target, axis=-1))
 
 
 def target_in_jitterbug_frame(state: State, target: Target) -> Array:
     """Returns the (..., 3) position of the target in the torso's frame (m)."""
-    xp = array_namespace(state.position)
+    xp = namespace(state.position)
     to_target = target.position - state.position[..., :3]
     return rotate(xp.matrix_transpose(rotation_matrix(state.position[..., 3:7])), to_target)
 
 
 def speed_in_target_frame(state: State, target: Target) -> Array:
     """Returns the (..., 3) velocity of the torso's center of mass in the target's frame (m/s)."""
-    xp = array_namespace(state.torso_velocity)
+    xp = namespace(state.torso_velocity)
     x, y, z = (state.torso_velocity[..., i] for i in range(3))
     cosine, sine = xp.cos(target.yaw), xp.sin(target.yaw)
     along, across = cosine * x + sine * y, cosine * y - sine * x
@@ -108,7 +108,7 @@ def swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Arra
     In the swing-twist decomposition, (cos(h/2), 0, 0, sin(h/2)) * (c, a, b, 0) is the quaternion or
     its negative, with c >= 0.
     """
-    xp = array_namespace(quaternion)
+    xp = namespace(quaternion)
     w, x, y, z = (quaternion[..., i] for i in range(4))
     # The heading is undefined upside down: it is set to 0.
     has_heading = w * w + z * z > 1e-12  # at the precision of float32

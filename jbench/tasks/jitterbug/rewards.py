@@ -5,10 +5,9 @@ The formulas are those of the paper (section 4.2) in dm_control's reward convent
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
-from array_api_compat import array_namespace
-
+from jbench.arrays import namespace
 from jbench.task_specs import TASK_SPECS
 from jbench.tasks.jitterbug import geometry
 from jbench.tasks.jitterbug.geometry import Array, State, Target
@@ -18,6 +17,11 @@ _GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))
 _UPRIGHT_MARGIN = 0.5  # of the cosine of the torso's tilt
 _NEAR_MARGIN = 0.05  # m
 _FULL_SPEED = 0.1  # m/s
+
+Features = Mapping[str, Array]
+"""Features of an observation by name."""
+
+_NONE_KNOWN: Features = {}
 
 
 def upright_reward(state: State) -> Array:
@@ -31,42 +35,60 @@ def near_reward(state: State, target: Target) -> Array:
     return _gaussian(geometry.distance_to_target(state, target), _NEAR_MARGIN)
 
 
-def heading_reward(state: State, target: Target, angle: Array | None = None) -> Array:
+def heading_reward(angle: Array) -> Array:
     """Returns (1 + cos 2a) / 2 for an angle to the target |a| < pi / 2, otherwise 0."""
-    xp = array_namespace(state.position)
-    angle = geometry.angle_to_target(state, target) if angle is None else angle
+    xp = namespace(angle)
     facing = (1 + xp.cos(2 * angle)) / 2
     return xp.where(xp.abs(angle) < math.pi / 2, facing, xp.zeros_like(facing))
 
 
-def speed_reward(state: State, target: Target) -> Array:
-    """Returns the speed along the target's x axis divided by 0.1 m/s, clipped to [0, 1]."""
-    return (geometry.speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED).clip(0, 1)
+def speed_reward(speed: Array) -> Array:
+    """Returns a speed along the target's x axis divided by 0.1 m/s, clipped to [0, 1]."""
+    return (speed / _FULL_SPEED).clip(0, 1)
 
 
-_REWARDS: dict[str, Callable[[State, Target, Array | None], Array]] = {
-    "away": lambda state, target, _: 1 - near_reward(state, target),
-    "upright": lambda state, *_: upright_reward(state),
-    "near": lambda state, target, _: near_reward(state, target),
-    "heading": heading_reward,
-    "speed": lambda state, target, _: speed_reward(state, target),
+def _heading(state: State, target: Target, known: Features) -> Array:
+    if "angle_to_target" in known:
+        return heading_reward(known["angle_to_target"][..., 0])
+    return heading_reward(geometry.angle_to_target(state, target))
+
+
+def _speed(state: State, target: Target, known: Features) -> Array:
+    if "speed_in_target_frame" in known:
+        return speed_reward(known["speed_in_target_frame"][..., 0])
+    return speed_reward(geometry.speed_in_target_frame(state, target)[..., 0])
+
+
+_REWARDS: dict[str, Callable[[State, Target, Features], Array]] = {
+    "away": lambda state, target, known: 1 - near_reward(state, target),
+    "upright": lambda state, target, known: upright_reward(state),
+    "near": lambda state, target, known: near_reward(state, target),
+    "heading": _heading,
+    "speed": _speed,
 }
 
 
-def reward(task: str, state: State, target: Target) -> Array:
+def reward(task: str, state: State, target: Target, known: Features = _NONE_KNOWN) -> Array:
     """Returns the reward (...) of a task, in [0, 1]; the target's axes broadcast."""
-    return math.prod(reward_terms(task, state, target).values())
+    return math.prod(reward_terms(task, state, target, known).values())
 
 
 def reward_terms(
-    task: str, state: State, target: Target, angle: Array | None = None
+    task: str, state: State, target: Target, known: Features = _NONE_KNOWN
 ) -> dict[str, Array]:
-    """Returns the terms (...), each in [0, 1], whose product is the reward; `angle` saves time."""
+    """Returns the terms (...), each in [0, 1], whose product is the reward.
+
+    Args:
+        task: one of the five tasks.
+        state: of robots.
+        target: of theirs; its axes broadcast.
+        known: features of this state that are computed already, each (..., size) in SI units.
+    """
     names = TASK_SPECS[task].rewards
-    return {name: _REWARDS[name](state, target, angle) for name in names}
+    return {name: _REWARDS[name](state, target, known) for name in names}
 
 
 def _gaussian(distance: Array, margin: float) -> Array:
-    xp = array_namespace(distance)
+    xp = namespace(distance)
     scaled = distance * (_GAUSSIAN_SCALE / margin)
     return xp.exp(-0.5 * scaled * scaled)

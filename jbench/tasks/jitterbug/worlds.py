@@ -16,7 +16,7 @@ from jbench import task_specs
 from jbench.task_specs import PHYSICS_STEPS, TASK_SPECS
 from jbench.tasks.jitterbug import model as robot
 from jbench.tasks.jitterbug import resets
-from jbench.tasks.jitterbug.features import observation
+from jbench.tasks.jitterbug.features import features, flatten, observation
 from jbench.tasks.jitterbug.geometry import State, Target, heading
 from jbench.tasks.jitterbug.rewards import reward, upright_reward
 from jbench.tasks.task import Worlds, WorldsState
@@ -136,8 +136,10 @@ class JitterbugWorlds(Worlds):
         self, actions: NDArray[np.floating]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Applies actions (worlds, 1); see `Worlds.step`."""
-        state = self._robots.step(actions[:, 0])
-        return self._observe(state), np.asarray(reward(self._task, state, self.target))
+        self.robot_state = state = self._robots.step(actions[:, 0])
+        seen = features(self._task, state, self.target)
+        observations = np.asarray(flatten(self._task, seen), np.float32)
+        return observations, np.asarray(reward(self._task, state, self.target, seen))
 
     def state(self, rows: slice) -> WorldsState:
         """Returns the complete state of some worlds, at any control step."""

@@ -87,7 +87,8 @@ def open_display() -> bool:
 @cache
 def draws(backend: str) -> bool:
     """Returns whether a process can draw a picture by a backend, one of `BACKENDS`."""
-    probe, env = [sys.executable, "-c", _PROBE], {**os.environ, "MUJOCO_GL": backend}
+    probe = [sys.executable, "-c", _PROBE]
+    env = {**os.environ, "MUJOCO_GL": backend}
     try:
         answer = subprocess.run(
             probe, env=env, capture_output=True, text=True, timeout=_PROBE_SECONDS

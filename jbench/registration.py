@@ -49,5 +49,6 @@ def register_environments() -> None:
     }
     for task in TASKS:
         for augmented, robot in ((False, {}), (True, {"augment": 0})):
-            id, kwargs = environment_id(task, augmented), {"task": task, **robot}
+            id = environment_id(task, augmented)
+            kwargs = {"task": task, **robot}
             _register(id, "jbench.tasks.gym:JitterbugEnv", kwargs, **more)

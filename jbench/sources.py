@@ -154,7 +154,8 @@ class _Code:
     def __init__(self, root: Path, only: set[str] | None) -> None:
         """Begins without files; `only` are the top-level names that count, None for all."""
         self.checksums: dict[str, str] = {}
-        self._root, self._only = root, only
+        self._root = root
+        self._only = only
 
     def add_with_packages(self, path: Path) -> None:
         """Adds a file, the packages that Python imports before it, and all that they import."""

@@ -18,7 +18,8 @@ class TaskSpec:
     drawn: tuple[str, ...] = ()
 
 
-_ANGLE, _TARGET = "angle_to_target", "target_in_jitterbug_frame"
+_ANGLE = "angle_to_target"
+_TARGET = "target_in_jitterbug_frame"
 
 TASK_SPECS = {
     # "away" is what is left of 1 by "near", the target being at the origin.

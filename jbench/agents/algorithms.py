@@ -122,7 +122,8 @@ def describe_settings(algo: str) -> list[dict[str, Any]]:
 
     A subclass that changes only a default need not describe the setting again.
     """
-    kind, described = settings_class(algo), []
+    kind = settings_class(algo)
+    described = []
     bases = [base for base in kind.__mro__ if issubclass(base, Settings)]
     for name, field in kind.model_fields.items():
         if field.default is _NOT_RECORDED:

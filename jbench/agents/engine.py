@@ -77,7 +77,8 @@ class Engine(AbstractContextManager["Engine"]):
         self.environments = environments
         self.control_steps = 0
         self.diverged: dict[int, DivergedError] = {}
-        self._rollout_steps, self._collected = rollout_steps, 0
+        self._rollout_steps = rollout_steps
+        self._collected = 0
 
     def __enter__(self) -> Self:
         """Returns itself."""

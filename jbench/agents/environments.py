@@ -32,7 +32,8 @@ class Generators:
         self.seed = seed
         weights, actions, updates, *others = SeedSequence(seed).spawn(3 + environments)
         self._weights = weights
-        self.actions, self.updates = Generator(PCG64(actions)), Generator(PCG64(updates))
+        self.actions = Generator(PCG64(actions))
+        self.updates = Generator(PCG64(updates))
         self.environments = [Generator(PCG64(other)) for other in others]
 
     def weights(self) -> torch.Generator:
@@ -87,12 +88,15 @@ class Environments:
 
         `episode_steps` may be shorter than the task's episodes, which are the default.
         """
-        self.task, self.threads = task, threads
+        self.task = task
+        self.threads = threads
         self.encoders = encoders or [None] * len(seeds)
         self.generators = [Generators(seed, count) for seed in seeds]
-        self._task, self._shape = find_task(task), (len(seeds), count)
+        self._task = find_task(task)
+        self._shape = (len(seeds), count)
         self.episode_steps = episode_steps or self._task.episode_steps
-        self.action_size, full = self._task.action_size, self._task.observation_size
+        self.action_size = self._task.action_size
+        full = self._task.observation_size
         (self.size,) = {
             full if encoder is None else encoder.latent_size for encoder in self.encoders
         }
@@ -101,7 +105,8 @@ class Environments:
         self._shared = first if is_shared else None
         blank = torch.zeros(1, full)
         self._mirrors = any(action_signs(encoder, blank) is not None for encoder in self.encoders)
-        self._augment, self._robot = augment, augment(0)
+        self._augment = augment
+        self._robot = augment(0)
         self._worlds = self._new_worlds()
         self.failures: dict[int, EpisodeError] = {}
         self.episodes = self.steps = 0
@@ -165,7 +170,8 @@ class Environments:
         world = {name: tensor.numpy() for name, tensor in under(_WORLD, state.tensors).items()}
         self._switch_robot(scalars["episodes"])
         self._returns[seed] = world["returns"]
-        self.episodes, self.steps = scalars["episodes"], scalars["episode_steps"]
+        self.episodes = scalars["episodes"]
+        self.steps = scalars["episode_steps"]
         self.observations = self._inputs(self._worlds.restore(self._robots(seed), world))
         for generator, saved in zip(self.generators[seed].all(), scalars["streams"], strict=True):
             generator.bit_generator.state = saved

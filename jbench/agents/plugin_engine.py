@@ -43,13 +43,15 @@ class PluginEngine(Engine):
             WorkError: if its own code raises an error, or returns actions of a wrong shape, or
                 losses that are no dictionary or have no column, here and below.
         """
-        self._name, self._time_limit = name, time_limit
+        self._name = name
+        self._time_limit = time_limit
         super().__init__(environments)
         self._device = device
         self._is_resumable = is_resumable(kind)
         self._losses: dict[str, float] = {}
         size, action_size = environments.size, environments.action_size
-        count, seed = environments.observations.shape[1], environments.generators[0].seed
+        count = environments.observations.shape[1]
+        seed = environments.generators[0].seed
         spec = EnvironmentSpec(size, action_size, count, environments.episode_steps)
         torch.manual_seed(seed)
         np.random.seed(seed)  # noqa: NPY002 - agents of others may use it

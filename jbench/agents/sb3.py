@@ -91,7 +91,8 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
         env = _standardized(env, settings)
     else:
         assert isinstance(settings, Foreign)
-        kind, chosen = find_class(algo), settings.hyperparameters
+        kind = find_class(algo)
+        chosen = settings.hyperparameters
     arguments: dict[str, Any] = {
         n: tuple(v) if isinstance(v, list) else v for n, v in chosen.items()
     }
@@ -112,7 +113,8 @@ def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict
     # Divergence is detected by actions and losses. Torch's validation would raise its own error in
     # the middle of an update.
     torch.distributions.Distribution.set_default_validate_args(False)
-    kind, layers = CLASSES[algo], list(settings.hidden_layers)
+    kind = CLASSES[algo]
+    layers = list(settings.hidden_layers)
     taken = inspect.signature(kind).parameters.keys()
     arguments = settings.model_dump(include=set(taken))
     if isinstance(settings, OffPolicySettings):

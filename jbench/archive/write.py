@@ -83,7 +83,8 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
 
 def _chosen(results: Results) -> tuple[list[Record], list[str]]:
     """Returns the records of an archive, and a line for each that is left out."""
-    chosen, left_out = list[Record](), list[str]()
+    chosen = list[Record]()
+    left_out = list[str]()
     for kind in _KINDS:
         records, problems = results.scan(kind)
         if problems:

@@ -149,14 +149,16 @@ def _seeds(make: _Make) -> str:
 
 
 def _side_by_side(make: _Make) -> str:
-    alone, together = _trace(make, [0]), _trace(make, [0, 1])
+    alone = _trace(make, [0])
+    together = _trace(make, [0, 1])
     if not np.array_equal(alone, together, equal_nan=True):
         raise WorkError("a seed's numbers depend on the other seeds, or on an update before.")
     return "a seed's numbers do not depend on the other seeds"
 
 
 def _evaluation(make: _Make) -> str:
-    plain, evaluated = _trace(make, [0]), _trace(make, [0], evaluate=True)
+    plain = _trace(make, [0])
+    evaluated = _trace(make, [0], evaluate=True)
     if not np.array_equal(plain, evaluated, equal_nan=True):
         raise WorkError(
             "evaluating between two steps changes the training: act and policy must change nothing "

@@ -61,7 +61,9 @@ class _Trial:
         latents: int | None,
         folder: Path,
     ) -> None:
-        self._name, self._task, self._folder = name, task, folder
+        self._name = name
+        self._task = task
+        self._folder = folder
         quick = {"epochs": 1, "batch": 512} if issubclass(find_kind(name), Learned) else {}
         self._options = {**quick, **options}
         sizes = latent_sizes(name, task, options)
@@ -98,7 +100,8 @@ class _Trial:
         return "the same seed gives the same weights"
 
     def shapes(self) -> str:
-        encoder, size = self._encoder(), find_task(self._task).observation_size
+        encoder = self._encoder()
+        size = find_task(self._task).observation_size
         for shape in ((), (4,), (2, 3)):
             latents = encoder.encode(np.zeros((*shape, size), np.float32))
             if latents.shape != (*shape, self._latents):
@@ -109,7 +112,8 @@ class _Trial:
         return f"(..., {size}) to (..., {self._latents})"
 
     def array_types(self) -> str:
-        encoder, size = self._encoder(), find_task(self._task).observation_size
+        encoder = self._encoder()
+        size = find_task(self._task).observation_size
         states = np.random.default_rng(0).normal(size=(5, size)).astype(np.float32)
         by_numpy = encoder.encode(states)
         by_torch = encoder.encode(torch.from_numpy(states))

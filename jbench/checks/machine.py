@@ -87,7 +87,8 @@ def _dependencies() -> Checked:
 
 
 def _cores() -> Checked:
-    usable, whole = cores(), os.cpu_count() or 1
+    usable = cores()
+    whole = os.cpu_count() or 1
     limited = "" if usable == whole else f" of {whole}: affinity or a quota leaves no more"
     load = f"; load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     return Checked("cores", "ok", f"{usable}{limited}{load}; {processor()}, {platform.machine()}")

@@ -25,7 +25,8 @@ def _find(name: str, task: str) -> ActingPolicy:
 
 
 def _acts(name: str, task: str) -> str:
-    policy, size = _find(name, task), find_task(task)
+    policy = _find(name, task)
+    size = find_task(task)
     for count in (1, 5):
         policy.reset(count)
         actions = policy.act(np.zeros((count, size.observation_size), np.float32))
@@ -45,7 +46,8 @@ def _episodes(name: str, task: str) -> str:
 
 
 def _returns(name: str, task: str, steps: int = 100) -> np.ndarray:
-    policy, made = _find(name, task), find_task(task)
+    policy = _find(name, task)
+    made = find_task(task)
     generators = [np.random.default_rng(seed) for seed in range(_EPISODES)]
     total = np.zeros(_EPISODES)
     with made.worlds(_EPISODES) as worlds:

@@ -36,7 +36,8 @@ def _episode(name: str) -> str:
 
 def _seen(name: str, seed: int, count: int = 1) -> np.ndarray:
     """Returns the observations (steps, size) of the first of some worlds."""
-    task, random = find_task(name), np.random.default_rng(7)
+    task = find_task(name)
+    random = np.random.default_rng(7)
     with task.worlds(count) as worlds:
         generators = [np.random.default_rng(seed + i) for i in range(count)]
         rows = [worlds.reset(generators)[0].copy()]

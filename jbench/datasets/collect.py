@@ -83,9 +83,11 @@ def collect(
         progress(first * settings.episode_steps)
         if settings.robot == JITTERBUG:
             # Enough files to keep all threads busy while one file is written.
-            max_files, simulation = 1 + math.ceil(threads / _PART_EPISODES), _jitterbug
+            max_files = 1 + math.ceil(threads / _PART_EPISODES)
+            simulation = _jitterbug
         else:
-            max_files, simulation = 1, _other_robot
+            max_files = 1
+            simulation = _other_robot
         # Closed in reverse order: simulations stop before the pool waits for them.
         with ThreadPoolExecutor(max_files) as makers, simulation(settings, threads) as simulated:
             for made, ahead in _in_order(makers, simulated, parts, max_files):
@@ -125,10 +127,13 @@ def _in_order(
 
 @contextmanager
 def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
-    model, ended = load_model(settings.augment), Event()
+    model = load_model(settings.augment)
+    ended = Event()
 
     def simulate_part(episodes: range, simulated: _Steps) -> _Part:
-        quaternions, rows, actions = [], list[dict[str, Any]](), []
+        quaternions = []
+        rows = list[dict[str, Any]]()
+        actions = []
         for episode in episodes:
             random = episode_generator(settings.seed, episode)
             quaternions.append(resets.draw_quaternion(random))
@@ -167,10 +172,13 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
 
     def simulate_part(episodes: range, simulated: _Steps) -> _Part:
         failure: EpisodeError | None = None
-        count, length = len(episodes), settings.episode_steps
+        count = len(episodes)
+        length = settings.episode_steps
         observations = np.empty((count, length + 1, task.observation_size), np.float32)
         made = np.empty((count, length, task.action_size + 1), np.float32)
-        actions, rewards, seeds = made[..., :-1], made[..., -1], np.empty(count, np.int64)
+        actions = made[..., :-1]
+        rewards = made[..., -1]
+        seeds = np.empty(count, np.int64)
         for i, episode in enumerate(episodes):
             random = episode_generator(settings.seed, episode)
             (observations[i, 0],) = worlds.reset([random])

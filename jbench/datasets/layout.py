@@ -68,7 +68,8 @@ def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int
     `DATASET_EPISODES` or `SEEDS`.
     """
     made = [name for name in steps.column_names if name.startswith("action") or name == "reward"]
-    numbers, step_numbers = np.arange(episodes.start, episodes.stop), np.arange(episode_steps + 1)
+    numbers = np.arange(episodes.start, episodes.stop)
+    step_numbers = np.arange(episode_steps + 1)
     expected = (np.repeat(numbers, len(step_numbers)), np.tile(step_numbers, len(numbers)), numbers)
     columns = (steps["episode"], steps["step"], targets["episode"])
     if not all(map(np.array_equal, columns, expected)):

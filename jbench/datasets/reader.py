@@ -43,7 +43,8 @@ class Dataset:
     """
 
     def __init__(self, record: Record) -> None:
-        self.record, self.id = record, record.id
+        self.record = record
+        self.id = record.id
         self.settings = validated(
             DatasetSettings, f"the dataset {record.id} in {record.path}", **record.settings
         )

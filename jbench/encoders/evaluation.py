@@ -39,8 +39,12 @@ another robot these are the change of each part of the observation, and the rewa
 _RATES = ("rate_z", "rate_x", "rate_y", "velocity_y")
 
 # The probe has two hidden ReLU layers. Larger values of these do not change the order of kinds.
-_LEARNED_ROWS, _TEST_ROWS = 60_000, 30_000
-_HIDDEN, _BATCH, _EPOCHS, _RATE = 64, 512, 15, 3e-3
+_LEARNED_ROWS = 60_000
+_TEST_ROWS = 30_000
+_HIDDEN = 64
+_BATCH = 512
+_EPOCHS = 15
+_RATE = 3e-3
 _LAST = 0.01  # of the learning rate, at the end
 
 _LINEAR = 0.5  # R² from which a direction of the latents stands for a target
@@ -156,7 +160,8 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
     r2 = _r2(predicted, _standardized(test_targets, targets), columns)
     # Standard deviations of the latents along the directions in which the regression predicts; of a
     # target with several axes, the root of their mean square.
-    along, covariance = slopes[:latents], moments.covariance[:latents, :latents]
+    along = slopes[:latents]
+    covariance = moments.covariance[:latents, :latents]
     sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, covariance, along), 0))
     norms = np.linalg.norm(along, axis=0)
     amplitudes = torch.from_numpy(np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0))
@@ -204,7 +209,8 @@ def _rows(
     signs = kind.action_signs(weights, observed)
     if signs is not None:  # these latents are predicted what the mirrored robot does
         mirror = [SIGNS[name] for name in _RATES]
-        actions, rates = actions * signs, np.where(signs < 0, rates * mirror, rates)
+        actions = actions * signs
+        rates = np.where(signs < 0, rates * mirror, rates)
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
     inputs = np.concatenate([latents, actions], axis=1)
     return torch.from_numpy(inputs), torch.from_numpy(targets)
@@ -220,7 +226,8 @@ def _r2(
     predicted: Tensor, targets: Tensor, columns: Mapping[str, list[int]]
 ) -> dict[str, float | None]:
     """Returns the R² of each target, which has some of the columns; None if it is constant."""
-    squares, variance = (predicted - targets).square().mean(0), targets.var(0, correction=0)
+    squares = (predicted - targets).square().mean(0)
+    variance = targets.var(0, correction=0)
     totals = {name: float(variance[some].sum()) for name, some in columns.items()}
     return {
         name: 1 - float(squares[columns[name]].sum()) / total if total > 0 else None

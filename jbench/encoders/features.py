@@ -14,7 +14,9 @@ from jbench.names import closest
 from jbench.settings.base import settings_hash
 from jbench.tasks.find import find_task
 
-ALL_BUT, ONLY, HASHED = "without", "of", "features"
+ALL_BUT = "without"
+ONLY = "of"
+HASHED = "features"
 """Words of a representation's name before the features that are left out, those that are kept, or
 a hash of names that are too long or have other characters than a name may have."""
 

@@ -46,8 +46,11 @@ class EncoderLearner:
 
     def __init__(self, kind: Learned, states: States, latents: int) -> None:
         """Draws the initial weights with the seed of the states, which have been read."""
-        self.kind, self.states, self.latents = kind, states, latents
-        self.device, actions = states.device, states.action_size
+        self.kind = kind
+        self.states = states
+        self.latents = latents
+        self.device = states.device
+        actions = states.action_size
         self.random = torch.Generator().manual_seed(states.seed)
         several = {"action_size": actions} if kind.uses_actions and actions > 1 else {}
         initial = kind.initial(states.size, latents, self.random, **several)
@@ -112,7 +115,8 @@ class EncoderLearner:
         return {"exp_avg": adam.first[0], "exp_avg_sq": adam.second[0], "step": adam.steps[0]}
 
     def _prepared(self) -> Iterator[StatePairs]:
-        kind, ahead = self.kind, self.kind.steps_ahead
+        kind = self.kind
+        ahead = self.kind.steps_ahead
         for shard in self.states.learn(self.random):
             pairs = shard.pairs(ahead)
             dtype = torch.int32 if pairs < 2**30 else torch.int64
@@ -144,7 +148,8 @@ def learn(
     corrupted = kind.prepare(clean, latents, torch.Generator().manual_seed(0)).now
     targets = clean.later if kind.decodes_later else clean.now
     done = record.read("encoder_epochs").to_pylist()
-    rows, committed = list[dict[str, Any]](), -math.inf
+    rows = list[dict[str, Any]]()
+    committed = -math.inf
     start = time.perf_counter() - (done[-1]["wall_time"] if done else 0.0)
     progress(len(done))
     for epoch in range(len(done) + 1, kind.epochs + 1):
@@ -162,7 +167,8 @@ def learn(
         if now - committed >= commit_every or epoch == kind.epochs:
             tables = encoder_tables(record.id, {"encoder_epochs": rows})
             record.append(tables, {CHECKPOINT: learner.to_bytes()})
-            rows, committed = [], now
+            rows = []
+            committed = now
         progress(epoch)
     return learner.arrays()
 

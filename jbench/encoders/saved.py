@@ -26,7 +26,8 @@ from jbench.wording import with_results
 DESCRIPTION = "encoder.json"
 WEIGHTS = "encoder.safetensors"
 
-_GAIN, _OFFSET = "observation.gain", "observation.offset"  # of the scaling, beside the weights
+_GAIN = "observation.gain"
+_OFFSET = "observation.offset"  # of the scaling, beside the weights
 
 
 class Encoder(Protocol):
@@ -92,7 +93,8 @@ class SavedEncoder:
     def _scaled(self, batch: Array) -> tuple[Weights, Array]:
         weights: Weights = self._weights
         if isinstance(batch, Tensor):
-            kept, about = self._tensors, (batch.device, batch.dtype)
+            kept = self._tensors
+            about = (batch.device, batch.dtype)
             if about not in kept:
                 kept[about] = {n: torch.from_numpy(v).to(*about) for n, v in weights.items()}
             weights = kept[about]
@@ -151,7 +153,8 @@ def load_encoder(
         if not accept_changed:
             check_code(record, code_provenance(description["kind"]))
         weights = {name: np.asarray(value, np.float32) for name, value in arrays}
-        scaling, latents = Scaling(*extremes), description["latents"]
+        scaling = Scaling(*extremes)
+        latents = description["latents"]
         encoder = SavedEncoder(kind, weights, scaling, latents, description.get("is_observed"))
     except ChangedCodeError:
         raise

@@ -61,7 +61,8 @@ class Moments(NamedTuple):
 
         The first `inputs` columns predict the others.
         """
-        within, across = self.covariance[:inputs, :inputs], self.covariance[:inputs, inputs:]
+        within = self.covariance[:inputs, :inputs]
+        across = self.covariance[:inputs, inputs:]
         slopes = np.linalg.pinv(within, rcond=1e-12, hermitian=True) @ across
         return slopes, self.mean[inputs:] - self.mean[:inputs] @ slopes
 

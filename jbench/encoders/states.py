@@ -125,7 +125,10 @@ class States:
         self, dataset: Dataset, task: str, seed: int, memory: int = 2**30, scale: Scale = "dataset"
     ) -> None:
         """Prepares to read a dataset, of which at most `memory` bytes of states are kept."""
-        self.dataset, self.task, self.seed, self.scale = dataset, task, seed, scale
+        self.dataset = dataset
+        self.task = task
+        self.seed = seed
+        self.scale = scale
         self.size = find_task(task).observation_size
         self.columns = list(range(self.size))
         self.action_size = find_task(task).action_size

@@ -93,7 +93,8 @@ def as_imports(points: pd.DataFrame, returns: ReturnsName) -> tuple[pd.DataFrame
     numbered["import"] = "curve " + (curves.ngroup() + 1).astype(str)
     imports = numbered.groupby(_RUN, sort=False).last().reset_index()
     texts = {"representation": "", "status": "finished", "format": "csv", "provenance": "{}"}
-    algo, count = imports["method"], imports["point"] + 1
+    algo = imports["method"]
+    count = imports["point"] + 1
     return imports.assign(algo=algo, returns=returns, points=count, **texts), numbered
 
 

@@ -185,7 +185,8 @@ def _from_csv(file: tables.ImportedFile) -> CurveFile:
     if _usual(numeric["steps"]) == _MILLIONS:
         points["steps"] = (points["steps"] * 1e6).round()
     points["seed"] = tables.seeds(table, str(columns["seed"]), file)
-    stem, folder = file.path.stem, file.path.resolve().parent.name
+    stem = file.path.stem
+    folder = file.path.resolve().parent.name
     instead = {"task": stem, "method": folder if columns["task"] is None else stem}
     for role in ("task", "method"):
         column = columns[role]

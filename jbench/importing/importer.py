@@ -105,7 +105,8 @@ def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
 
 def _check_steps(series: Series, request: ImportRequest) -> None:
     """Raises a RequestError if a curve has no steps, or two returns at one step."""
-    points, path = series.points, series.file.path
+    points = series.points
+    path = series.file.path
     several = len(points) > 1 if "point" not in points else points["point"].nunique() > 1
     if several and not points["control_steps"].any():
         raise RequestError(

@@ -54,7 +54,8 @@ def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
     for role, column in columns.items():
         other = "--seed-from REGEX, or " if role == "seed" else ""
         check_column(table, column, file, f"type {other}--{role}-column with one of")
-    points, kind = _points(table, columns, file), request.returns_kind(columns["return"])
+    points = _points(table, columns, file)
+    kind = request.returns_kind(columns["return"])
     if "seed" not in columns:
         return [Series(file, request.seed_in(str(file.path)), kind, points, columns)]
     by_seed: Any = points.groupby("seed")
@@ -88,7 +89,8 @@ def _read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
             f"{file.path} has {reason}; type --return-column with one of "
             f"{', '.join(sorted(runs)) or '(none)'}; a chart has columns 'RUN - METRIC'."
         )
-    kind, series = request.returns_kind(metric), []
+    kind = request.returns_kind(metric)
+    series = []
     for run, column in runs[metric].items():
         columns = {"steps": steps, "return": column}
         seed = request.seed_in(run, f"{file.path}, the run")
@@ -195,7 +197,8 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
 
 def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the values of one tag of TensorBoard; their time is that of the clock, in s."""
-    read, tag = _scalars(file), request.tag
+    read = _scalars(file)
+    tag = request.tag
     scalars = read.scalars
     if not scalars:
         raise RequestError(f"{file.path} has no scalars; leave the file out.")
@@ -208,7 +211,8 @@ def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     names = ["control_steps", "wall_time", "episode_return"]
     points = pd.DataFrame(scalars[tags[0]], columns=names).rename_axis("value")
     points.index += 1
-    seed, kind = request.seed_in(str(file.path)), request.returns_kind(tags[0])
+    seed = request.seed_in(str(file.path))
+    kind = request.returns_kind(tags[0])
     return [Series(file, seed, kind, points, {"return": tags[0]}, read.resumed_at)]
 
 
@@ -236,7 +240,8 @@ def _scalars(file: ImportedFile) -> _Events:
         ) from None
     scalars = dict[str, list[tuple[int, float, float]]]()
     plugins = dict[str, str]()
-    end, resumed_at = 0, np.inf
+    end = 0
+    resumed_at = np.inf
     for record in RawEventFileLoader(str(file.path)).Load():
         end += _FRAME + len(record)
         event = migrate_event(Event.FromString(record))

@@ -159,7 +159,8 @@ def numbers(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
         values = pd.to_numeric(table[column], errors="coerce").to_numpy(np.float64)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            line, text = table.index[bad[0]], table[column].iloc[bad[0]]
+            line = table.index[bad[0]]
+            text = table[column].iloc[bad[0]]
             raise RequestError(
                 f"{file.path}, line {line}: {column} is {text[:40]!r}, which is not a finite "
                 "number."

@@ -31,7 +31,8 @@ class Logger(ABC):
 
     def copy(self, change: Change) -> None:
         """Adds new rows of a run to its log; one that starts replaces its earlier log."""
-        record, run = change.record, change.record.id
+        record = change.record
+        run = change.record.id
         if change.is_new:
             self.end(run)
             # What a library prints must not mix with a JSON document.
@@ -65,7 +66,8 @@ class _TensorBoard(Logger):
         from torch.utils.tensorboard import SummaryWriter
 
         super().__init__()
-        self._make_writer, self._directory = SummaryWriter, directory
+        self._make_writer = SummaryWriter
+        self._directory = directory
         self.where = f"tensorboard --logdir {directory} shows the log."
 
     def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
@@ -164,7 +166,8 @@ def _points(change: Change) -> Iterator[tuple[int, float, _Values]]:
     """
     created = datetime.fromisoformat(change.record.manifest.created).timestamp()
     for table, rows in grouped(change.rows):
-        first, values = rows[0], dict[str, float | None]()
+        first = rows[0]
+        values = dict[str, float | None]()
         if table == "metrics":
             values = {f"metrics/{row['name']}": row["value"] for row in rows}
         elif table == "episodes":

@@ -157,7 +157,8 @@ class _Value(Tensor):
     @classmethod
     def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         """Is called in place of functions, methods and operators, such as relu, relu_ or mul."""
-        name, named = func.__name__.strip("_"), dict(kwargs or {})
+        name = func.__name__.strip("_")
+        named = dict(kwargs or {})
         values = [argument for argument in args if isinstance(argument, cls)]
         if name not in _LAYERS or not values:
             raise UnsupportedPolicyError(f"{name} is not supported")

@@ -52,7 +52,8 @@ def evaluate(
     of the policy may be a path. Raises a RequestError if there is no such policy for this task, and
     a WorkError if another process is running this evaluation, or it can't be written.
     """
-    named, is_accepted = name or settings.policy, settings.accepted is not None
+    named = name or settings.policy
+    is_accepted = settings.accepted is not None
     policy = find_policy(results, named, settings.task, settings.seed, is_accepted)
     code = evaluation_code(settings.task, named)
     task = find_task(settings.task)

@@ -123,7 +123,8 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
         except Exception as error:
             raise WorkError(f"The policy {name} failed ({sentence_of_failure(error)}).") from error
 
-    points, is_module = offered_policies(), plugins.is_imported(name)
+    points = offered_policies()
+    is_module = plugins.is_imported(name)
     made = plugins.imported("policy", name) if is_module else plugins.load("policy", points[name])
     if isinstance(made, type):
         made = attempt(made, task)
@@ -150,7 +151,8 @@ def full_name(results: Results, name: str) -> tuple[str, Run | None]:
     """
     if "/" in name and not is_sb3_zip(name):
         located, id = locate_run(results, name)
-        record, prefix = located.find("run", id), SHIPPED if name.startswith(SHIPPED) else ""
+        record = located.find("run", id)
+        prefix = SHIPPED if name.startswith(SHIPPED) else ""
         return f"{prefix}{id}", None if record is None else read_run(record.settings)
     if name.startswith(_CONSTANT):
         _constant(name)

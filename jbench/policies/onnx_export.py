@@ -22,7 +22,8 @@ from jbench.store.files import make_directory, write_atomic
 from jbench.tasks.find import find_task
 from jbench.tasks.jitterbug.features import normalize
 
-_OPSET, _IR_VERSION = 18, 8  # of 2022, which ONNX Runtime reads from 1.14 on
+_OPSET = 18
+_IR_VERSION = 8  # of 2022, which ONNX Runtime reads from 1.14 on
 _TOLERANCE = 1e-4  # of an action; float32 rounding in another order is a hundredth of that
 
 
@@ -122,7 +123,9 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     assert program is not None
     model = program.model_proto
     graph = model.graph
-    model.ir_version, model.producer_name, model.producer_version = _IR_VERSION, "jbench", ""
+    model.ir_version = _IR_VERSION
+    model.producer_name = "jbench"
+    model.producer_version = ""
     del graph.value_info[:]
     for part in (graph, *graph.node, *graph.initializer, *graph.input, *graph.output):
         del part.metadata_props[:]  # such as the paths of source files

@@ -42,7 +42,9 @@ class SavedLayer:
     """A layer: its kind, one of `LAYERS`, with the arguments of its function."""
 
     def __init__(self, kind: str, **arguments: Float | float) -> None:
-        self.kind, self.arrays, self.numbers = kind, dict[str, Float](), dict[str, float]()
+        self.kind = kind
+        self.arrays = dict[str, Float]()
+        self.numbers = dict[str, float]()
         for name, value in arguments.items():
             if isinstance(value, np.ndarray):
                 self.arrays[name] = value
@@ -127,14 +129,16 @@ class SavedNetwork:
             for name, array in layer.arrays.items()
         }
         described = {"network": [{"layer": layer.kind, **layer.numbers} for layer in self.layers]}
-        weights, description = safetensors.numpy.save(tensors), json.dumps(described, indent=1)
+        weights = safetensors.numpy.save(tensors)
+        description = json.dumps(described, indent=1)
         return {WEIGHTS: weights, DESCRIPTION: description.encode()}
 
     @classmethod
     def from_files(cls, weights: bytes, description: bytes) -> "SavedNetwork":
         """Inverts `files`, and reads an older format; raises a ValueError if they are invalid."""
         try:
-            tensors, described = safetensors.numpy.load(weights), json.loads(description)
+            tensors = safetensors.numpy.load(weights)
+            described = json.loads(description)
             network = cls(
                 [_layer(layer, i, tensors) for i, layer in enumerate(described["network"])]
                 if "network" in described

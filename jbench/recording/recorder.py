@@ -51,11 +51,15 @@ class Recording:
         made_on: Mapping[str, str | None],
         logger: Logger | None = None,
     ) -> None:
-        self.id, self.finished = settings.id, False
-        self._settings, self._results, self._made_on = settings, results, made_on
+        self.id = settings.id
+        self.finished = False
+        self._settings = settings
+        self._results = results
+        self._made_on = made_on
         self._encoder = load_run_encoder(settings.encoder, results)
         self._task = find_task(settings.task)
-        self._logger, self._process = logger, os.getpid()
+        self._logger = logger
+        self._process = os.getpid()
         self._writer: RunWriter | None = None
 
     def __repr__(self) -> str:
@@ -93,13 +97,15 @@ class Recording:
             again = "" if existing is None else f", which is {existing.status} and starts over"
             _note(f"Recording the run {self.id} in {self._results.name}{again}.")
             record = self._results.create("run", self.id, self._settings.values, self._made_on)
-            self._writer, self._environments = RunWriter(record, self._settings, self._encoder), 0
+            self._writer = RunWriter(record, self._settings, self._encoder)
+            self._environments = 0
             try:
                 with self._writer.block():
                     yield
             finally:
                 made, planned = self._writer.control_steps, self._settings.steps
-                self._writer, self.finished = None, record.status == "finished"
+                self._writer = None
+                self.finished = record.status == "finished"
                 if self.finished and made > planned:
                     _note(
                         f"The block made {made:,} control steps, but steps={planned}: pass the "
@@ -160,7 +166,8 @@ class Recording:
         Returns:
             The returns (evaluate_episodes,), or None if no evaluation was due.
         """
-        writer, every = self._running(), self._settings.evaluate_every
+        writer = self._running()
+        every = self._settings.evaluate_every
         due = writer.log.is_evaluation_due(every, self.control_steps)
         if not due or not self._settings.evaluate_episodes:
             return None
@@ -174,7 +181,9 @@ class Recording:
             actor: a torch module that applies its layers one after another, or a
                 stable-baselines3 model; else an UnsupportedPolicyError, which is a RequestError.
         """
-        writer, task, encoder = self._running(), self._task, self._encoder
+        writer = self._running()
+        task = self._task
+        encoder = self._encoder
         inputs = task.observation_size if encoder is None else encoder.latent_size
         if isinstance(actor, nn.Module):
             copied = copy_module(actor, inputs, task.action_size)

@@ -70,7 +70,8 @@ def record(
         RequestError: if a value is invalid, there is no such encoder, the tracker is not
             installed, or the results are the shipped ones.
     """
-    place, representation = results_to_write(Path(results)), str(encoder)
+    place = results_to_write(Path(results))
+    representation = str(encoder)
     typed = {
         "task": task,
         "algo": algo,

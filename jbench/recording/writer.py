@@ -34,7 +34,9 @@ class RunWriter:
         self.log = RunLog(record, settings.episode_steps)
         self.losses: dict[str, Any] = {}  # of the next episodes; read when one ends
         self.kept: tuple[SavedNetwork, int] | None = None  # after how many control steps
-        self._record, self._settings, self._encoder = record, settings, encoder
+        self._record = record
+        self._settings = settings
+        self._encoder = encoder
         self._clock = Clock(_COMMIT_EVERY)
 
     @contextlib.contextmanager
@@ -66,7 +68,8 @@ class RunWriter:
     def evaluate(self, act: Act, control_steps: int) -> NDArray[np.float64]:
         """Returns the (evaluate_episodes,) returns of a policy, copied at a control step."""
         act = on_observations(self._encoder, act)
-        seeds, number = derive_seeds(self._settings.seed)[1:], self.log.progress.evaluations
+        seeds = derive_seeds(self._settings.seed)[1:]
+        number = self.log.progress.evaluations
         (made,) = evaluate_policies(self._settings, seeds, number, act, threads=cores())
         if made.failure is not None:
             raise made.failure
@@ -95,11 +98,13 @@ class RunWriter:
                 f"steps, so the run {self._record.id} has failed; let it make all of them, or pass "
                 "fewer steps."
             )
-        evaluated, files = False, dict[str, bytes]()
+        evaluated = False
+        files = dict[str, bytes]()
         if self.kept is not None:
             policy, copied_at = self.kept
             newest = self.log.progress.last_evaluation <= copied_at
-            evaluated, files = newest and self._settings.evaluate_episodes > 0, policy.files()
+            evaluated = newest and self._settings.evaluate_episodes > 0
+            files = policy.files()
             if evaluated:
                 self.evaluate(policy.act, copied_at)
         self._clock.share([self.log])
@@ -137,7 +142,8 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: gymnasium.Env[Any, Any], running: Callable[[], RunWriter]) -> None:
         super().__init__(env)
-        self._running, self._has_ended = running, False
+        self._running = running
+        self._has_ended = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

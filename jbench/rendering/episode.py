@@ -118,7 +118,8 @@ def write(
     size = max(_MIN_SIZE, round(min(height, 0.75 * width) / lines_in_height))
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
-    line, margin = round(1.3 * size), size // 2
+    line = round(1.3 * size)
+    margin = size // 2
     tops = [margin + line * row for row in range(len(above))]
     tops += [height - margin - line * (len(below) - row) for row in range(len(below))]
     style: dict[str, Any] = {"font": _font(size), "fill": (255, 255, 255)}

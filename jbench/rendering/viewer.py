@@ -17,7 +17,8 @@ from jbench.tasks.gym import JitterbugEnv
 
 # Initial camera position relative to the robot.
 _DISTANCE = 2.25  # extents of the model; of the Jitterbug 0.45 m
-_AZIMUTH, _ELEVATION = 120.0, -25.0  # degrees
+_AZIMUTH = 120.0
+_ELEVATION = -25.0  # degrees
 
 
 def view(policy: ActingPolicy, scene: Scene) -> int:
@@ -77,5 +78,6 @@ def _open_window(env: JitterbugEnv | SuiteEnv) -> Any:
         window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         window.cam.trackbodyid = 1  # the first body of the world
         window.cam.distance = _DISTANCE * env.model.stat.extent
-        window.cam.azimuth, window.cam.elevation = _AZIMUTH, _ELEVATION
+        window.cam.azimuth = _AZIMUTH
+        window.cam.elevation = _ELEVATION
     return window

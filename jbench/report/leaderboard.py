@@ -33,7 +33,8 @@ def ranked_configurations(
     Entries have the names of the directories, if there are several. The filters of the request
     apply, and its kind of return ranks. A RequestError if no directory has an entry.
     """
-    parts, by_hand = [], dict[str, FloatArray]()
+    parts = []
+    by_hand = dict[str, FloatArray]()
     for name, results in directories.items():
         ours, theirs = (OWN, IMPORTED) if len(directories) == 1 else (name, f"{name}: {IMPORTED}")
         parts.append(sources.own(results, request, ours, strict=False))
@@ -95,9 +96,11 @@ def leaderboard(
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
     decided = (entries["n"] >= st.DECIDING_SEEDS) & (entries["low"] <= entries["high"])
     ranks: dict[Hashable, int] = {}
-    low, rank = np.inf, 0
+    low = np.inf
+    rank = 0
     for place, (index, entry) in enumerate(entries[decided].iterrows(), 1):
         if entry["high"] < low:
-            low, rank = entry["low"], place
+            low = entry["low"]
+            rank = place
         ranks[index] = rank
     return entries.assign(rank=entries.index.map(ranks))

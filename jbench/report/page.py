@@ -79,9 +79,11 @@ def _shown(table: Table) -> tuple[Table, str, list[Column], list[list[tuple[Any,
 def _title(frames: Frames) -> str:
     if frames.request.compare:
         return " against ".join(map(clean, frames.request.compare))
-    about, names = "jbench", frames.configurations["configuration"]
+    about = "jbench"
+    names = frames.configurations["configuration"]
     if frames.request.curves is not None:
-        about, names = clean(frames.request.curves.name), frames.runs["configuration"]
+        about = clean(frames.request.curves.name)
+        names = frames.runs["configuration"]
     count = counted(names.nunique(), "configuration")
     return f"{about}: {counted(len(frames.runs), 'run')}, {count}"
 

@@ -106,7 +106,8 @@ def behavior(
                 newest[str(settings["task"]), str(settings["policy"])] = _read(record)
             except WorkError as error:
                 problems.append(str(error))
-    motor, positions = list[Part](), list[Part]()
+    motor = list[Part]()
+    positions = list[Part]()
     for name in dict.fromkeys(task for task, _ in newest):
         ranked = [states for key, states in newest.items() if key[0] == name]
         ranked.sort(key=lambda states: states["median"].iloc[0])
@@ -119,9 +120,11 @@ def behavior(
 def _read(record: Record) -> pd.DataFrame:
     """Returns the states of an evaluation, in m, rad and rad/s; its manifest is untrusted."""
     states = record.read("policy_states")
-    settings, yaw = record.settings, record.settings.get("target_yaw")
+    settings = record.settings
+    yaw = record.settings.get("target_yaw")
     try:
-        median, policy = float(record.manifest.summary["median"]), str(settings["policy"])
+        median = float(record.manifest.summary["median"])
+        policy = str(settings["policy"])
         label = f"{policy} (median return {median:.0f}, {int(settings['episodes'])} episodes)"
         columns = {name: states[name].to_numpy() for name in ("motor_velocity", "x", "y")}
         if not (states.num_rows and np.isfinite([*columns.values()]).all()):

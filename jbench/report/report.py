@@ -53,7 +53,8 @@ def write_report(
         files = {"index.html": render(frames, made).encode()}
         if not request.watched:
             for chart in made:
-                drawn, name = chart.figure(request.columns), f"figures/{chart.name}"
+                drawn = chart.figure(request.columns)
+                name = f"figures/{chart.name}"
                 files |= {f"{name}.{end}": image(drawn, end) for end in request.formats}
             files |= {f"tables/{name}": text.encode() for name, text in texts.items()}
             curves = pa.Table.from_pandas(frames.curves, preserve_index=False, nthreads=1)

@@ -22,7 +22,8 @@ COLUMNS = [
     *("source", "run", "configuration", "label", "task", "algo", "representation", "kind", "words"),
     *("seed", "steps", "final", "status", "day", "diverged", "settings", "provenance"),
 ]
-_RUN_POINTS, _PATH_POINTS = 50, 20
+_RUN_POINTS = 50
+_PATH_POINTS = 20
 _PAGE_POINTS = 6_000  # of the curves of all runs together
 _RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
 
@@ -50,7 +51,8 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
         row["representation"] = shown_representation(representation)
         row |= named[key].identity if key in named else {}
         row |= {"source": key[0], "run": key[1], "final": finals.get(key, np.nan)}
-        row["diverged"], created = divergence(recorded["diverged"])[1], recorded["created"]
+        row["diverged"] = divergence(recorded["diverged"])[1]
+        created = recorded["created"]
         row["day"] = created[:10] if isinstance(created, str) else ""
         row["settings"] = dict(_texts(recorded["settings"]))
         rows.append(row | {"provenance": provenance(recorded["provenance"])})

@@ -119,7 +119,8 @@ def _clean(element: ElementTree.Element) -> None:
     if element.tag == "a":  # a link around marks becomes a group with a title
         element.insert(0, title := ElementTree.Element("title"))
         title.text = link
-        element.tag, element.attrib = "g", {}
+        element.tag = "g"
+        element.attrib = {}
     elif link:
         element.set("href", link)
     element.text = element.text if element.tag in ("text", "title") else None

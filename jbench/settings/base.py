@@ -139,7 +139,8 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: st
     *tables, name = [str(part) for part in first["loc"]] or [""]
     if first["type"] == "extra_forbidden":
         for table in tables:
-            kind, whose = kind.model_fields[table].annotation, f"[{table}]"  # type: ignore[assignment]
+            kind = kind.model_fields[table].annotation  # type: ignore[assignment]
+            whose = f"[{table}]"
         names = sorted(field.title or key for key, field in kind.model_fields.items())
         close = closest(name, names)
         hint = f"did you mean {close}? It" if close else "it"

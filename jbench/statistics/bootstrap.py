@@ -54,7 +54,8 @@ def interquartile_mean(strata: Strata) -> FloatArray:
     counts the same: where tasks have different numbers of seeds, scores have different weights, and
     the same share of all weights is left out.
     """
-    scores, sizes = _pooled(strata), [seeds.shape[-1] for seeds in strata]
+    scores = _pooled(strata)
+    sizes = [seeds.shape[-1] for seeds in strata]
     count = sum(sizes)
     if len({*sizes}) == 1:
         ordered = np.sort(scores, axis=-1)
@@ -167,7 +168,8 @@ def samples(
     if fewest < MIN_SEEDS:
         return [Resampled(value, np.empty(0)) for value in values]
     random = np.random.default_rng(0)
-    chosen, drawn = [], []
+    chosen = []
+    drawn = []
     for strata in groups:
         indices = [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
         chosen.append(indices)
@@ -192,7 +194,8 @@ def _pooled(strata: Strata) -> FloatArray:
 
 def _won(x: FloatArray, y: FloatArray) -> FloatArray:
     """Returns whether each score of x (..., n) beats each of y (..., m): 1, 0.5 or 0."""
-    ours, theirs = x[..., :, None], y[..., None, :]
+    ours = x[..., :, None]
+    theirs = y[..., None, :]
     return np.asarray((ours > theirs) + 0.5 * (ours == theirs))
 
 

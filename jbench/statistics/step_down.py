@@ -84,7 +84,8 @@ def step_down(reached: Reached, shares: Sequence[float], analyses: int) -> list[
             new = False
             for i, parts in enumerate(_parts(stops, shares)):
                 if stops[i] is None and (decided := verdict(i, parts, analysis)):
-                    stops[i], new = Stop(decided, analysis, 2 * total / parts), True
+                    stops[i] = Stop(decided, analysis, 2 * total / parts)
+                    new = True
     return stops
 
 
@@ -110,7 +111,8 @@ def decide(
         shares: (comparisons,) two-sided error rates, whose sum is that of all together.
         analyses: (comparisons,) planned interim analyses.
     """
-    complete, cut = [], []
+    complete = []
+    cut = []
     for (ours, theirs), most in zip(pairs, analyses, strict=True):
         complete.append(min(len(ours) // BLOCK, len(theirs) // BLOCK, most))
         cut.append((ours[: complete[-1] * BLOCK], theirs[: complete[-1] * BLOCK]))
@@ -135,7 +137,8 @@ def decide(
 
 def corrected_level(family: Sequence[Interval], decides: Callable[[float, float], bool]) -> float:
     """Returns the error rate of an interval in the last step of Holm's procedure."""
-    level, left = 1.0, len(family)
+    level = 1.0
+    left = len(family)
     while left and (level == 1 or ERROR_RATE / left > level):
         level = ERROR_RATE / left
         left = sum(not decides(*ends(1 - level)) for ends in family)

@@ -62,7 +62,8 @@ class Results:
         The text may also be the path of the record's directory. Raises a RequestError if it is no
         part of an id, or the beginning of several ids.
         """
-        text, root = text.rstrip("/"), (self.path / f"{kind}s").resolve()
+        text = text.rstrip("/")
+        root = (self.path / f"{kind}s").resolve()
         if root in Path(text).resolve().parents:
             text = Path(text).resolve().relative_to(root).as_posix()
         if (self.folder(kind, text).path / MANIFEST).exists():
@@ -118,7 +119,8 @@ class Results:
         Each may have a record, which is not read yet. Symlinks are not followed. Iterative, since
         folders may be nested deeper than Python's stack.
         """
-        top, stack = self.path / f"{kind}s", list[Path]()
+        top = self.path / f"{kind}s"
+        stack = list[Path]()
         try:
             stack.append(self.inside(f"{kind}s/{id}"))
         except files.UnreadableError as error:

@@ -48,7 +48,8 @@ def joined_runs(
 
 
 def _last_robot(run: Recorded) -> int | None:
-    first, robots = run.get("augment"), run.get("robots", 1)
+    first = run.get("augment")
+    robots = run.get("robots", 1)
     return first + robots - 1 if isinstance(first, int) and isinstance(robots, int) else None
 
 

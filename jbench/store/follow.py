@@ -39,7 +39,8 @@ class Follower:
 
     def __init__(self, results: Results, filters: Mapping[str, Collection[Any]]) -> None:
         """Follows the runs whose lines (`make_line`) have the allowed values when first seen."""
-        self._results, self._filters = results, filters
+        self._results = results
+        self._filters = filters
         # By id: the record whose rows were yielded, and the stamp of its manifest.
         self._seen: dict[str, Record] = {}
         self._stamps: dict[str, tuple[int, ...] | None] = {}
@@ -96,7 +97,8 @@ def _change(record: Record, before: Record | None) -> Change:
     # The rows that the run did not have before; only the files that have them are read.
     rows: list[tuple[str, Row]] = []
     for table, columns in schema.LOG_TABLES.items():
-        known, first = 0 if before is None else before.rows(table), 0
+        known = 0 if before is None else before.rows(table)
+        first = 0
         parts = [columns.empty_table()]
         for entry in record.parts(table):
             if first + entry.rows > known:

@@ -39,7 +39,8 @@ def make_row(record: Record) -> Row:
 
     Raises a DamagedError if a value of its manifest does not fit into its column.
     """
-    manifest, columns = record.manifest, schema.TABLES[KIND_TABLES[record.kind][0]]
+    manifest = record.manifest
+    columns = schema.TABLES[KIND_TABLES[record.kind][0]]
     try:
         values = {
             **manifest.summary,
@@ -143,7 +144,8 @@ def make_line(record: Record) -> Row:
     episodes of `jbench evaluate` that have joined the last evaluation, and
     `evaluation_return_at_end`, without them. Raises as `make_row`.
     """
-    row, is_import = make_row(record), record.kind == "import"
+    row = make_row(record)
+    is_import = record.kind == "import"
     episodes = (row["points"] or 0) if is_import else row["episodes"]
     done = record.manifest.summary.get("control_steps" if is_import else "steps_done")
     if not isinstance(done, int | float) or not math.isfinite(done):

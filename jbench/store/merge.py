@@ -42,7 +42,8 @@ def merge(
     Raises a RequestError if a source contains no results, or is the destination.
     """
     for source in sources:
-        root, kinds = source.path, [f"{kind}s" for kind in KINDS]
+        root = source.path
+        kinds = [f"{kind}s" for kind in KINDS]
         if not any((root / kind).is_dir() for kind in kinds):
             named = in_prose(kinds)
             raise RequestError(f"{root} holds no results; name a directory with {named} in it.")

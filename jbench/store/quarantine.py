@@ -20,7 +20,8 @@ class Quarantine:
         self.moved: dict[Path, Path] = {}
         self.dry_run = dry_run
         self._results = results
-        root, now = results.inside("set-aside"), datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
+        root = results.inside("set-aside")
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
         # The clock may have been set back.
         names = itertools.chain((now,), (f"{now}-{n}" for n in itertools.count(2)))
         self._path = next(root / name for name in names if not (root / name).exists())

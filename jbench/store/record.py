@@ -211,7 +211,8 @@ class Record:
         for role, content in states.items():  # the previous one stays intact until the commit
             name = f"{Path(role).stem}-*{Path(role).suffix}"
             added.append(listed.write(self.path, name, content, role=role))
-        before, dropped = self.manifest.files, {*states, *drop}
+        before = self.manifest.files
+        dropped = {*states, *drop}
         kept = [e for e in before if e.role not in dropped and e.table not in replace]
         after = {entry.name: entry for entry in (*kept, *added)}  # the same rows are the same file
         self._update(files=tuple(after.values()))
@@ -274,7 +275,8 @@ class Record:
 
     def _write_rows(self, table: str, rows: pa.Table) -> FileEntry:
         # The number shows the order of the table's files.
-        name, content = f"{table}-{len(self.parts(table)):05d}-*.parquet", listed.to_bytes(rows)
+        name = f"{table}-{len(self.parts(table)):05d}-*.parquet"
+        content = listed.to_bytes(rows)
         return listed.write(self.path, name, content, table=table, rows=rows.num_rows)
 
     def _update(self, **changes: Any) -> None:

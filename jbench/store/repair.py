@@ -33,7 +33,9 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
     Records that are being written, that can't be read at present or that a newer jbench wrote are
     not changed. Each record is checked again before it is moved. A dry run moves nothing.
     """
-    quarantine, left, commands = Quarantine(results, dry_run), [], []
+    quarantine = Quarantine(results, dry_run)
+    left = []
+    commands = []
     for kind, id in dict.fromkeys((f.kind, f.id) for f in findings if f.sort != "warning"):
         try:
             commands += _repair_folder(results, kind, id, quarantine)

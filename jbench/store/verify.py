@@ -139,7 +139,8 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
 
 
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
-    settings, problems = record.settings, []
+    settings = record.settings
+    problems = []
     # The record without which this one is of no use, if there is one.
     needed: tuple[Kind, Any] = "encoder", settings.get("encoder") if record.kind == "run" else None
     if record.kind == "encoder" and record.status != "finished":
@@ -153,7 +154,8 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
     if named is not None and (kind, str(named)) not in intact:
         problems.append(f"names the {kind} {named}, which is not intact in these results")
     for what in ("created", "updated"):
-        date, reason = getattr(record.manifest, what), None
+        date = getattr(record.manifest, what)
+        reason = None
         try:
             # Clocks of different machines differ a little.
             if datetime.fromisoformat(date) > datetime.now(UTC) + timedelta(hours=1):

@@ -16,7 +16,8 @@ from jbench.settings.records import LABEL, DatasetSettings, requested_ofe
 from jbench.settings.run import TYPED, RunSettings
 from jbench.studies.file import named, read_file, tables
 
-PART, COMPARISON = "part", "comparison"
+PART = "part"
+COMPARISON = "comparison"
 """Keys of a file whose values are arrays of tables; all others are those of a `Matrix`."""
 
 _EVALUATION = "evaluate_"

@@ -34,8 +34,10 @@ class Local:
         self, results: Results, jobs: int = 0, device: str = "cpu", **options: Any
     ) -> None:
         """Starts no process yet; 0 jobs are `default_jobs`, options are those of `run_batch`."""
-        self.jobs, self.device = jobs or default_jobs(device), device
-        self._results, self._options = results, options
+        self.jobs = jobs or default_jobs(device)
+        self.device = device
+        self._results = results
+        self._options = options
         self._processes: set[subprocess.Popen[str]] = set()
         self._stopped = False
 

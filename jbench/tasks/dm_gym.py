@@ -52,11 +52,13 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise RequestError(f"render_mode is rgb_array or None, not {render_mode!r}.")
         robot_task = find_task(task)
         self._given = task, render_mode, camera, width, height, augment
-        self.task, self.render_mode = task, render_mode
+        self.task = task
+        self.render_mode = render_mode
         self._elapsed: int | None = None
         worlds = robot_task.worlds(1, augment=augment)
         assert isinstance(worlds, DmWorlds)
-        self._worlds, self._size = worlds, (width, height)
+        self._worlds = worlds
+        self._size = (width, height)
         self._artist: Artist | None = None
         shape = (robot_task.observation_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
@@ -152,5 +154,6 @@ def _raw(wrapped: Any) -> Any:
 
 def _copied(given: tuple[Any, ...], random: Any, seed: int | None) -> SuiteEnv:
     env = SuiteEnv(*given)
-    env._np_random, env._np_random_seed = random, seed
+    env._np_random = random
+    env._np_random_seed = seed
     return env

@@ -69,11 +69,13 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
                 "width and height must be whole numbers of pixels of at least 1, not "
                 f"{width!r} and {height!r}."
             )
-        self.task, self.render_mode = task, render_mode
+        self.task = task
+        self.render_mode = render_mode
         size = features.observation_size(task)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
-        self._camera, self._size = camera, (width, height)
+        self._camera = camera
+        self._size = (width, height)
         self._artist: Artist | None = None
         self.model = load_model(augment, vary_masses=vary_masses)
         # Pixels outside the offscreen buffer would be black.

@@ -29,8 +29,11 @@ class Artist:
         buffer = model.vis.global_
         buffer.offwidth = max(buffer.offwidth, width)
         buffer.offheight = max(buffer.offheight, height)
-        self._model, self._data = model, data
-        self._camera, self._width, self._height = camera, width, height
+        self._model = model
+        self._data = data
+        self._camera = camera
+        self._width = width
+        self._height = height
         self._renderer: Any = None
 
     def draw(self, mode: str) -> NDArray[np.uint8] | None:

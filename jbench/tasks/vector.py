@@ -80,14 +80,16 @@ class JitterbugVectorEnv(
             )
         # Never stepped: it has the model and the spaces, and draws.
         self._single = JitterbugEnv(task, **settings)
-        self.num_envs, self.render_mode = num_envs, self._single.render_mode
+        self.num_envs = num_envs
+        self.render_mode = self._single.render_mode
         self.single_observation_space = self._single.observation_space
         self.single_action_space = self._single.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
-        self._task, self._limit = task, np.inf if limit == -1 else limit
+        self._task = task
+        self._limit = np.inf if limit == -1 else limit
         self._robots = Robots(self._single.model, num_envs, threads)
         self._random = [seeding.np_random() for _ in range(num_envs)]
         self._targets = Target(np.zeros((num_envs, 3)), np.zeros(num_envs))

@@ -165,7 +165,8 @@ class DynamicModes(Linear, Fitted):
         pair, across = np.split(moments.covariance[: 2 * size], [2 * size], axis=1)
         # Covariance of present and future given the actions.
         partial = pair - across @ np.linalg.pinv(actions, hermitian=True) @ across.T
-        white, later_white = _whitening(partial[:size, :size]), _whitening(partial[size:, size:])
+        white = _whitening(partial[:size, :size])
+        later_white = _whitening(partial[size:, size:])
         _, correlations, rotation = np.linalg.svd(later_white @ partial[size:, :size] @ white.T)
         directions = scaling.with_positive_largest(rotation @ white)[:latents]
         return {

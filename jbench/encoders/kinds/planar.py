@@ -113,7 +113,8 @@ class PlanarReduction(Fitted):
         way = [numbers["target_x"], numbers["target_y"]]
         home = [zero, zero] if "x" in TASK_SPECS[task].drawn else [-part for part in way]
         place = [numbers.get(axis, part) for axis, part in zip("xy", home, strict=True)]
-        cosine, sine = numbers.get("cosine", zero + 1), numbers["sine"]
+        cosine = numbers.get("cosine", zero + 1)
+        sine = numbers["sine"]
         length = xp.sqrt(xp.clip(cosine * cosine + sine * sine, 1e-12, None))
         cosine, sine = cosine / length, sine / length
         a, b = numbers["tilt_a"], numbers["tilt_b"]

@@ -70,7 +70,8 @@ class ForwardModel(Predictive):
 
     def constants(self, states: States) -> dict[str, Tensor]:
         periods = angle_periods(states).to(states.device)
-        changes, rewards = list[Moments](), list[Moments]()
+        changes = list[Moments]()
+        rewards = list[Moments]()
         for batch in state_pairs(states.learn(), self.horizon, with_actions=True):
             changes.append(Moments.of(state_changes(batch, periods).cpu().numpy()))
             rewards.append(Moments.of(batch.rewards.mean(1, True).cpu().numpy()))

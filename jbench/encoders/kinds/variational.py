@@ -114,7 +114,8 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
         bound = self.reconstruction_nll(weights, latents, batch.now)
         bound = bound + self.reconstruction_nll(weights, predicted, batch.later)
         bound = bound + kl_to_standard_normal(mean, log_variance)
-        drift, later = dynamics(mean, batch.actions), self.posterior(weights, batch.later)
+        drift = dynamics(mean, batch.actions)
+        later = self.posterior(weights, batch.later)
         contraction = divergence(dynamics, drift, log_variance, *later)
         return (bound + self.contraction * contraction).mean()
 
@@ -137,7 +138,9 @@ def divergence(
     of the state's latent, has the log diagonal `log_variance`. `mean` and `later_log_variance` are
     those of the next state's latent. All are (rows, latents).
     """
-    v, r, variance = dynamics.v, dynamics.r, log_variance.exp()
+    v = dynamics.v
+    r = dynamics.r
+    variance = log_variance.exp()
     around = (r.square() * variance).sum(1, keepdim=True)
     diagonal = variance * (1 + 2 * v * r) + v.square() * around
     log_determinant = ((1 + (v * r).sum(1)).square() + 1e-6).log() + log_variance.sum(1)

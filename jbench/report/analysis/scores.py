@@ -22,7 +22,8 @@ from jbench.task_specs import return_range
 
 IQM_DIFFERENCE = st.difference(st.interquartile_mean)
 # Names of several tasks together, which share a range or do not.
-ALL_TASKS, NORMALIZED = "all tasks", "all tasks, normalized"
+ALL_TASKS = "all tasks"
+NORMALIZED = "all tasks, normalized"
 PROFILES = [*ID, "seeds", "final_return", "share", "low", "high"]
 
 Range = tuple[float, float]  # lowest and highest return

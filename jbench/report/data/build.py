@@ -23,7 +23,8 @@ from jbench.statistics import FloatArray, IntArray
 from jbench.statistics.bootstrap import MIN_SEEDS
 from jbench.wording import are, counted
 
-_ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, True]
+_ORDER = ["seed", "recorded", "steps", "run"]
+_ASCENDING = [True, False, False, True]
 _NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
 ByKind = Mapping[ReturnsName, Mapping[str, FloatArray]]
@@ -142,7 +143,8 @@ def _build(same: pd.DataFrame, points: ByKind, source: str, words: str) -> Itera
 
 def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) -> list[str]:
     """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
-    point, few = _NAMES[kind][0], f"only {counted(len(chosen), 'seed')}"
+    point = _NAMES[kind][0]
+    few = f"only {counted(len(chosen), 'seed')}"
     notes = [f"{few}: too few for a band and for quantiles"] * (len(chosen) < MIN_SEEDS)
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
     for seed, recorded in same.drop(chosen.index).groupby("seed")["recorded"]:

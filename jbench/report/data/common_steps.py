@@ -122,7 +122,8 @@ def means_over_run(
             means[place] = returns.mean()
         return means
 
-    first, last = max(steps[0] for steps in ours), min(steps[-1] for steps in ours)
+    first = max(steps[0] for steps in ours)
+    last = min(steps[-1] for steps in ours)
     latest = max([first, *(steps[0] for steps in theirs)])
     first = latest if latest <= last else first
     for place, points in mine:

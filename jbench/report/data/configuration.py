@@ -30,7 +30,8 @@ from jbench.settings.algorithms import ALGORITHMS
 from jbench.settings.recorded import comparable
 from jbench.statistics import IntArray
 
-OWN, IMPORTED = "own", "imported"
+OWN = "own"
+IMPORTED = "imported"
 """Sources of the runs in the reported results, and of imported learning curves."""
 
 SEQUENCE_WINDOW = 20  # episodes in a moving average, of one robot each (the authors' script)
@@ -85,22 +86,27 @@ class Configuration:
             points: (seeds, points) arrays by the names `points.FIELDS`.
             words: settings that differ from the defaults; see `variants.variant_words`.
         """
-        first, self.kind, self.source = runs.iloc[0], kind, source
+        first = runs.iloc[0]
+        self.kind = kind
+        self.source = source
         self.task, self.algo, self.representation, self.variant = map(str, first[KEY])
         self.notes: tuple[str, ...] = ()
         self.shown: str | None = None
         self.beside: Sequence[Configuration] = ()
         fields = [points[name] for name in FIELDS]
         self.returns, self.control_steps, self.processor_time, self.deviations, self.counts = fields
-        self.seeds, self.runs = runs["seed"].to_numpy(np.int64), tuple(runs["run"])
+        self.seeds = runs["seed"].to_numpy(np.int64)
+        self.runs = tuple(runs["run"])
         self.diverged = runs["diverged"].notna().to_numpy()
         self.finished = (runs["status"] == "finished").to_numpy()
-        self.draws, self.settings = runs["encoder"].nunique(), first["typed"]
+        self.draws = runs["encoder"].nunique()
+        self.settings = first["typed"]
         self.has_solved_return = has_solved_return([self.task], [source])
         self.lengths = self.lengths_up_to(np.inf)
         planned = runs["steps"].fillna(0).to_numpy(np.int64)
         ends = self.control_steps[np.arange(len(runs)), self.lengths - 1]
-        self.last_step, self.longest = float(ends.min()), float(np.nanmax(self.control_steps))
+        self.last_step = float(ends.min())
+        self.longest = float(np.nanmax(self.control_steps))
         self.steps = np.where(self.finished & (planned > 0), planned, ends).astype(np.int64)
         if self.diverged.any() and not self.diverged.all():
             longest = self.steps[~self.diverged].max()
@@ -117,7 +123,8 @@ class Configuration:
 
     def set_words(self, words: str) -> None:
         """Sets the names, with settings in words."""
-        source, self.words = self.source, words
+        source = self.source
+        self.words = words
         algo = self.algo if source == FILE else display_name(self.algo)
         shown = shown_representation(self.representation)
         kind = kind_in(self.representation)
@@ -127,7 +134,8 @@ class Configuration:
             shown, kind = self.shown, self.shown
         label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), words)))
         prefix = "" if source in (OWN, FILE) else f"{source}: "
-        self.label, self.name = f"{prefix}{label}", f"{self.task} {label}"
+        self.label = f"{prefix}{label}"
+        self.name = f"{self.task} {label}"
         self.configuration = f"{prefix}{self.name}"
         names = self.configuration, self.label, source, self.task, algo, shown, kind, words
         self.identity = dict(zip(ID, (*names, self.kind), strict=True))  # the columns `ID`
@@ -227,7 +235,8 @@ def rename(
     Raises:
         RequestError: if there is nothing of such a name.
     """
-    every, chosen = list(configurations), dict[str, str]()
+    every = list(configurations)
+    chosen = dict[str, str]()
     for old, new in names:
         known = {config.identity[config.named_by]: config for config in every}
         of_kind = [name for name, config in known.items() if config.identity["kind"] == old]

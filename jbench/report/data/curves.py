@@ -81,7 +81,8 @@ def seed_curve(returns: FloatArray, control_steps: FloatArray, window: int) -> S
     """Smooths the returns (points,) of one seed, which may be NaN; see `learning_curve`."""
     window = _window(len(returns), window)
     values = sliding_average(returns, window)
-    steps, widths = centers(control_steps, window), _widths(len(returns), window)
+    steps = centers(control_steps, window)
+    widths = _widths(len(returns), window)
     known = np.isfinite(values)
     return SeedCurve(steps[known], values[known], widths[known], window)
 

@@ -61,7 +61,8 @@ def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
         points = grouped[["control_steps", "processor_time"]].max()
         points = points.assign(returns=group.mean(), deviations=group.std(), counts=group.count())
         points = points.reset_index()
-    order, numbers = points[number].to_numpy(), points[FIELDS].to_numpy(float)
+    order = points[number].to_numpy()
+    numbers = points[FIELDS].to_numpy(float)
     numbers[~np.isfinite(numbers)] = np.nan
     return {
         str(run): numbers[places[np.argsort(order[places], kind="stable")]]
@@ -112,7 +113,8 @@ def count_divergence(
         if not (present[row] | late).any():
             late[-1] = True
         zero = late | (present[row] & (control_steps[row] > at[row]))
-        control_steps[row, late], returns[row, zero] = grid[late], 0.0
+        control_steps[row, late] = grid[late]
+        returns[row, zero] = 0.0
         points["counts"][row, late] = 1.0
         if kind == EVALUATION:
             points["deviations"][row, zero] = 0.0

@@ -14,7 +14,8 @@ EVALUATION: ReturnsName = "evaluation"  # mean return of episodes with the deter
 TRAINING: ReturnsName = "training"  # return of a training episode, exploration included
 KINDS = (EVALUATION, TRAINING)
 FILE = "file"  # source of the curves of a file, which may be of any environment
-_ZERO, _SMALL = 1e-6, 9.95  # numbers between them have two significant digits
+_ZERO = 1e-6
+_SMALL = 9.95  # numbers between them have two significant digits
 
 
 def has_solved_return(tasks: Iterable[str], sources: Iterable[str]) -> bool:

@@ -167,7 +167,8 @@ def _source(
     evaluations = with_added_episodes(read.tables["evaluations"], runs, tables)
     # Imported curves have no paths.
     paths = run_paths(read.tables.get("paths"), evaluations).assign(source=name)
-    episodes, runs = read.tables["episodes"], runs.assign(source=name)
+    episodes = read.tables["episodes"]
+    runs = runs.assign(source=name)
     built, more = build(runs, episodes, evaluations, name) if len(runs) else ([], [])
     _note_added_episodes(built, evaluations)
     return Source(built, runs, notes + more, [*read.problems, *unusable], tables, paths)
@@ -221,7 +222,8 @@ def _equal(typed: str, value: str) -> bool:
 
 def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.DataFrame, list[str]]:
     """Returns the runs of the requested time, task and algorithm, and a note on earlier ones."""
-    notes, since = [], request.begun_since()
+    notes = []
+    since = request.begun_since()
     if since is not None:
         created = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601")
         if earlier := int((~(created >= since)).sum()):

@@ -76,7 +76,8 @@ def by_processor_time(frames: Frames) -> Chart | None:
     size, unit = next((size, unit) for least, size, unit in _UNITS if longest >= least)
     rows = rows.assign(series=rows["label"], steps=rows["seconds"] / size, q10=np.nan, q90=np.nan)
     looks = style.looks(rows, "series", "kind")
-    x, scale = f"{unit} of processor time of a seed", "linear" if longest / size < 100 else "log"
+    x = f"{unit} of processor time of a seed"
+    scale = "linear" if longest / size < 100 else "log"
     panels = by_task(rows, partial(draw_curves, looks=looks, x=x, scale=scale), (5.2, 2.8))
     note = "median over seeds, where all runs recorded their processor time"
     return Chart("processor", "Return against processor time", note, panels, looks)
@@ -104,7 +105,8 @@ def _chart(
     nearest = published["steps"].min() / curves["steps"].max() if len(published) else 0
     if (ends.max() / ends.min()).max() > _UNEQUAL or nearest > 1:
         scales.reverse()
-    panels, sources = [], set[str]()
+    panels = []
+    sources = set[str]()
     groups = curves.groupby(by, sort=False)
     # A single panel has the width of the page.
     size = {1: (9.6, 3.0), 2: (5.6, 2.9)}.get(groups.ngroups, (4.2, 2.5))
@@ -187,10 +189,12 @@ def draw_curves(
         axes.clear()
     alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
     for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
-        look, line = looks[str(name)], curve[["steps", "median", "q10", "q90"]]
+        look = looks[str(name)]
+        line = curve[["steps", "median", "q10", "q90"]]
         marks.add_line(axes, line, _tips(str(name), curve), look, alpha)
         if frames and curve["seeds"].iloc[0] > 1:
-            seeds, keys = frames.run_curves, ["configuration", "returns"]
+            seeds = frames.run_curves
+            keys = ["configuration", "returns"]
             mine = seeds[(seeds[keys] == curve[keys].iloc[0]).all(axis=1)]
             if line["q10"].notna().any() and not frames.request.each_seed:
                 mine = _beyond(mine, curve)
@@ -222,7 +226,8 @@ def _draw_published(axes: Axes, published: pd.DataFrame, looks: Looks) -> None:
         look = looks.get(str(name), entry)._replace(number=entry.number)
         called = " ".join(curve[["algo", "representation"]].iloc[0])
         curve = curve.iloc[marks.thinned(len(curve), 40)]
-        at, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
+        at = curve["steps"].to_numpy()
+        median = curve["median"].to_numpy()
         axes.plot(at, median, linestyle=(0, style.PUBLISHED_DASH), **look.ink)
         shown = marks.thinned(len(at), 6)
         tips = [f"{called}, {source}, at {at[i]:,.0f}: {median[i]:.0f}" for i in shown]

@@ -22,7 +22,8 @@ _TIPS = 12  # points of a curve that have a tip, if it has too many for markers
 # A mark that only has a tip: its corners, since a circle would take 200 bytes.
 UNSEEN: Any = {"marker": [(-1, -1), (1, 1)], "facecolors": "none"}
 _LONGEST = 34  # characters of a name beside a panel
-_BEFORE, _AFTER = 6, 3  # characters around what differs in long names
+_BEFORE = 6
+_AFTER = 3  # characters around what differs in long names
 
 
 def add_points(
@@ -48,8 +49,10 @@ def add_line(
     axes.plot(x, y, linestyle=look.line, drawstyle=drawstyle, zorder=2.5, **look.ink)
     if band and np.isfinite(band[0]).any():
         axes.fill_between(x, band[0], band[1], step=step, alpha=alpha, linewidth=0, **look.ink)
-    shown, drawn = thinned(len(x), _TIPS), UNSEEN if step or len(x) > _TIPS else {}
-    texts, size = [tips[int(i)] for i in shown], mpl.rcParams["lines.markersize"]
+    shown = thinned(len(x), _TIPS)
+    drawn = UNSEEN if step or len(x) > _TIPS else {}
+    texts = [tips[int(i)] for i in shown]
+    size = mpl.rcParams["lines.markersize"]
     add_points(axes, x[shown], y[shown], texts, look, size, **drawn)
 
 
@@ -60,7 +63,9 @@ def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
     hollow, if any, says which marks are.
     """
     for place, row in enumerate(rows.to_dict("records")):
-        look, low, high = looks[row["look"]], row[f"{value}_low"], row[f"{value}_high"]
+        look = looks[row["look"]]
+        low = row[f"{value}_low"]
+        high = row[f"{value}_high"]
         if np.isfinite(low):  # an interval without an upper end reaches the edge
             line: Any = {"linewidth": 2.2, "solid_capstyle": "butt"} | look.ink
             axes.plot([low, high if np.isfinite(high) else 1e6], [place] * 2, **line)
@@ -171,7 +176,8 @@ def shortened(names: Iterable[str]) -> list[str]:
     chosen = {name: _cut(name) for name in every}
     for cut, group in _by_value(chosen).items():
         if len(group) > 1:
-            start, end = _equal_characters(group), _equal_characters([n[::-1] for n in group])
+            start = _equal_characters(group)
+            end = _equal_characters([n[::-1] for n in group])
             for name in group:
                 kept = name[max(0, start - _BEFORE) : len(name) - max(0, end - _AFTER)]
                 chosen[name] = _cut(f"{cut[:_BEFORE]}…{kept}{'…' if end > _AFTER else ''}")

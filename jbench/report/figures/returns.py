@@ -64,8 +64,10 @@ def _draw_forest(
 ) -> None:
     seeds = seeds[seeds["configuration"].isin(rows["configuration"]) & seeds["final"].notna()]
     for place, row in enumerate(rows.to_dict("records")):
-        look, mine = looks[row["look"]], seeds[seeds["configuration"] == row["configuration"]]
-        final, below = mine["final"], np.full(len(mine), place + 0.27)
+        look = looks[row["look"]]
+        mine = seeds[seeds["configuration"] == row["configuration"]]
+        final = mine["final"]
+        below = np.full(len(mine), place + 0.27)
         error = 2 * mine["episode_sd"] / np.sqrt(mine["episodes"])
         axes.hlines(below, final - error, final + error, alpha=0.35, linewidth=0.8, **look.ink)
         tips = [
@@ -162,9 +164,13 @@ def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
             errors = group[column].clip(lower=_FLOOR)
             pairs = zip(group["name"], group[column], strict=True)
             tips = [f"{name}: {value:.3g} not explained" for name, value in pairs]
-            x, y, size = errors, group["name"].map(places), 8 if hollow else 5
+            x = errors
+            y = group["name"].map(places)
+            size = 8 if hollow else 5
             if by_size:
-                x, y, size = group["latents"], errors, 5
+                x = group["latents"]
+                y = errors
+                size = 5
                 width = 0.8 if hollow else 1.6
                 axes.plot(x, y, linestyle=look.line, linewidth=width, **look.ink)
             marks.add_points(axes, x, y, tips, look, size)
@@ -185,7 +191,8 @@ def predictions(frames: Frames) -> Chart:
 
     def draw(rows: pd.DataFrame, axes: Axes) -> None:
         for row in rows.to_dict("records"):
-            look, at = looks[row["representation"]], max(row["r2"], 0.0)
+            look = looks[row["representation"]]
+            at = max(row["r2"], 0.0)
             if np.isfinite(row["low"]):
                 axes.plot([at, at], [row["low"], row["high"]], **look.ink)
             tip = f"{row['label']}: {row['iqm']:.0f}, R² {ratio(row['r2'])}"

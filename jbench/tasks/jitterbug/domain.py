@@ -65,7 +65,8 @@ def environment(
 
 # Results of different augmented robots are no benchmark.
 for _task in TASKS:
-    _plain, _augmented = partial(environment, _task), partial(environment, _task, augment=0)
+    _plain = partial(environment, _task)
+    _augmented = partial(environment, _task, augment=0)
     _plain.__name__ = _augmented.__name__ = _task  # type: ignore[attr-defined]
     SUITE.add("benchmarking", "hard" if _task.startswith("move_to") else "easy")(_plain)
     AUGMENTED_SUITE.add()(_augmented)

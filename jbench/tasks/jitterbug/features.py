@@ -108,7 +108,8 @@ def flatten(task: str, values: Mapping[str, Array]) -> Array:
 
 def split(task: str, flat: Array) -> dict[str, Array]:
     """Returns the features of a task by name, each (..., size), of a flat (..., dim(O)) array."""
-    by_name, first = {}, 0
+    by_name = {}
+    first = 0
     for name in TASK_SPECS[task].features:
         by_name[name] = flat[..., first : first + FEATURES[name].size]
         first += FEATURES[name].size

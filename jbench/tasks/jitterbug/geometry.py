@@ -98,7 +98,8 @@ def speed_in_target_frame(state: State, target: Target) -> Array:
     xp = namespace(state.torso_velocity)
     x, y, z = (state.torso_velocity[..., i] for i in range(3))
     cosine, sine = xp.cos(target.yaw), xp.sin(target.yaw)
-    along, across = cosine * x + sine * y, cosine * y - sine * x
+    along = cosine * x + sine * y
+    across = cosine * y - sine * x
     return xp.stack([along, across, xp.broadcast_to(z, along.shape)], axis=-1)
 
 
@@ -115,7 +116,8 @@ def swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Arra
     w, z = xp.where(has_heading, w, 1.0), xp.where(has_heading, z, 0.0)
     square = w * w + z * z
     c = xp.sqrt(square)
-    a, b = (w * x + z * y) / c, (w * y - z * x) / c
+    a = (w * x + z * y) / c
+    b = (w * y - z * x) / c
     return c, a, b, (w * w - z * z) / square, 2 * w * z / square
 
 
@@ -128,7 +130,9 @@ def tilted(c: Array, a: Array, b: Array, vector: Array) -> list[Array]:
     """Returns the components of a vector (..., 3) rotated by the quaternion (c, a, b, 0)."""
     x, y, z = (vector[..., i] for i in range(3))
     # v + 2 c t + 2 u x t with u = (a, b, 0) and t = u x v.
-    tx, ty, tz = 2 * b * z, -2 * a * z, 2 * (a * y - b * x)
+    tx = 2 * b * z
+    ty = -2 * a * z
+    tz = 2 * (a * y - b * x)
     return [x + c * tx + b * tz, y + c * ty - a * tz, z + c * tz + a * ty - b * tx]
 
 

@@ -86,8 +86,10 @@ class MoveInDirection(Driver):
 
     def _torque(self, motion: Motion) -> Array:
         to_bearing = np.exp(-1j * motion.angle)
-        along, rate = (motion.speed * to_bearing).real, motion.tilt_rate * to_bearing
-        tilt, mass = self._bounded_tilt(motion) * to_bearing, motion.mass - motion.angle
+        along = (motion.speed * to_bearing).real
+        rate = motion.tilt_rate * to_bearing
+        tilt = self._bounded_tilt(motion) * to_bearing
+        mass = motion.mass - motion.angle
         free_energy_gain = (
             self.free_energy_gain - self.speed_damping * along - self.pitch_damping * rate.real
         )

@@ -36,7 +36,8 @@ def read_state(
 
     They are (..., 16) and (..., 15); `offset` is the torso's center of mass, by `torso_offset`.
     """
-    position, velocity = qpos[..., :7].copy(), qvel[..., :6].copy()
+    position = qpos[..., :7].copy()
+    velocity = qvel[..., :6].copy()
     return State(
         position=position,
         velocity=velocity,

@@ -40,7 +40,9 @@ def draw_quaternion(random: Random) -> NDArray[np.float64]:
 def draw_target(task: str, random: Random) -> Target:
     """Draws the target of an episode of a task: position (3,) and yaw ()."""
     drawn = TASK_SPECS[task].drawn
-    bearing, radius, yaw = 0.0, 0.0, 0.0
+    bearing = 0.0
+    radius = 0.0
+    yaw = 0.0
     if "x" in drawn:
         bearing = random.uniform(0, 2 * math.pi)
         radius = random.uniform(*_TARGET_RADIUS)
@@ -80,7 +82,8 @@ def option_target(
         raise RequestError(f"reset has no option {', '.join(unknown)}; it has target.")
     if not options:
         return None
-    numbers, names = options["target"], TASK_SPECS[task].drawn
+    numbers = options["target"]
+    names = TASK_SPECS[task].drawn
     if not names:
         raise RequestError(f"{task} has no target to choose: leave out the option target.")
     shapes = [(len(names),)] if count is None else [(len(names),), (count, len(names))]

@@ -38,7 +38,8 @@ class Robots:
 
     def __init__(self, model: mujoco.MjModel, count: int, threads: int) -> None:
         """Creates the robots at the origin, at rest, upright; `threads` include the caller's."""
-        self._model, self._offset = model, robot.torso_offset(model)
+        self._model = model
+        self._offset = robot.torso_offset(model)
         self._threads = max(1, min(threads, count))
         data = mujoco.MjData(model)
         robot.place(data, robot.UPRIGHT)
@@ -118,7 +119,8 @@ class JitterbugWorlds(Worlds):
     target: Target
 
     def __init__(self, task: str, model: mujoco.MjModel, count: int, threads: int) -> None:
-        self._task, self._robots = task, Robots(model, count, threads)
+        self._task = task
+        self._robots = Robots(model, count, threads)
         self.episode_steps = task_specs.EPISODE_STEPS
         self.failures = {}
         self.target = Target(np.zeros((count, 3)), np.zeros(count))

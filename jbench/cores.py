@@ -40,7 +40,8 @@ def _quotas(
             limit = folder / "cpu.max"
             if folder.is_relative_to(root) and limit.exists():
                 quota, period = limit.read_text().split()
-                quotas += [] if quota == "max" else [math.ceil(int(quota) / int(period))]
+                if quota != "max":
+                    quotas.append(math.ceil(int(quota) / int(period)))
     except (OSError, ValueError):
         pass
     return [max(1, count) for count in quotas]

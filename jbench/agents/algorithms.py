@@ -35,8 +35,17 @@ _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
 # Arguments of classes that jbench gives, or that do not affect what is learned.
 _NOT_SETTINGS = {
-    *("self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "monitor_wrapper"),
-    *("stats_window_size", "support_multi_env", "supported_action_spaces"),
+    "self",
+    "policy",
+    "env",
+    "seed",
+    "device",
+    "verbose",
+    "tensorboard_log",
+    "monitor_wrapper",
+    "stats_window_size",
+    "support_multi_env",
+    "supported_action_spaces",
 }
 _ANY_NUMBER = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 _NOT_RECORDED = object()

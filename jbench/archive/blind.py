@@ -99,16 +99,13 @@ class Blinder:
         provenance = {name: made[name] for name in _ROUNDING if name in made}
         if isinstance(packages, Mapping):
             provenance["packages"] = dict(packages)
-        return Manifest(
-            **{
-                **record.manifest.model_dump(exclude={"files"}),
-                "id": self.id(record),
-                "settings": self.settings(record.settings),
-                "summary": _without_texts(record.manifest.summary),
-                "provenance": provenance,
-                "files": files,
-            }
-        )
+        fields = record.manifest.model_dump()
+        fields["id"] = self.id(record)
+        fields["settings"] = self.settings(record.settings)
+        fields["summary"] = _without_texts(record.manifest.summary)
+        fields["provenance"] = provenance
+        fields["files"] = files
+        return Manifest(**fields)
 
     def content(self, record: Record, entry: FileEntry, content: bytes) -> bytes:
         """Returns the content of a file of a record without names; most files have none."""
@@ -138,7 +135,8 @@ class Blinder:
         known = self._numbers.setdefault(what, {})
         number = len(known)
         known.setdefault(name, f"{what}-{letters[number] if letters else number + 1}")
-        self.words |= {name, *(part for part in re.split(r"[:.]", name) if len(part) > _SHORTEST)}
+        self.words.add(name)
+        self.words.update(part for part in re.split(r"[:.]", name) if len(part) > _SHORTEST)
         if what == "kind":
             short = short_name(name)
             self.words.add(short)
@@ -193,14 +191,25 @@ def found_in(word: str, text: str) -> bool:
 
 def words_of_this_machine(*places: Path) -> set[str]:
     """Returns the words that name this machine, its user, its directories and its git remote."""
-    words = {socket.gethostname(), platform.node(), str(Path.home())}
-    words |= {_quietly(getpass.getuser), os.environ.get("USER", ""), os.environ.get("LOGNAME", "")}
-    words |= {str(place.absolute()) for place in (Path.cwd(), *places)}
-    words |= {_git("config", "user.name"), _git("config", "user.email")}
-    words |= {_git("rev-parse", "HEAD"), _git("rev-parse", "--short=12", "HEAD")}
+    words = {
+        socket.gethostname(),
+        platform.node(),
+        _quietly(getpass.getuser),
+        os.environ.get("USER", ""),
+        os.environ.get("LOGNAME", ""),
+        str(Path.home()),
+        *(str(place.absolute()) for place in (Path.cwd(), *places)),
+        _git("config", "user.name"),
+        _git("config", "user.email"),
+        _git("rev-parse", "HEAD"),
+        _git("rev-parse", "--short=12", "HEAD"),
+    }
+
     for address in _git("config", "--get-regexp", r"remote\..*\.url").splitlines():
         url = address.partition(" ")[2]
-        words |= {url, *re.split(r"[:/@]", url.removesuffix(".git"))[-2:]}
+        words.add(url)
+        words.update(re.split(r"[:/@]", url.removesuffix(".git"))[-2:])
+
     return {
         word
         for word in map(str.strip, words)

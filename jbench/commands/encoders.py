@@ -83,8 +83,13 @@ def train_encoder(
 
     database = parsing.results_to_write(results)
     train_on = find_device(device)
-    typed = {"noise": noise, "horizon": horizon, "epochs": epochs, "batch": batch}
-    typed |= {"learning_rate": learning_rate}
+    typed = {
+        "noise": noise,
+        "horizon": horizon,
+        "epochs": epochs,
+        "batch": batch,
+        "learning_rate": learning_rate,
+    }
     assigned = (f"{name}={value}" for name, value in typed.items() if value is not None)
     given = parsing.parse_overrides([*assigned, *set_])
     tasks = names.TASKS if task == "all" else (task,)

@@ -172,7 +172,8 @@ class TrainingView(Meters):
         elif event.kind == "started":
             process = _Process(event.runs)
             process.task = self.add_task(process.name, total=steps, unit="steps", warming_up=True)
-            self._processes |= {run.id: process for run in event.runs}
+            for run in event.runs:
+                self._processes[run.id] = process
         elif event.kind == "ended":
             self.print_lines()
             self.remove_task(self._processes[event.runs[0].id].task)

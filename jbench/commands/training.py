@@ -193,6 +193,20 @@ def _of_arm(cell: Cell) -> dict[str, Any]:
     return {**row, "part": cell.arm.part.name, "changed": changed or None}
 
 
+def _row(cell: Cell) -> dict[str, Any]:
+    """Returns the settings of a cell that the table or the JSON of its status names."""
+    first = cell.runs[0]
+    cell_fields = ("task", "algo", "representation", "settings")
+    run_fields = ("encoder", "precision", "time_limit", "steps")
+    return {
+        **{name: getattr(cell, name) for name in cell_fields},
+        **{name: getattr(first, name) for name in run_fields},
+        "environments": first.parallel,
+        "runs": [run.id for run in cell.runs],
+        **_of_arm(cell),
+    }
+
+
 def show_status(
     title: str, cells: Sequence[Cell], results: Results, jobs: int, device: str, times: bool
 ) -> dict[str, Any]:
@@ -200,16 +214,9 @@ def show_status(
     statuses = cell_statuses(cells, results, jobs, device, quick=times)
     rows = []
     left = seconds_left(statuses, jobs)
-    cell_fields = ("task", "algo", "representation", "settings")
-    run_fields = ("encoder", "precision", "time_limit", "steps")
     for status in statuses:
         counts = status._asdict()
-        cell = counts.pop("cell")
-        row = {name: getattr(cell, name) for name in cell_fields}
-        row |= {name: getattr(cell.runs[0], name) for name in run_fields}
-        row |= {"environments": cell.runs[0].parallel, "runs": [run.id for run in cell.runs]}
-        row |= _of_arm(cell)
-        rows.append(row | counts)
+        rows.append(_row(counts.pop("cell")) | counts)
     if_varied = (
         "part",
         "encoders",
@@ -230,9 +237,10 @@ def show_status(
     values = ([row[name] for name in header] for row in rows)
     texts = [[f"{v:,}" if isinstance(v, int) else v or "" for v in row] for row in values]
     if times:
-        header += ["time left", "estimated from"]
+        header.extend(("time left", "estimated from"))
         for line, row in zip(texts, rows, strict=True):
-            line += [time(row["seconds_left"]) if row["steps_left"] else "", row["estimate"]]
+            line.append(time(row["seconds_left"]) if row["steps_left"] else "")
+            line.append(row["estimate"])
         every = all_runs(cells)
         missing = [run for run in every if run_status(run, results).state == "missing"]
         for sentence in new_beginnings(missing, results):

@@ -48,9 +48,15 @@ class Verb:
         module, _, name = self.function.partition(":")
         function = getattr(importlib.import_module(f"jbench.commands.{module}"), name)
         app = typer.Typer(add_completion=False, rich_markup_mode="rich")
-        options: dict[str, Any] = {"epilog": f"Example: jbench {self.example}"}
-        options |= {"rich_help_panel": self.heading, "hidden": self.hidden}
-        app.command(self.name, cls=Command, help=self.summary, **options)(function)
+        register = app.command(
+            self.name,
+            cls=Command,
+            help=self.summary,
+            epilog=f"Example: jbench {self.example}",
+            rich_help_panel=self.heading,
+            hidden=self.hidden,
+        )
+        register(function)
         return typer.main.get_command(app)
 
     @property

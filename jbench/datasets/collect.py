@@ -140,8 +140,9 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
             rows.append({"episode": episode})
             for task in TASKS:
                 (x, y, _), yaw = resets.draw_target(task, random)
-                target = {"x": x, "y": y, "yaw": yaw}.items()
-                rows[-1] |= {f"{task}_target_{part}": value for part, value in target}
+                rows[-1][f"{task}_target_x"] = x
+                rows[-1][f"{task}_target_y"] = y
+                rows[-1][f"{task}_target_yaw"] = yaw
             actions.append(random.uniform(-1, 1, settings.episode_steps).astype(np.float32))
         stacked = np.stack(actions)
         robots = Robots(model, len(episodes), threads)

@@ -75,13 +75,15 @@ def errors(
         mses = {episodes: mse} | {
             f"{name}{end}": affine_errors(*fitted, moments) for name, fitted in baselines.items()
         }
-        columns |= {f"{name}_mse": error for name, error in mses.items()}
+        for name, error in mses.items():
+            columns[f"{name}_mse"] = error
         columns[f"{episodes}_variance"] = variance
         totals[f"{episodes}_states"] = moments.rows
         total = variance.sum()
         for name, error in mses.items():
             totals[f"{name}_explained"] = float(1 - error.sum() / total) if total else 0.0
-    totals |= {name: float(values.mean()) for name, values in columns.items()}
+    for name, values in columns.items():
+        totals[name] = float(values.mean())
     features = [
         {
             "index": states.columns[i],

@@ -95,7 +95,10 @@ def _names(task: str, chosen: Sequence[int]) -> list[str]:
     for part, some in _columns_of_parts(task).items():
         of_part = [column for column in some if column in chosen]
         is_whole = len(of_part) == len(some)
-        names += [part] if is_whole else [labels[column] for column in of_part]
+        if is_whole:
+            names.append(part)
+        else:
+            names += [labels[column] for column in of_part]
     return names
 
 

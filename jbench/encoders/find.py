@@ -64,7 +64,8 @@ def find_encoder(
     id = results.complete_id("encoder", name)
     _, description = load_encoder(results, id, accept_changed)
     if description["task"] != task:
-        wanted = EncoderSettings.model_construct(**{"options": {}, **description, "task": task})
+        asked = {"options": {}} | description | {"task": task}
+        wanted = EncoderSettings.model_construct(**asked)
         raise RequestError(
             f"The encoder {id} is for {description['task']}, not for {task}; type "
             f"{with_results(wanted.command, results.name)} to make one."

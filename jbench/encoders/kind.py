@@ -211,7 +211,8 @@ def layers(shapes: Mapping[str, tuple[int, int]], random: torch.Generator) -> di
     for name, (outputs, inputs) in shapes.items():
         limit = (6 / (outputs + inputs)) ** 0.5
         weight = torch.empty(outputs, inputs).uniform_(-limit, limit, generator=random)
-        weights |= {f"{name}.weight": weight, f"{name}.bias": torch.zeros(outputs)}
+        weights[f"{name}.weight"] = weight
+        weights[f"{name}.bias"] = torch.zeros(outputs)
     return weights
 
 

@@ -164,7 +164,9 @@ def _curve(
         raise RequestError(f"{first.file.path}: {error}; rename the column in the file.") from None
     names = (str(part.file.path) for part in parts)
     printable = ["".join(c if c.isprintable() else "_" for c in name) for name in names]
-    return settings, _joined(parts, order).assign(**{"import": settings.id}), printable
+    points = _joined(parts, order)
+    points["import"] = settings.id
+    return settings, points, printable
 
 
 def _joined(parts: Sequence[Series], order: str | None) -> pd.DataFrame:

@@ -172,7 +172,8 @@ def _points(change: Change) -> Iterator[tuple[int, float, _Values]]:
             values = {f"metrics/{row['name']}": row["value"] for row in rows}
         elif table == "episodes":
             values = {"training/episode_return": first["episode_return"]}
-            values |= {f"losses/{name}": first[name] for name in LOSSES}
+            for name in LOSSES:
+                values[f"losses/{name}"] = first[name]
         elif None not in (returns := [row["episode_return"] for row in rows]):
             values["evaluation/mean_return"] = sum(returns) / len(returns)
         known = {name: value for name, value in values.items() if value is not None}

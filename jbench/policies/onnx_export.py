@@ -108,8 +108,12 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     logging.getLogger("torch.onnx._internal.exporter._registration").setLevel(logging.ERROR)
     example = torch.zeros(2, find_task(agent.task).observation_size)
     shapes = ({0: torch.export.Dim("robots")},)
-    options: Any = {"input_names": ["observation"], "output_names": ["action"]}
-    options |= {"opset_version": _OPSET, "verbose": False}
+    options: Any = {
+        "input_names": ["observation"],
+        "output_names": ["action"],
+        "opset_version": _OPSET,
+        "verbose": False,
+    }
     try:
         Actor()(example)  # so that constants which are made once are not made while it is traced
         traced = torch.export.export(Actor(), (example,), dynamic_shapes=shapes)

@@ -11,8 +11,9 @@ import pandas as pd
 from jbench.names import Order, ReturnsName
 from jbench.report.configurations import seed_frame
 from jbench.report.data import sources
-from jbench.report.data.configuration import Configuration, Part, long_frame, with_returns
+from jbench.report.data.configuration import Configuration, with_returns
 from jbench.report.data.curves import QUANTILES, Curve
+from jbench.report.data.long_frame import Part, long_frame
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
 from jbench.settings.base import validated
@@ -20,8 +21,20 @@ from jbench.settings.recorded import Run, flatten, parse_run
 from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
 
-_RUN = ["run", "task", "algo", "representation", "encoder", "variant", "source"]
-_RUN += ["seed", "steps", "status", "wall_time", "error"]
+_RUN = [
+    "run",
+    "task",
+    "algo",
+    "representation",
+    "encoder",
+    "variant",
+    "source",
+    "seed",
+    "steps",
+    "status",
+    "wall_time",
+    "error",
+]
 _CURVE = ["task", "algo", "representation", "variant", "source"]
 _key = attrgetter(*_CURVE)  # of a configuration; both kinds of return of the same runs share it
 _QUANTILES = [f"q{percent}" for percent in QUANTILES]

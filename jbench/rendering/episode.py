@@ -122,9 +122,13 @@ def write(
     margin = size // 2
     tops = [margin + line * row for row in range(len(above))]
     tops += [height - margin - line * (len(below) - row) for row in range(len(below))]
-    style: dict[str, Any] = {"font": _font(size), "fill": (255, 255, 255)}
-    # An outline is legible on any background and hides less than a box.
-    style |= {"stroke_width": max(1, round(size / 9)), "stroke_fill": (16, 24, 40)}
+    style: dict[str, Any] = {
+        "font": _font(size),
+        "fill": (255, 255, 255),
+        # An outline is legible on any background and hides less than a box.
+        "stroke_width": max(1, round(size / 9)),
+        "stroke_fill": (16, 24, 40),
+    }
     for top, text in zip(tops, (*above, *below), strict=True):
         draw.text((margin, top), text, **style)
     return np.array(image)

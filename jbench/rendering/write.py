@@ -138,10 +138,15 @@ def mp4(pictures: Iterator[Picture], seconds: float = _INTERVAL) -> bytes:
         raise RequestError(
             "imageio-ffmpeg has no ffmpeg for this machine: install ffmpeg, or name a .gif."
         ) from None
-    options: dict[str, Any] = {"fps": 1 / seconds, "codec": "libx264", "quality": _VIDEO_QUALITY}
-    options |= {"macro_block_size": 2, "ffmpeg_log_level": "error"}  # colors are per 2 x 2 pixels
-    # The index comes first, so that the video plays while it loads.
-    options["output_params"] = ["-movflags", "+faststart"]
+    options: dict[str, Any] = {
+        "fps": 1 / seconds,
+        "codec": "libx264",
+        "quality": _VIDEO_QUALITY,
+        "macro_block_size": 2,  # colors are per 2 x 2 pixels
+        "ffmpeg_log_level": "error",
+        # The index comes first, so that the video plays while it loads.
+        "output_params": ["-movflags", "+faststart"],
+    }
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "video.mp4"
         try:

@@ -9,8 +9,9 @@ import pandas as pd
 from jbench.names import kind_in, shown_representation
 from jbench.report.analysis.findings import decide_solved
 from jbench.report.analysis.scores import seed_scores
-from jbench.report.data.configuration import ID, IMPORTED, Configuration, long_frame
+from jbench.report.data.configuration import ID, IMPORTED, Configuration
 from jbench.report.data.curves import NAMES, Curve, SeedCurve, best_median, centers
+from jbench.report.data.long_frame import long_frame
 from jbench.report.data.returns import SOLVED, TRAINING, display_name
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
@@ -23,16 +24,37 @@ _STATISTICS = ("median", "iqm", "over_run", "deviation", "solved_steps")
 _FINAL = {"median": st.median, "iqm": st.interquartile_mean, "deviation": st.standard_deviation}
 _IS_SOLVED = {"supported": "yes", "contradicted": "no", "undecided": "undecided"}
 CONFIGURATIONS = [
-    *(*ID, "variant", "seeds", "draws", "steps_min", "steps", "diverged"),
+    *ID,
+    "variant",
+    "seeds",
+    "draws",
+    "steps_min",
+    "steps",
+    "diverged",
     *(f"{name}{end}" for name in _STATISTICS for end in _ENDS),
-    *("deviation_by_episodes", "s", "s_low", "s_high", "detectable"),
-    *("reached", "solved", "published", "published_figure", "note"),
+    "deviation_by_episodes",
+    "s",
+    "s_low",
+    "s_high",
+    "detectable",
+    "reached",
+    "solved",
+    "published",
+    "published_figure",
+    "note",
 ]
-SEEDS = [*(*ID, "seed", "run", "final", "over_run", "episodes", "episode_sd", "diverged")]
-CURVES = [*(*ID, "steps", "seeds", "window", *NAMES.values(), "robots", "robot_steps")]
+SEEDS = [*ID, "seed", "run", "final", "over_run", "episodes", "episode_sd", "diverged"]
+CURVES = [*ID, "steps", "seeds", "window", *NAMES.values(), "robots", "robot_steps"]
 RUN_CURVES = ["configuration", "source", "run", "seed", "returns", "steps", "value"]
 PUBLISHED_CURVES = [
-    *("task", "algo", "representation", "kind", "figure", "source", "seeds", "steps"),
+    "task",
+    "algo",
+    "representation",
+    "kind",
+    "figure",
+    "source",
+    "seeds",
+    "steps",
     *NAMES.values(),
 ]
 
@@ -54,17 +76,26 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
     rows = []
     for config, curve in curves:
         scores = seed_scores(config)
-        row: dict[str, Any] = {**config.identity, "variant": config.variant, "draws": config.draws}
-        row |= {"seeds": len(scores.final), "note": "; ".join(config.notes)}
-        row |= {"steps_min": int(config.steps.min()), "steps": int(config.steps.max())}
-        row |= {"diverged": int(config.diverged.sum()), "solved": None, "published_figure": None}
+        row: dict[str, Any] = {
+            **config.identity,
+            "variant": config.variant,
+            "seeds": len(scores.final),
+            "draws": config.draws,
+            "steps_min": int(config.steps.min()),
+            "steps": int(config.steps.max()),
+            "diverged": int(config.diverged.sum()),
+            "solved": None,
+            "published_figure": None,
+            "note": "; ".join(config.notes),
+        }
         row |= _intervals(_FINAL, scores.final)
         row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
         row["deviation_by_episodes"] = scores.deviation_by_episodes
         if scores.agents.known and len(scores.final) >= st.MIN_SEEDS:
             row["s"], row["s_low"], row["s_high"], w = components(scores.agents)
-            sizes = len(scores.final), row["s"], w, scores.episodes.mean()
-            row["detectable"] = smallest_difference(*sizes)
+            row["detectable"] = smallest_difference(
+                len(scores.final), row["s"], w, scores.episodes.mean()
+            )
         if config.robots <= 1 and config.has_solved_return:
             steps = _solved_steps(curve.by_seed)
             row |= _intervals({"solved_steps": st.median}, steps)
@@ -109,9 +140,15 @@ def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
     for config in configurations:
         scores = seed_scores(config)
         known = scores.known
-        arrays = {"seed": config.seeds[known], "run": np.array(config.runs, object)[known]}
-        arrays |= {"diverged": config.diverged[known], "episode_sd": scores.deviations}
-        arrays |= {"final": scores.final, "over_run": scores.area, "episodes": scores.episodes}
+        arrays = {
+            "seed": config.seeds[known],
+            "run": np.array(config.runs, object)[known],
+            "diverged": config.diverged[known],
+            "final": scores.final,
+            "over_run": scores.area,
+            "episodes": scores.episodes,
+            "episode_sd": scores.deviations,
+        }
         parts.append((config.identity, arrays))
     return long_frame(parts, SEEDS)
 
@@ -180,7 +217,8 @@ def published_frame(
     shown = shown.assign(algo=shown["algo"].map(display_name))
     names = {"kind": kind_in, "representation": shown_representation}
     parts = [shown.assign(**{name: shown["representation"].map(f) for name, f in names.items()})]
-    parts += [curve_frame(imported).assign(figure=IMPORTED)] if imported else []
+    if imported:
+        parts.append(curve_frame(imported).assign(figure=IMPORTED))
     return pd.concat(parts, ignore_index=True)[PUBLISHED_CURVES]
 
 

@@ -19,8 +19,17 @@ from jbench.statistics import bootstrap as st
 from jbench.store import Results, query
 
 COLUMNS = [
-    *("task", "rank", "entry", "algo", "representation", "median", "low", "high", "n"),
-    *("steps_min", "steps"),
+    "task",
+    "rank",
+    "entry",
+    "algo",
+    "representation",
+    "median",
+    "low",
+    "high",
+    "n",
+    "steps_min",
+    "steps",
 ]
 _NAMES = {"source": "entry", "seeds": "n", "median_low": "low", "median_high": "high"}
 

@@ -12,7 +12,8 @@ from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis.claims import examine_solving
 from jbench.report.analysis.findings import Finding
-from jbench.report.data.configuration import Part, in_order, long_frame
+from jbench.report.data.configuration import in_order
+from jbench.report.data.long_frame import Part, long_frame
 from jbench.statistics import FloatArray
 from jbench.statistics import bootstrap as st
 from jbench.store import Record, Results

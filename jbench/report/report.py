@@ -55,8 +55,10 @@ def write_report(
             for chart in made:
                 drawn = chart.figure(request.columns)
                 name = f"figures/{chart.name}"
-                files |= {f"{name}.{end}": image(drawn, end) for end in request.formats}
-            files |= {f"tables/{name}": text.encode() for name, text in texts.items()}
+                for ending in request.formats:
+                    files[f"{name}.{ending}"] = image(drawn, ending)
+            for name, text in texts.items():
+                files[f"tables/{name}"] = text.encode()
             curves = pa.Table.from_pandas(frames.curves, preserve_index=False, nthreads=1)
             pq.write_table(curves, sink := io.BytesIO(), compression="zstd")
             files["tables/curves.parquet"] = sink.getvalue()
@@ -77,8 +79,19 @@ def table_files(frames: Frames) -> Iterator[tuple[str, str]]:
                 shown = for_paper(table, frames) if ending == "tex" else table
                 yield f"{table.name}.{ending}", write(shown)
     for name in (
-        *("configurations", "seeds", "curves", "published", "baselines", "pairs", "profiles"),
-        *("predictions", "kept", "processor", "motor", "positions", "sequences"),
+        "configurations",
+        "seeds",
+        "curves",
+        "published",
+        "baselines",
+        "pairs",
+        "profiles",
+        "predictions",
+        "kept",
+        "processor",
+        "motor",
+        "positions",
+        "sequences",
     ):  # frames of figures
         if len(frame := getattr(frames, name)):
             yield f"{name}.csv", to_csv(frame)

@@ -19,8 +19,23 @@ from jbench.settings.run import RunSettings
 from jbench.settings.variants import value_text
 
 COLUMNS = [
-    *("source", "run", "configuration", "label", "task", "algo", "representation", "kind", "words"),
-    *("seed", "steps", "final", "status", "day", "diverged", "settings", "provenance"),
+    "source",
+    "run",
+    "configuration",
+    "label",
+    "task",
+    "algo",
+    "representation",
+    "kind",
+    "words",
+    "seed",
+    "steps",
+    "final",
+    "status",
+    "day",
+    "diverged",
+    "settings",
+    "provenance",
 ]
 _RUN_POINTS = 50
 _PATH_POINTS = 20
@@ -47,10 +62,13 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
         key = str(recorded["source"]), str(recorded["run"])
         representation = str(recorded["representation"])
         row = dict.fromkeys(ID, "") | {n: recorded[n] for n in ("task", "seed", "steps", "status")}
-        row |= {"algo": display_name(str(recorded["algo"])), "kind": kind_in(representation)}
+        row["algo"] = display_name(str(recorded["algo"]))
+        row["kind"] = kind_in(representation)
         row["representation"] = shown_representation(representation)
         row |= named[key].identity if key in named else {}
-        row |= {"source": key[0], "run": key[1], "final": finals.get(key, np.nan)}
+        row["source"] = key[0]
+        row["run"] = key[1]
+        row["final"] = finals.get(key, np.nan)
         row["diverged"] = divergence(recorded["diverged"])[1]
         created = recorded["created"]
         row["day"] = created[:10] if isinstance(created, str) else ""
@@ -119,7 +137,7 @@ def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
         last = path.iloc[-1]
         path = path.iloc[np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).astype(int)]
         numbers = {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
-        numbers |= {"heading": last["heading"]}
+        numbers["heading"] = last["heading"]
         known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
         points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
         moved = np.append(True, (points[1:] != points[:-1]).any(axis=1))

@@ -16,11 +16,24 @@ from matplotlib.figure import Figure
 
 Dash = tuple[float, ...]  # lengths of dashes and gaps, in widths of the line; solid if empty
 _KINDS = {
-    **{"full": "#7a7f87", "scaled": "#0072b2", "planar": "#009e73", "forward": "#56b4e9"},
-    **{"random": "#e69f00", "pca": "#d55e00", "dae": "#cc79a7", "heading": "#8f7be0"},
-    **{"raw": "#a89f8d", "ae": "#9c4f96", "ddae": "#e7298a", "vae": "#7f9a00"},
-    **{"lld-vae": "#b15928", "dmd": "#b08d57", "contrastive": "#c0392b"},
-    **{"random-features": "#c4ae00", "ofe": "#2fb3a6", "inverse": "#c2185b"},
+    "full": "#7a7f87",
+    "scaled": "#0072b2",
+    "planar": "#009e73",
+    "forward": "#56b4e9",
+    "random": "#e69f00",
+    "pca": "#d55e00",
+    "dae": "#cc79a7",
+    "heading": "#8f7be0",
+    "raw": "#a89f8d",
+    "ae": "#9c4f96",
+    "ddae": "#e7298a",
+    "vae": "#7f9a00",
+    "lld-vae": "#b15928",
+    "dmd": "#b08d57",
+    "contrastive": "#c0392b",
+    "random-features": "#c4ae00",
+    "ofe": "#2fb3a6",
+    "inverse": "#c2185b",
     "predictive": "#3f7fbf",
 }
 _OTHER_KINDS = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
@@ -28,32 +41,59 @@ _ALGORITHMS = {"DDPG": "#4477aa", "PPO": "#b5a11f", "SAC": "#228833", "TD3": "#e
 _OTHER_ALGORITHMS = ("#aa3377", "#33bbee", "#994f00", "#5d3fd3", "#ee7733", "#2a9d8f", "#8d99ae")
 _MARKERS = "os^vPXDph<>*d8H"  # of the first series of the colors, in their order
 _DASHES: tuple[Dash, ...] = (  # of the other series of a color, the first of which is solid
-    *((4, 1.6), (6, 1.6, 1.2, 1.6), (2, 1.2), (8, 2)),
-    *((6, 1.4, 1.2, 1.4, 1.2, 1.4), (3, 1, 1, 1), (10, 2, 3, 2)),
+    (4, 1.6),
+    (6, 1.6, 1.2, 1.6),
+    (2, 1.2),
+    (8, 2),
+    (6, 1.4, 1.2, 1.4, 1.2, 1.4),
+    (3, 1, 1, 1),
+    (10, 2, 3, 2),
 )
 PUBLISHED_DASH: Dash = (1, 1.6)  # dots, which only the paper's curves have
 
 # Of marks without a color, of texts and axes, and of the grid; a page replaces them.
-INK, SOFT, LINE = "#000000", "#6f7a88", "#e1e5ea"
+INK = "#000000"
+SOFT = "#6f7a88"
+LINE = "#e1e5ea"
 
 _BASE: dict[Any, Any] = {
-    **{"font.family": "sans-serif", "text.parse_math": False, "pdf.fonttype": 42},
-    **{"axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left"},
+    "font.family": "sans-serif",
+    "text.parse_math": False,
+    "pdf.fonttype": 42,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
     "axes.titley": 1.0,  # else all ticks are measured, in case some are above
-    **{"axes.grid": True, "axes.axisbelow": True, "grid.color": LINE, "grid.linewidth": 0.8},
-    **{"axes.edgecolor": SOFT, "axes.labelcolor": SOFT, "xtick.color": SOFT, "ytick.color": SOFT},
-    **{"legend.frameon": False, "svg.hashsalt": "jbench"},
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": LINE,
+    "grid.linewidth": 0.8,
+    "axes.edgecolor": SOFT,
+    "axes.labelcolor": SOFT,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "legend.frameon": False,
+    "svg.hashsalt": "jbench",
 }
 PAGE: dict[Any, Any] = {  # parameters of matplotlib for a panel of the page; PAPER: for files
     **_BASE,
-    **{"font.size": 9, "axes.labelsize": 9, "lines.linewidth": 1.8, "lines.markersize": 4.5},
+    "font.size": 9,
+    "axes.labelsize": 9,
+    "lines.linewidth": 1.8,
+    "lines.markersize": 4.5,
     "svg.fonttype": "none",  # the reader's font
 }
 PAPER: dict[Any, Any] = {
     **_BASE,
-    **{"font.size": 8, "axes.labelsize": 8, "axes.titlesize": 8, "legend.fontsize": 7.5},
-    **{"xtick.labelsize": 7, "ytick.labelsize": 7, "svg.fonttype": "path"},
-    **{"lines.linewidth": 1.2, "lines.markersize": 2.8},
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "legend.fontsize": 7.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "svg.fonttype": "path",
+    "lines.linewidth": 1.2,
+    "lines.markersize": 2.8,
 }
 
 
@@ -95,7 +135,8 @@ def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Loo
             groups[series] = max(families, key=len, default=kind)
     new = sorted({*groups.values()} - {*known})
     known = known | dict(zip(new, cycle(others), strict=False))
-    order, places = [*groups], [*known]
+    order = [*groups]
+    places = [*known]
     if by == "kind":  # the shortest name, such as `dae12` beside `dae12-whitened`, is solid
         order.sort(key=lambda series: (places.index(groups[series]), len(series), series))
     count = Counter[str]()

@@ -20,8 +20,12 @@ from jbench.report.figures.chart import Panel
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
-_COLORS = {style.INK: "currentColor", "#ffffff": "var(--card)"}
-_COLORS |= {style.SOFT: "var(--soft)", style.LINE: "var(--line)"}
+_COLORS = {
+    style.INK: "currentColor",
+    style.SOFT: "var(--soft)",
+    style.LINE: "var(--line)",
+    "#ffffff": "var(--card)",
+}
 # A page has its own font, and lines begin with their dashes.
 _STYLE = re.compile(r"(?:^|; )(?!font-family|stroke-dashoffset: 0(?:;|$))([\w-]+): ([^;]+)")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")

@@ -87,9 +87,11 @@ def to_csv(frame: pd.DataFrame) -> str:
 def to_markdown(table: Table) -> str:
     """Returns a table in GitHub's Markdown, with its title and caption above."""
     columns, rows = table.shown()
-    lines = [[column.title for column in columns]]
-    lines += [["---:" if column.numeric else "---" for column in columns]]
-    lines += [[text.translate(_MARKDOWN) for _, text in row] for row in rows]
+    lines = [
+        [column.title for column in columns],
+        ["---:" if column.numeric else "---" for column in columns],
+        *([text.translate(_MARKDOWN) for _, text in row] for row in rows),
+    ]
     body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     title = table.title if table.title.endswith("?") else f"{table.title}."
     return f"{f'{title} {table.explained(columns)}'.translate(_MARKDOWN)}\n\n{body}\n"
@@ -103,17 +105,31 @@ def to_latex(table: Table) -> str:
     sides = "".join("r" if name in right else "l" for name in texts)
     title = table.title if table.title.endswith("?") else f"{table.title}."
     caption = _latex(f"{title} {table.explained(table.shown()[0])}")
-    named: Any = {"caption": caption, "label": f"tab:{table.name.replace('_', '-')}"}
-    placed: Any = {"column_format": sides, "position_float": "centering"}
-    return str(shown.to_latex(hrules=True, **placed, **named))
+    latex = shown.to_latex(
+        hrules=True,
+        column_format=sides,
+        position_float="centering",
+        caption=caption,
+        label=f"tab:{table.name.replace('_', '-')}",
+    )
+    return str(latex)
 
 
 _LATEX = str.maketrans(
     {
         **{character: f"\\{character}" for character in "&%$#_{}"},
-        **{"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"},
-        **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''"},
-        **{"✓": r"$\surd$", "✗": r"$\times$", "\N{EN DASH}": "--", "[": "{[}", "²": "$^2$"},
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "\\": r"\textbackslash{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': "''",
+        "✓": r"$\surd$",
+        "✗": r"$\times$",
+        "\N{EN DASH}": "--",
+        "[": "{[}",
+        "²": "$^2$",
     }
 )
 

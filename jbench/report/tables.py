@@ -53,7 +53,8 @@ def _range(row: Row) -> str:
     return "\N{EN DASH}".join(dict.fromkeys((steps(row["steps_min"]), steps(row["steps"]))))
 
 
-_TASK, _ALGO = plain("task"), plain("algorithm", "algo")
+_TASK = plain("task")
+_ALGO = plain("algorithm", "algo")
 OBSERVED = Column(
     "representation",
     "representation",
@@ -132,10 +133,14 @@ def for_paper(table: Table, frames: Frames) -> Table:
 def _verdicts(frames: Frames) -> Table:
     rows = frames.lead(frames.verdicts)
     columns = [
-        *(_TASK, _ALGO, OBSERVED, plain("against")),
+        _TASK,
+        _ALGO,
+        OBSERVED,
+        plain("against"),
         Column("of", "claim", lambda row: COMPARED[row["claim"]]),
         Column("verdict", "verdict", "{0[mark]} {0[text]}".format),
-        *(number("difference", "value", signed, ("low", "high")), _SEEDS),
+        number("difference", "value", signed, ("low", "high")),
+        _SEEDS,
         plain("corrected by", "corrected_by"),
     ]
     caption = (
@@ -174,12 +179,17 @@ def _decisions(frames: Frames) -> Table:
 
 def _comparisons(frames: Frames) -> Table:
     columns = [
-        *(_TASK, _ALGO, OBSERVED, *([] if frames.request.curves else [plain("returns")])),
-        *(plain("this", "a"), plain("against", "b")),
+        _TASK,
+        _ALGO,
+        OBSERVED,
+        *([] if frames.request.curves else [plain("returns")]),
+        plain("this", "a"),
+        plain("against", "b"),
         Column("seeds", "seeds_a", "{0[seeds_a]}, {0[seeds_b]}".format, True),
         number("steps", "steps", steps),
         estimate("probability", "p", ratio),
-        *(number("difference", "difference", signed, ("low", "high")), plain("verdict", "text")),
+        number("difference", "difference", signed, ("low", "high")),
+        plain("verdict", "text"),
     ]
     caption = (
         "Final returns at the last control step that every seed of both sides has reached: "
@@ -195,9 +205,14 @@ def _claims(frames: Frames) -> Table:
     needed = "{0[seeds_needed]:,} ({0[seeds_needed_by]})".format
     columns = [
         Column("claim", "claim", "({0[claim]})".format),
-        *(plain("runs", "source"), plain("returns"), plain("compared"), _SEEDS),
-        *(plain("verdict", "text"), number("by episodes alone", "by_episodes", ratio)),
-        *(Column("seeds that would decide", "seeds_needed", needed, True), plain("remark")),
+        plain("runs", "source"),
+        plain("returns"),
+        plain("compared"),
+        _SEEDS,
+        plain("verdict", "text"),
+        number("by episodes alone", "by_episodes", ratio),
+        Column("seeds that would decide", "seeds_needed", needed, True),
+        plain("remark"),
     ]
     claims = paper_claims().itertuples()
     tests = " ".join(f"({letter}) {text} {test}" for letter, text, test in claims)
@@ -208,8 +223,14 @@ def _claims(frames: Frames) -> Table:
 def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
     """Returns the leaderboard by one kind of return."""
     columns = [
-        *(_TASK, number("rank", "rank", str), plain("entry"), _ALGO, plain("representation")),
-        *(number("median", "median", ends=("low", "high")), number("n", "n", str), _RANGE),
+        _TASK,
+        number("rank", "rank", str),
+        plain("entry"),
+        _ALGO,
+        plain("representation"),
+        number("median", "median", ends=("low", "high")),
+        number("n", "n", str),
+        _RANGE,
     ]
     caption = (
         f"{_FINAL[returns]} Medians. {_INTERVAL} Entries whose intervals overlap share a rank; "
@@ -230,8 +251,11 @@ def _encoders(frames: Frames) -> Table:
         **{name: f"R² of {text}" for name, text in PREDICTED.items()},
     }
     columns = [
-        *(_TASK, plain("encoder", "representation"), plain("settings")),
-        *(number("latents", "latents", str), _SEEDS),
+        _TASK,
+        plain("encoder", "representation"),
+        plain("settings"),
+        number("latents", "latents", str),
+        _SEEDS,
         *(number(title, key, ratio) for key, title in numbers.items()),
     ]
     caption = (
@@ -248,9 +272,14 @@ def _runs(frames: Frames) -> Table:
         return "diverged" if row["diverged"] else known
 
     columns = [
-        *(_TASK, _agent(frames), OBSERVED, number("seed", "seed", str)),
+        _TASK,
+        _agent(frames),
+        OBSERVED,
+        number("seed", "seed", str),
         number("steps", "steps", steps),
-        *(number("final return", "final"), Column("status", "status", status)),
-        *(number("day", "day", str), _with_source("run", "run")),
+        number("final return", "final"),
+        Column("status", "status", status),
+        number("day", "day", str),
+        _with_source("run", "run"),
     ]
     return Table("runs", "Runs", _final(frames), frames.runs, columns)

@@ -104,7 +104,8 @@ def read_run(values: Mapping[str, Any]) -> Run:
         return kind.model_validate(values)
     except ValidationError:
         named = {name: values[name] for name in Unreadable.model_fields if name in values}
-        return Unreadable(**{**named, "values": dict(values)})
+        named["values"] = dict(values)
+        return Unreadable(**named)
 
 
 def variant(values: Mapping[str, Any]) -> str:

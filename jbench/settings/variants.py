@@ -80,9 +80,8 @@ def variant_words(
             # Those of one task differ in their evaluations or encoders.
             same_task = {v: run for v, run in group.items() if run.task == task}
             more = _labels(same_task, word, in_words=True)
-            named |= {
-                v: ", ".join(filter(None, (words[variant], text))) for v, text in more.items()
-            }
+            for v, text in more.items():
+                named[v] = ", ".join(filter(None, (words[variant], text)))
     return named
 
 

@@ -21,8 +21,14 @@ if TYPE_CHECKING:
 _PACKAGES = ("dm-control", "gymnasium", "mujoco", "numpy", "pyarrow", "stable-baselines3", "torch")
 
 _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKAGES} | {
-    *("device", "gpu", "cuda", "driver", "package", "source_sha256"),
-    *("task_package", "task_source_sha256"),
+    "device",
+    "gpu",
+    "cuda",
+    "driver",
+    "package",
+    "source_sha256",
+    "task_package",
+    "task_source_sha256",
 }
 
 
@@ -103,7 +109,9 @@ def shell_command(recorded: Mapping[str, Any]) -> str:
     """Returns the recorded command as it is typed in a shell."""
     program, *arguments = map(str, recorded.get("command") or ["jbench"])
     program = "jbench" if program == "__main__.py" else program
-    return shlex.join([*["python"] * program.endswith(".py"), program, *arguments])
+    if program.endswith(".py"):
+        return shlex.join(["python", program, *arguments])
+    return shlex.join([program, *arguments])
 
 
 @cache

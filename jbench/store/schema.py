@@ -31,8 +31,13 @@ _MANIFEST = """created updated: string, UTC
     settings provenance: string, JSON"""
 
 LOSSES = (
-    *("actor_loss", "critic_loss", "entropy_coefficient"),
-    *("policy_loss", "value_loss", "entropy_loss", "prediction_loss"),
+    "actor_loss",
+    "critic_loss",
+    "entropy_coefficient",
+    "policy_loss",
+    "value_loss",
+    "entropy_loss",
+    "prediction_loss",
 )
 """Columns of `episodes`: the last losses before an episode's end; null before any update."""
 
@@ -112,12 +117,21 @@ ENCODER_TABLES = {
 
 STATE_COLUMNS = {
     "position": (
-        *("position_x", "position_y", "position_z"),
-        *("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
+        "position_x",
+        "position_y",
+        "position_z",
+        "quaternion_w",
+        "quaternion_x",
+        "quaternion_y",
+        "quaternion_z",
     ),
     "velocity": (
-        *("velocity_x", "velocity_y", "velocity_z"),
-        *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
+        "velocity_x",
+        "velocity_y",
+        "velocity_z",
+        "angular_velocity_x",
+        "angular_velocity_y",
+        "angular_velocity_z",
     ),
     "motor_position": ("motor_position",),
     "motor_velocity": ("motor_velocity",),

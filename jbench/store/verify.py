@@ -77,7 +77,8 @@ def verify(results: Results, threads: int, progress: Progress = no_progress) -> 
     findings = list[Flaw]()
     for record, flaws in checked:
         findings += flaws
-        findings += () if record is None else _warnings(record, intact)
+        if record is not None:
+            findings += _warnings(record, intact)
     sizes = [entry.bytes for record in records for entry in record.manifest.files]
     left_out = sum(bool(record.left_out) for record in records)
     return Verified(len(records), len(sizes), sum(sizes), findings, left_out)
@@ -162,6 +163,7 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
                 reason = "in the future, so that its clock or this one is wrong"
         except (ValueError, TypeError):
             reason = "no date with a time zone"
-        problems += [f"was {what} {date!r}: {reason}"] if reason else []
+        if reason is not None:
+            problems.append(f"was {what} {date!r}: {reason}")
     for problem in problems:
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)

@@ -98,9 +98,8 @@ class Arm:
         """The settings of a run of this arm as if it had no encoder."""
         ofe = self.fields["ofe"]
         name = FULL if ofe is None else ofe.representation
-        return validated(
-            RunSettings, "the run", **{**self.fields, "representation": name, "seed": 0}
-        )
+        fields = self.fields | {"representation": name, "seed": 0}
+        return validated(RunSettings, "the run", **fields)
 
     @cached_property
     def key(self) -> str:

@@ -86,7 +86,8 @@ class Matrix(_keys(RunSettings, *(n for n in TYPED if not n.startswith(_EVALUATI
     def run_fields(self) -> dict[str, Any]:
         """Fields of `RunSettings` that are the same in all runs."""
         keys = self.model_dump()
-        keys |= {f"{_EVALUATION}{key}": value for key, value in keys["evaluation"].items()}
+        for key, value in keys["evaluation"].items():
+            keys[f"{_EVALUATION}{key}"] = value
         return {name: keys[RunSettings.model_fields[name].title or name] for name in TYPED}
 
 
@@ -110,7 +111,8 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
     parts = {}
     for where, table in (tables(name, content, PART) or {name: {}}).items():
         with named(where):
-            part = validated(Matrix, "the matrix", **{**_merged(defaults, table), **changes})
+            keys = _merged(defaults, table) | changes
+            part = validated(Matrix, "the matrix", **keys)
             requested_ofe(f"{OFE}12", part.ofe)  # which checks them, of any size and if unused
         parts[where] = part
 

@@ -264,7 +264,7 @@ def _differing(first: Side, second: Side) -> list[str]:
     """Returns the settings in which two sides may differ, since one of them names them."""
     names = [*first.hyperparameters, *second.hyperparameters]
     if first.settings != second.settings:
-        names += ["hyperparameters", "time_limit"]
+        names.extend(("hyperparameters", "time_limit"))
     return names
 
 

@@ -141,7 +141,8 @@ class Ray:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
         if not address:
-            options |= {"num_cpus": jobs or None, "include_dashboard": False}
+            options["num_cpus"] = jobs or None
+            options["include_dashboard"] = False
         try:
             if address and address not in ("auto", "local"):
                 # Ray itself retries an unreachable address for many minutes.

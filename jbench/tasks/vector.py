@@ -184,7 +184,8 @@ class JitterbugVectorEnv(
             for index in np.flatnonzero(truncations):
                 final[index] = observations[index].copy()
             infos = {"final_obs": final, "final_info": _infos(info, truncations)}
-            infos |= {f"_{key}": truncations.copy() for key in infos}
+            for key in list(infos):
+                infos[f"_{key}"] = truncations.copy()
             state = self._restart(truncations)
             observations, _, info = outcome(self._task, state, self._targets)
         every = np.ones(self.num_envs, np.bool_)

@@ -78,7 +78,9 @@ class PlanarReduction(Fitted):
         length, a, b, cosine, sine = geometry.swing_and_twist(position[..., 3:])
         along, across = geometry.rotated_in_plane(cosine, -sine, velocity[..., 0], velocity[..., 1])
         numbers = {
-            **{"height": position[..., 2], "tilt_a": a, "tilt_b": b},
+            "height": position[..., 2],
+            "tilt_a": a,
+            "tilt_b": b,
             **_by_axis("velocity", [along, across, velocity[..., 2]]),
             **_by_axis("rate", geometry.tilted(length, a, b, velocity[..., 3:])),
             "motor_angle": by_name["motor_position"][..., 0],
@@ -109,7 +111,8 @@ class PlanarReduction(Fitted):
         xp = namespace(latents)
         zero = xp.zeros_like(latents[..., 0])
         numbers = defaultdict[str, Array](lambda: zero)
-        numbers |= {name: latents[..., i] for i, name in enumerate(self.columns(task))}
+        for i, name in enumerate(self.columns(task)):
+            numbers[name] = latents[..., i]
         way = [numbers["target_x"], numbers["target_y"]]
         home = [zero, zero] if "x" in TASK_SPECS[task].drawn else [-part for part in way]
         place = [numbers.get(axis, part) for axis, part in zip("xy", home, strict=True)]
@@ -227,8 +230,10 @@ def planar_weights(
     gain, offset = physical_scaling(task, scaling)
     half_width, center = extremes.half_width_and_center()
     return {
-        **{f"{task}.gain": gain, f"{task}.offset": offset},
-        **{"latent.gain": half_width, "latent.offset": center},
+        f"{task}.gain": gain,
+        f"{task}.offset": offset,
+        "latent.gain": half_width,
+        "latent.offset": center,
         "center_of_mass": center_of_mass,
     }
 

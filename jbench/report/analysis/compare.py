@@ -76,7 +76,9 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
     ours, theirs = pairs[0].sides
     names: dict[str, Any] = {**ours.identity, "a": ours.source, "b": theirs.source}
     if ours.source == FILE:
-        names |= {"algo": "", "a": ours.label, "b": theirs.label}
+        names["algo"] = ""
+        names["a"] = ours.label
+        names["b"] = theirs.label
     if len(pairs) > 1:
         names["task"] = together(known)
 

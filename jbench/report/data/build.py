@@ -53,7 +53,8 @@ def divergence(recorded: str | None) -> tuple[float, str]:
         for value in (values.get("control_steps"), values.get("update"))
     )
     words = [f"after {steps or 0:,} control steps", "" if update is None else f"update {update:,}"]
-    words += [values["what"]] if isinstance(values.get("what"), str) else []
+    if isinstance(values.get("what"), str):
+        words.append(values["what"])
     return steps or 0, ", ".join(filter(None, words))
 
 
@@ -144,8 +145,10 @@ def _build(same: pd.DataFrame, points: ByKind, source: str, words: str) -> Itera
 def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) -> list[str]:
     """Returns notes on unusual ones of the runs of the same settings, of which some are chosen."""
     point = _NAMES[kind][0]
-    few = f"only {counted(len(chosen), 'seed')}"
-    notes = [f"{few}: too few for a band and for quantiles"] * (len(chosen) < MIN_SEEDS)
+    notes = []
+    if len(chosen) < MIN_SEEDS:
+        few = f"only {counted(len(chosen), 'seed')}"
+        notes.append(f"{few}: too few for a band and for quantiles")
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
     for seed, recorded in same.drop(chosen.index).groupby("seed")["recorded"]:
         notes.append(

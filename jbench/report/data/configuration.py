@@ -1,6 +1,6 @@
 """Configurations: the runs that share all settings except seed and steps, one run per seed."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -37,13 +37,17 @@ IMPORTED = "imported"
 SEQUENCE_WINDOW = 20  # episodes in a moving average, of one robot each (the authors' script)
 KEY = ["task", "algo", "representation", "variant"]  # columns of runs that name a configuration
 ID = (
-    *("configuration", "label", "source", "task", "algo", "representation", "kind", "words"),
+    "configuration",
+    "label",
+    "source",
+    "task",
+    "algo",
+    "representation",
+    "kind",
+    "words",
     "returns",
 )
 """Columns of a frame that name a configuration and its kind of return."""
-
-Part = tuple[Mapping[str, Any], Mapping[str, Any]]
-"""Of a frame: names of its rows, and arrays (rows,) by column."""
 
 
 class Configuration:
@@ -282,16 +286,3 @@ def paper_order(configuration: Configuration) -> tuple[Any, ...]:
     ranks = _rank(configuration.task, TASKS), _rank(configuration.algo, ALGORITHMS)
     representation = configuration.representation
     return *ranks, representation != FULL, representation, configuration.source
-
-
-def long_frame(parts: Iterable[Part], columns: Sequence[str]) -> pd.DataFrame:
-    """Returns the arrays of all parts below each other; a row has the names of its part."""
-    pairs = [(names, arrays) for names, arrays in parts if len(next(iter(arrays.values())))]
-    if not pairs:
-        return pd.DataFrame(columns=[*columns])
-    names = pd.DataFrame([names for names, _ in pairs])
-    sizes = [len(next(iter(arrays.values()))) for _, arrays in pairs]
-    # Texts are repeated once for all parts, which is much faster than a frame for each.
-    rows = names.loc[names.index.repeat(sizes)].reset_index(drop=True)
-    joined = {name: np.concatenate([arrays[name] for _, arrays in pairs]) for name in pairs[0][1]}
-    return rows.assign(**joined).reindex(columns=[*columns])

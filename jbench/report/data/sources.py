@@ -80,7 +80,8 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
     imports, points = (tables[n].to_pandas(use_threads=False) for n in ("imports", "import_points"))
     runs, notes, unusable = as_runs(_filtered(imports, request, strict=False)[0], points)
     source = _source(query.Tables(runs, problems + unusable), request, name, strict=False)
-    source.notes += notes if source.configurations else []
+    if source.configurations:
+        source.notes += notes
     _compare_over_run(source.configurations)
     return source
 
@@ -117,7 +118,7 @@ def reference(request: Request, results: Results) -> Source:
     request = request.model_copy(update={"since": None})  # which selects runs of the user only
     source = _source(_load(results), request, REFERENCE, strict=False)
     if not source.configurations:
-        source.notes += ["This version of jbench ships no reference runs for this report."]
+        source.notes.append("This version of jbench ships no reference runs for this report.")
     return source
 
 

@@ -78,9 +78,15 @@ class Chart:
                     Line2D([], [], color=look.color, linestyle=look.line, marker=look.marker)
                     for look in self.legend.values()
                 ]
-                place: Any = {"loc": "outside upper left", "ncols": -(-len(entries) // legend_rows)}
-                place |= {"handlelength": 1.8, "columnspacing": 1.2, "borderaxespad": 0}
-                figure.legend(entries, marks.shortened(self.legend), **place)
+                figure.legend(
+                    entries,
+                    marks.shortened(self.legend),
+                    loc="outside upper left",
+                    ncols=-(-len(entries) // legend_rows),
+                    handlelength=1.8,
+                    columnspacing=1.2,
+                    borderaxespad=0,
+                )
             # Placed once, or each format would place it and draw it twice.
             ConstrainedLayoutEngine().execute(figure)
         # Tips are for the page.

@@ -112,7 +112,7 @@ def _chart(
     size = {1: (9.6, 3.0), 2: (5.6, 2.9)}.get(groups.ngroups, (4.2, 2.5))
     for key, rows in groups:
         old = _beside(published, rows, name)
-        sources |= {*old["source"]}
+        sources.update(old["source"])
         draw = partial(draw_curves, looks=looks, published=old, frames=frames)
         versions: dict[str, Draw] = {}
         shown = [kind for kind in kinds if (rows["returns"] == kind).any()]

@@ -68,9 +68,11 @@ def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
         high = row[f"{value}_high"]
         if np.isfinite(low):  # an interval without an upper end reaches the edge
             line: Any = {"linewidth": 2.2, "solid_capstyle": "butt"} | look.ink
-            axes.plot([low, high if np.isfinite(high) else 1e6], [place] * 2, **line)
+            end = high if np.isfinite(high) else 1e6
+            axes.plot([low, end], [place, place], **line)
         tip = f"{row['name']}: {interval_text(row[value], low, high)}"
-        tip += f", n = {row['seeds']}" if "seeds" in row else ""
+        if "seeds" in row:
+            tip += f", n = {row['seeds']}"
         mark = look._replace(hollow=row.get("hollow", False))
         add_points(axes, [row[value]], [place], [tip], mark, 7.5)
     name_rows(axes, rows["name"])
@@ -134,7 +136,7 @@ def set_axes(axes: Axes, rows: pd.DataFrame, scale: str, levels: Sequence[float]
 
 def set_logarithmic(axes: Axes, name: str) -> None:
     """Makes the x or y axis logarithmic, with plain numbers: texts are not parsed as formulas."""
-    axes.set(**{f"{name}scale": "log"})
+    (axes.set_xscale if name == "x" else axes.set_yscale)("log")
     axis: Axis = getattr(axes, f"{name}axis")
     axis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(ticker.LogFormatter())
@@ -183,7 +185,8 @@ def shortened(names: Iterable[str]) -> list[str]:
                 chosen[name] = _cut(f"{cut[:_BEFORE]}…{kept}{'…' if end > _AFTER else ''}")
     for cut, group in _by_value(chosen).items():
         if len(group) > 1:
-            chosen |= {name: f"{i}. {cut}" for i, name in enumerate(group, 1)}
+            for i, name in enumerate(group, 1):
+                chosen[name] = f"{i}. {cut}"
     return [chosen[name] for name in every]
 
 

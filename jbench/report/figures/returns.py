@@ -83,7 +83,7 @@ def _draw_forest(
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
     apart = Look(style.SOFT, (), "D", len(looks), hollow=True)
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
-        axes.plot([row["q10"], row["q90"]], [place] * 2, color=style.SOFT, linewidth=1)
+        axes.plot([row["q10"], row["q90"]], [place, place], color=style.SOFT, linewidth=1)
         numbers = marks.interval_text(row["median"], row["q10"], row["q90"])
         tip = f"{names[place - len(rows)]}: median {numbers}"
         marks.add_points(axes, [row["median"]], [place], [tip], apart, 5.5)
@@ -92,8 +92,7 @@ def _draw_forest(
     errors = 2 * seeds["episode_sd"].fillna(0) / np.sqrt(seeds["episodes"])
     # No episode returns more than its number of control steps.
     reached = (seeds["final"] + errors).clip(upper=EPISODE_STEPS)
-    ends = [*seeds["final"], *reached, *policies["q90"]]
-    ends += [*rows["published"].dropna()]
+    ends = [*seeds["final"], *reached, *policies["q90"], *rows["published"].dropna()]
     marks.set_returns(axes, rows, min(ends, default=0.0), max(ends, default=0.0), "x")
 
 

@@ -67,11 +67,20 @@ FEATURES = {
     "motor_velocity": _number(lambda state, target: state.motor_velocity, "rad/s", 180.0),
     "angle_to_target": _number(geometry.angle_to_target, "rad", math.pi),
     "speed_in_target_frame": Feature(
-        geometry.speed_in_target_frame, _POINT, ("m/s",) * 3, (-1.0,) * 3, (1.0,) * 3, (1, -1, 1)
+        value=geometry.speed_in_target_frame,
+        axes=_POINT,
+        units=("m/s",) * 3,
+        low=(-1.0,) * 3,
+        high=(1.0,) * 3,
+        mirror=(1, -1, 1),
     ),
     "target_in_jitterbug_frame": Feature(
-        geometry.target_in_jitterbug_frame,
-        *(_POINT, ("m",) * 3, (-3.0, -3.0, -0.1), (3.0, 3.0, 0.1), (-1, 1, 1)),
+        value=geometry.target_in_jitterbug_frame,
+        axes=_POINT,
+        units=("m",) * 3,
+        low=(-3.0, -3.0, -0.1),
+        high=(3.0, 3.0, 0.1),
+        mirror=(-1, 1, 1),
     ),
 }
 

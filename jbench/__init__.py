@@ -77,6 +77,7 @@ class _AfterGymnasium(importlib.abc.MetaPathFinder):
     def find_spec(self, fullname: str, path: object, target: object = None) -> ModuleSpec | None:
         if fullname != "gymnasium":
             return None
+
         sys.meta_path.remove(self)
         spec = importlib.util.find_spec(fullname)
         if spec is not None and spec.loader is not None:
@@ -87,6 +88,7 @@ class _AfterGymnasium(importlib.abc.MetaPathFinder):
                 _register_environments()
 
             spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
+
         return spec
 
 

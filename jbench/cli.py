@@ -202,14 +202,17 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
             message += f": {hint}"
         elif verb == "report" and "unexpected extra argument" in message:
             message += ": type --curves FILE, or --results DIR"
+
         typed = {word.partition("=")[0] for word in arguments}
         required = [p.opts for p in context.command.params if p.required and "-" in p.opts[0]]
         missing = [opts[0] for opts in required if typed.isdisjoint(opts)]
         if message.startswith("Missing option") and len(missing) > 1:
             message = f"Missing options {names.in_prose(missing, 'and')}"
+
     help_ = "jbench --help lists the commands."
     if verb in _VERBS:
         help_ = f"jbench {verb} --help lists the options and shows an example."
+
     return f"{message}{'' if message.endswith('?') else ';'} {help_}"
 
 
@@ -224,6 +227,7 @@ def _set_hint(arguments: Sequence[str]) -> str:
             return f"type --set {name}={' '.join(rest)}"
         if rest and value.startswith("["):
             return f"type --set {name}={value}{''.join(rest)}"
+
     return ""
 
 

@@ -44,4 +44,5 @@ def _quotas(
                     quotas.append(math.ceil(int(quota) / int(period)))
     except (OSError, ValueError):
         pass
+
     return [max(1, count) for count in quotas]

@@ -26,11 +26,13 @@ def find_device(name: str) -> "torch.device":
         raise RequestError("There is no CUDA device here that torch can use; type --device cpu.")
     if number is None:
         return torch.device("cuda")
+
     index = int(number[1])
     count = torch.cuda.device_count()
     if index >= count:
         there = in_prose([f"cuda:{i}" for i in range(count)])
         raise RequestError(f"There is no device {name} here; type --device {there}.")
+
     return torch.device("cuda", index)
 
 

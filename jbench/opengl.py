@@ -57,6 +57,7 @@ def choose_backend() -> str:
                 f"MUJOCO_GL={requested} is not a backend; set it to {', '.join(BACKENDS)}, or "
                 "unset it."
             )
+
     for backend in tried:
         if draws(backend):
             os.environ["MUJOCO_GL"] = backend
@@ -64,6 +65,7 @@ def choose_backend() -> str:
                 # Another library may import PyOpenGL before MuJoCo does.
                 os.environ.setdefault("PYOPENGL_PLATFORM", backend)
             return backend
+
     raise RequestError(failure)
 
 
@@ -95,6 +97,7 @@ def draws(backend: str) -> bool:
         )
     except subprocess.TimeoutExpired:
         return False
+
     # The exit code is ignored, since some drivers fail while they are unloaded.
     name, _, brightness = answer.stdout.strip().rpartition(" ")
     return name == "brightness" and brightness.isdecimal() and int(brightness) > 0

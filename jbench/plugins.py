@@ -64,19 +64,23 @@ def imported(what: str, name: str) -> Any:
         exists = importlib.util.find_spec(module_name) is not None
     except ModuleNotFoundError:  # of a parent package
         exists = False
+
     if not exists and module_name.endswith(".py"):
         module_name = module_name.removesuffix(".py")
         raise RequestError(f"{name} has the name of a file; type {module_name}:{attribute}.")
+
     if not exists:
         raise RequestError(
             f"The {what} {name} can't be imported: there is no module {module_name}; install its "
             "package, or run jbench in the directory that contains the module, or set PYTHONPATH."
         )
+
     module = _attempt(lambda: importlib.import_module(module_name), f"The {what} {name}", name)
     if not hasattr(module, attribute):
         close = closest(attribute, [public for public in vars(module) if public[0] != "_"])
         hint = f"did you mean {module_name}:{close}?" if close else "use a name that is in it."
         raise RequestError(f"The module {module_name} has no {attribute}; {hint}")
+
     return getattr(module, attribute)
 
 
@@ -105,6 +109,7 @@ def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[s
         load(what, points[name])
         module = points[name].module
         made = made_with(distribution(points[name]))
+
     files = sources.source_files(module)
     return {**made, "sources": files} if files else made
 
@@ -119,10 +124,12 @@ def files_at_hand(name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]
         return {"sources": sources.source_files(points[name].module)}
     if not is_imported(name):
         return {}
+
     module = name.partition(":")[0]
     path = sources.module_file(module)
     if path is None or not path.is_file():
         return {}
+
     made: dict[str, Any] = {"source_sha256": sha256(path.read_bytes()).hexdigest()}
     return {**made, "sources": sources.source_files(module)}
 

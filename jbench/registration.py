@@ -43,6 +43,7 @@ def register_environments() -> None:
     """Registers the Jitterbug's tasks, with plain and augmented robots, and those of the suite."""
     for task in SUITE_TASKS:
         environment_id(task)
+
     more: dict[str, Any] = {
         "vector_entry_point": "jbench.tasks.vector:JitterbugVectorEnv",
         "reward_threshold": SOLVED_RETURN,

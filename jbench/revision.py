@@ -16,9 +16,11 @@ def git_revision() -> str | None:
     if not (root / ".git").exists():
         built = package / BUILT
         return built.read_text("ascii").strip() if built.is_file() else None
+
     describe = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]
     try:
         answer = subprocess.run(describe, capture_output=True, text=True, timeout=10, check=True)
     except (OSError, subprocess.SubprocessError):
         return None
+
     return answer.stdout.strip()

@@ -95,13 +95,16 @@ def module_file(module_name: str) -> Path | None:
         spec = importlib.util.find_spec(top)
     except (ImportError, ValueError):
         return None
+
     if spec is None or not parts:
         return None if spec is None or spec.origin is None else Path(spec.origin)
+
     for directory in spec.submodule_search_locations or ():
         path = Path(directory).joinpath(*parts)
         for candidate in (path / "__init__.py", path.with_name(f"{path.name}.py")):
             if candidate.is_file():
                 return candidate
+
     return None
 
 
@@ -109,11 +112,13 @@ def _read(module_name: str, path: Path | None) -> dict[str, str]:
     top = module_name.partition(".")[0]
     if path is None or not path.is_file() or top in sys.stdlib_module_names or top == _OURS:
         return {}
+
     depth = module_name.count(".") + (path.stem == "__init__")
     root = path.parents[depth]
     is_installed = root.name in _INSTALLED
     if is_installed and _is_library(top):
         return {}
+
     code = _Code(root, only=_of_same_distribution(top) if is_installed else None)
     code.add_with_packages(path)
     return code.checksums
@@ -196,6 +201,7 @@ class _Code:
             beside = importer.parent
             if not _exists(start, parts[0]) and str(beside) in sys.path:
                 start = beside  # as Python finds the modules beside a script
+
         directory = start.joinpath(*parts)
         candidates = [directory / "__init__.py"]
         if parts:
@@ -203,6 +209,7 @@ class _Code:
             if directory.parent.is_dir():
                 candidates += sorted(directory.parent.glob(f"{parts[-1]}.*.so"))
                 candidates += sorted(directory.parent.glob(f"{parts[-1]}.*.pyd"))
+
         for candidate in candidates:
             if candidate.is_file():
                 yield candidate

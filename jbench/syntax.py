@@ -47,6 +47,7 @@ def tree_checksum(tree: ast.AST) -> str:
             stack += [part for part in reversed(item) if not _is_comment(part)]
         else:
             digest.update(f"{item!r};".encode(errors="backslashreplace"))
+
     return digest.hexdigest()[:CHECKSUM_DIGITS]
 
 
@@ -77,6 +78,7 @@ def named_files(tree: ast.AST) -> list[str]:
             texts.append((id(node), str(node.value)))
         elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
             texts.append((id(node), _joined(node)))  # here / "a" / "b"
+
     return [
         text
         for node_id, text in texts

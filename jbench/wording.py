@@ -40,6 +40,7 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
+
     return value if value is None or isinstance(value, str | int) else str(value)
 
 

@@ -80,6 +80,7 @@ def find_class(name: str) -> Any:
         point = _entry_point(name)
         group = point.group
         kind = plugins.load(_GROUPS[group][0], point)
+
     if group is None:
         from stable_baselines3.common.base_class import BaseAlgorithm  # takes a second to import
 
@@ -88,7 +89,9 @@ def find_class(name: str) -> Any:
                 f"{name} is no subclass of jbench.Agent, jbench.Rule or stable-baselines3's "
                 "BaseAlgorithm; record its training loop with jbench.record (docs/recording.md)."
             )
+
         return kind
+
     what, base, settings, methods = _GROUPS[group]
     is_subclass = isinstance(kind, type) and issubclass(kind, base) and kind is not base
     if not is_subclass or inspect.isabstract(kind):
@@ -96,9 +99,11 @@ def find_class(name: str) -> Any:
             f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix it, or "
             "uninstall the package that offers it."
         )
+
     if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, settings)):
         needed = settings.__name__
         raise WorkError(f"Settings of the {what} {name} is no subclass of jbench.{needed}.")
+
     return kind
 
 
@@ -110,10 +115,12 @@ def settings_class(algo: str) -> type[Settings]:
     """
     if algo in SETTINGS:
         return SETTINGS[algo]
+
     kind = find_class(algo)
     if issubclass(kind, Agent | Rule):
         settings: type[Settings] = kind.Settings
         return settings
+
     fields: dict[str, Any] = {}
     for name, argument in inspect.signature(kind.__init__).parameters.items():
         is_setting = name not in _NOT_SETTINGS and not name.startswith("_")
@@ -123,6 +130,7 @@ def settings_class(algo: str) -> type[Settings]:
                 fields[name] = Any, argument.default
             except (TypeError, ValueError):
                 fields[name] = Any, omissible(_NOT_RECORDED)
+
     return create_model(kind.__name__, __base__=Settings, **fields)
 
 
@@ -146,6 +154,7 @@ def describe_settings(algo: str) -> list[dict[str, Any]]:
                 "description": next(filter(None, texts), ""),
             }
         )
+
     return described
 
 
@@ -160,11 +169,13 @@ def choose_engine(algo: str, wanted: Engine | None = None) -> Engine:
         if wanted == "plugin":
             raise RequestError(f"{algo} is not an agent of another package: type batched or sb3.")
         return wanted or "batched"
+
     kind = find_class(algo)
     is_rule = issubclass(kind, Rule)
     engine: Engine = "plugin" if issubclass(kind, Agent) else "batched" if is_rule else "sb3"
     if wanted not in (None, engine):
         raise RequestError(f"{algo} has the engine {engine}, not {wanted}; leave the engine out.")
+
     return engine
 
 
@@ -195,6 +206,7 @@ def algorithm_fields(
         raise RequestError(
             f"The settings {base} are for {', '.join(SETTINGS)}; {algo} has its own defaults."
         )
+
     settings = settings_with(settings_class(algo), algo, changes)
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
@@ -225,13 +237,16 @@ def _entry_point(name: str) -> EntryPoint:
     points = [point for point in _offered() if point.name == name]
     if not points and name.lower() in _ELSEWHERE:
         raise RequestError(f"Unknown algorithm {name!r}; {_ELSEWHERE[name.lower()]}.")
+
     try:
         known("algorithm", name, [*SETTINGS, *installed()])
     except RequestError as error:
         raise RequestError(
             f"{str(error).rstrip('.')}, install the package of another agent, or type MODULE:CLASS."
         ) from None
+
     if len(points) > 1:
         agent, rule = map(plugins.distribution, points)
         raise WorkError(f"{name} is an agent of {agent} and a rule of {rule}; uninstall one.")
+
     return points[0]

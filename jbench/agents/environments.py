@@ -130,6 +130,7 @@ class Environments:
             returns = self._returns
             self.episodes += 1
             self._begin_episodes()
+
         return StepResult(rewards, inputs, returns)
 
     def encode(self, observations: Tensor) -> Tensor:
@@ -139,6 +140,7 @@ class Environments:
         if self._shared is not None:  # with the same bits as below
             inputs: Tensor = self._shared.encode(observations)
             return inputs
+
         # Seed by seed, because a matrix product may round differently in a larger batch.
         pairs = zip(self.encoders, observations, strict=True)
         return torch.stack(
@@ -155,6 +157,7 @@ class Environments:
                 mirrored = action_signs(encoder, observations[seed])
                 if mirrored is not None:
                     signs[seed] = mirrored
+
         return signs
 
     def state(self, seed: int) -> SeedState:

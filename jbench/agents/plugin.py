@@ -141,14 +141,17 @@ def pack(value: Any, tensors: dict[str, Tensor], where: str = "state()") -> Any:
         return value
     if isinstance(value, float) and not isinstance(value, np.generic):
         return value if math.isfinite(value) else {"float": str(value)}
+
     if isinstance(value, Mapping):
         pairs = [
             [pack(k, tensors, where), pack(v, tensors, f"{where}[{k!r}]")] for k, v in value.items()
         ]
         return {"dict": pairs}
+
     if isinstance(value, list | tuple):
         kind = "list" if isinstance(value, list) else "tuple"
         return {kind: [pack(item, tensors, f"{where}[{i}]") for i, item in enumerate(value)]}
+
     name = str(len(tensors))
     if isinstance(value, Tensor):
         tensors[name] = value.detach().cpu().clone().contiguous()
@@ -156,6 +159,7 @@ def pack(value: Any, tensors: dict[str, Tensor], where: str = "state()") -> Any:
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biuf":
         tensors[name] = torch.from_numpy(np.array(value, order="C"))
         return {"array" if isinstance(value, np.ndarray) else "number": name}
+
     raise WorkError(
         f"{where} of the agent is a {type(value).__name__}, which can't be saved: return tensors, "
         "arrays, numbers, texts, lists and dictionaries."
@@ -166,6 +170,7 @@ def unpack(node: Any, tensors: Mapping[str, Tensor]) -> Any:
     """Returns the value that `pack` was given."""
     if not isinstance(node, dict):
         return node
+
     ((kind, content),) = node.items()
     if kind == "float":
         return float(content)
@@ -173,8 +178,10 @@ def unpack(node: Any, tensors: Mapping[str, Tensor]) -> Any:
         return {unpack(k, tensors): unpack(v, tensors) for k, v in content}
     if kind in ("list", "tuple"):
         return (list if kind == "list" else tuple)(unpack(item, tensors) for item in content)
+
     tensor = tensors[content].clone()
     if kind == "tensor":
         return tensor
+
     array = tensor.numpy()
     return array if kind == "array" else array[()]

@@ -81,6 +81,7 @@ class PluginEngine(Engine):
         """See `Engine.state`; the agent's may contain something that can't be saved: WorkError."""
         if not self._is_resumable:
             return None
+
         tensors: dict[str, Tensor] = {}
         robots = self.environments.state(0)
         scalars = {
@@ -112,6 +113,7 @@ class PluginEngine(Engine):
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
         if self.diverged:
             return
+
         ends = step.episode_returns is not None
         # Copies: an agent may change its arrays, and these are also saved in checkpoints.
         transition = Transition(
@@ -128,12 +130,14 @@ class PluginEngine(Engine):
                 f"learn of the agent {self._name} returned a {type(losses).__name__}; it must "
                 "return a dictionary of losses, {} if there are none."
             )
+
         numbers = {name: float(value) for name, value in losses.items()}
         if unknown := sorted(numbers.keys() - schema.LOSSES):
             raise WorkError(
                 f"learn of the agent {self._name} returned the loss {', '.join(unknown)}; there "
                 f"are columns for {', '.join(schema.LOSSES)}."
             )
+
         self._losses |= numbers
         if (name := divergent_loss(numbers)) is not None:
             self._record_divergence(0, name)
@@ -162,12 +166,14 @@ class PluginEngine(Engine):
         actions = self._call(method, observations)
         if isinstance(actions, Tensor):
             actions = actions.detach().cpu().numpy()
+
         if np.shape(actions) != wanted:
             raise WorkError(
                 f"{_name(method)} of the agent {self._name} returned the shape "
                 f"{np.shape(actions)} for observations {observations.shape}; it must return "
                 f"actions {wanted}."
             )
+
         return np.array(actions, np.float64)[None]
 
 

@@ -55,9 +55,11 @@ def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count:
             raise RequestError(
                 f"{name} takes no continuous actions, which all tasks have; choose another class."
             ) from None
+
         raise RequestError(
             f"{name} can't be made with these settings ({type(error).__name__}: {reason})."
         ) from None
+
     # stable-baselines3 itself refuses this only when it collects the first transitions.
     unit = getattr(getattr(agent, "train_freq", None), "unit", None)
     if count > 1 and unit is TrainFrequencyUnit.EPISODE:
@@ -65,6 +67,7 @@ def check(name: str, settings: Mapping[str, Any], sizes: tuple[int, int], count:
             f"train_freq of {name} can't be in episodes with {count} environments: type a "
             "number of steps, or one environment."
         )
+
     try:
         copy_model(agent)
     except UnsupportedPolicyError as error:
@@ -93,16 +96,19 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
         assert isinstance(settings, Foreign)
         kind = find_class(algo)
         chosen = settings.hyperparameters
+
     arguments: dict[str, Any] = {
         n: tuple(v) if isinstance(v, list) else v for n, v in chosen.items()
     }
     if isinstance(sigma := arguments.get("action_noise"), int | float):
         arguments["action_noise"] = noise.NormalActionNoise(np.zeros(shape), np.full(shape, sigma))
+
     if isinstance(arguments.get("policy_kwargs"), Mapping):
         arguments["policy_kwargs"] = {
             n: getattr(nn, v) if n.endswith("_fn") and isinstance(v, str) else v
             for n, v in arguments["policy_kwargs"].items()
         }
+
     agent: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
     # No output to the terminal; the losses are read from the logger.
     agent.set_logger(Logger(folder=None, output_formats=[]))
@@ -125,8 +131,10 @@ def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict
         elif settings.action_noise == "ornstein-uhlenbeck":
             given: Any = {"theta": settings.noise_theta, "dt": settings.noise_dt}
             arguments["action_noise"] = noise.OrnsteinUhlenbeckActionNoise(mean, sigma, **given)
+
         if algo == "ddpg" and not settings.uniform_warmup:
             kind = _DDPGWithPolicyWarmup
+
     net_arch = {"pi": layers, "vf" if algo == "ppo" else "qf": layers}
     return kind, {**arguments, "policy_kwargs": {"net_arch": net_arch, "activation_fn": "ReLU"}}
 
@@ -162,10 +170,12 @@ def copy_model(model: Any, *sizes: int) -> SavedNetwork:
     owner = policy.actor if hasattr(policy, "actor") else policy
     if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
         raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
+
     network = copy_module(actor_module(policy), *sizes)
     normalized: Any = normalization(model)
     if normalized is None:
         return network
+
     deviation = np.sqrt(normalized.obs_rms.var + normalized.epsilon)
     first = [
         SavedLayer("shift", offset=-normalized.obs_rms.mean.astype(np.float32)),
@@ -185,6 +195,7 @@ def actor_module(policy: Any) -> nn.Module:
     if hasattr(policy, "mlp_extractor"):  # PPO, A2C, TRPO
         squash = nn.Tanh() if policy.squash_output else nn.Hardtanh()
         return nn.Sequential(policy.mlp_extractor.policy_net, policy.action_net, squash)
+
     raise UnsupportedPolicyError(f"the actor of a {type(policy).__name__} is not known")
 
 

@@ -69,6 +69,7 @@ class Blinder:
                 is_run = "/" in policy and not policy.endswith(".zip")
                 if not is_run and policy.partition(":")[0] not in POLICIES:
                     self._number("policy", policy)
+
             for task in (settings.get("task"), settings.get("robot")):
                 if isinstance(task, str) and task not in (*TASKS, JITTERBUG):
                     self._number("task", None if task.startswith(SUITE) else task)
@@ -99,6 +100,7 @@ class Blinder:
         provenance = {name: made[name] for name in _ROUNDING if name in made}
         if isinstance(packages, Mapping):
             provenance["packages"] = dict(packages)
+
         fields = record.manifest.model_dump()
         fields["id"] = self.id(record)
         fields["settings"] = self.settings(record.settings)
@@ -119,6 +121,7 @@ class Blinder:
     def _rows(self, record: Record, entry: FileEntry, content: bytes) -> bytes:
         if not self._ids:
             return content
+
         rows = record.read_part(entry)
         changed = rows
         for name in rows.column_names:
@@ -127,11 +130,13 @@ class Blinder:
                 column = pa.array(values, rows.schema.field(name).type)
                 at = rows.schema.get_field_index(name)
                 changed = changed.set_column(at, rows.schema.field(name), column)
+
         return content if changed.equals(rows) else listed.to_bytes(changed)
 
     def _number(self, what: str, name: object, letters: str = "") -> None:
         if not isinstance(name, str):
             return
+
         known = self._numbers.setdefault(what, {})
         number = len(known)
         known.setdefault(name, f"{what}-{letters[number] if letters else number + 1}")
@@ -152,8 +157,10 @@ class Blinder:
     def _text(self, text: str) -> str:
         if text in self._ids:
             return self._ids[text]
+
         for old, new in self._ids.items():
             text = text.replace(old.replace("/", "."), new.replace("/", "."))
+
         for what, names in self._numbers.items():
             for name, number in names.items():
                 if text in (name, in_id(name)):
@@ -161,6 +168,7 @@ class Blinder:
                 if what == "kind" and re.fullmatch(rf"{re.escape(name)}\d+.*", text):
                     return number + text.removeprefix(name)
                 text = text.replace(f"{in_id(name)}/", f"{number}/")
+
         return LEFT_OUT if self._has_a_word(text) else text
 
     def _has_a_word(self, text: str) -> bool:
@@ -177,6 +185,7 @@ def _without_texts(summary: Mapping[str, Any]) -> dict[str, Any]:
             kept[name] = value if name == "device" else LEFT_OUT
         else:
             kept[name] = value
+
     return kept
 
 

@@ -60,8 +60,10 @@ def write_croissant(results: Results, out: Path, dataset: Record | None = None) 
         pq.write_table(rows, sink, compression="zstd")
         files.write_atomic(path, sink.getvalue().to_pybytes())
         written.append(path)
+
     if not written:
         raise RequestError(f"{results.name} has no rows; train or collect first.")
+
     name = results.name.name if dataset is None else dataset.id.replace("/", "-")
     metadata = _metadata(name, tables, {path.stem: path for path in written})
     files.write_atomic(out / METADATA, metadata)
@@ -113,6 +115,7 @@ def _metadata(name: str, tables: dict[str, pa.Table], paths: dict[str, Path]) ->
     )
     if metadata.issues.errors:
         raise WorkError(f"The metadata are invalid: {metadata.issues.report()}")
+
     return (json.dumps(metadata.to_json(), indent=1, default=str) + "\n").encode()
 
 
@@ -132,6 +135,7 @@ def _record_set(table: str, rows: pa.Table, croissant: Any) -> Any:
                 source=source,
             )
         )
+
     about = "a table of a dataset" if table not in schema.TABLES else "a table of jbench query"
     return croissant.RecordSet(id=table, name=table, description=about, fields=fields)
 

@@ -28,11 +28,14 @@ def matrix(runs: Iterable[Record], encoders: Mapping[str, Record]) -> str:
         else:
             name = f"{run.task} {run.algo} {run.representation}"
             others[name] = others.get(name, 0) + 1
+
     text = "# What trains these runs: jbench sweep matrix.toml\n"
     for name, count in others.items():
         text += f"# {count} runs of {name} were trained by another program.\n"
+
     for group in groups.values():
         text += _part(group, encoders)
+
     return text
 
 
@@ -49,12 +52,14 @@ def _part(group: Sequence[RunSettings], encoders: Mapping[str, Record]) -> str:
         value = getattr(run, name)
         if not name.startswith(_EVALUATION) and value != defaults[name].default:
             keys[defaults[name].title or name] = value
+
     keys["steps"] = run.steps
     keys["time_limit"] = run.time_limit
     keys["evaluation"] = {"every": run.evaluate_every, "episodes": run.evaluate_episodes}
     keys["hyperparameters"] = {run.algo: dict(run.hyperparameters)}
     if run.ofe is not None:
         keys["ofe"] = run.ofe.model_dump(mode="json")
+
     if run.encoder is not None and run.encoder in encoders:
         if run.encoder_draws:
             settings = encoders[run.encoder].settings
@@ -65,6 +70,7 @@ def _part(group: Sequence[RunSettings], encoders: Mapping[str, Record]) -> str:
         else:
             # By its name, it would be trained again, perhaps on another dataset.
             keys["representations"] = [run.encoder]
+
     lines = [f"{name} = {_toml(value)}" for name, value in keys.items()]
     return "\n".join(["", "[[part]]", *lines, ""])
 
@@ -78,8 +84,10 @@ def _toml(value: Any) -> str:
             if item is not None
         )
         return f"{{ {', '.join(pairs)} }}"
+
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
+
     return json.dumps(value)
 
 
@@ -93,6 +101,7 @@ def lock() -> str:
             distribution = importlib.metadata.distribution(name)
         except importlib.metadata.PackageNotFoundError:
             continue
+
         if name in versions:
             continue
         versions[name] = distribution.version
@@ -100,5 +109,6 @@ def lock() -> str:
             requirement = Requirement(text)
             if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
                 waiting.append(requirement.name.lower().replace("_", "-"))
+
     lines = [f"{name}=={version}" for name, version in sorted(versions.items())]
     return "# The versions with which this archive was written.\n" + "\n".join(lines) + "\n"

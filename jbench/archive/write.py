@@ -59,9 +59,11 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
     records, left_out = _chosen(results)
     if not any(record.kind in ("run", "import") for record in records):
         raise RequestError(f"{results.name} has no finished run; train or import some first.")
+
     blinder = Blinder(words_of_this_machine(results.path, out)) if blind else None
     if blinder is not None:
         blinder.learn(records)
+
     with tempfile.TemporaryDirectory(prefix="jbench-archive-") as folder:
         root = Path(folder)
         target = Results(root / "results", Path("results"))
@@ -72,11 +74,13 @@ def write_archive(results: Results, out: Path, blind: bool = False) -> Archived:
         write_report(target, root / "report", Request(claims=_has_claims(records)))
         _write_texts(root, target, left_out)
         content = _zipped(root)
+
     if blinder is not None and (leak := next(leaks(content, blinder.words), None)) is not None:
         raise WorkError(
             f"The archive would have the word {leak[1]!r} in {leak[0]}; nothing is written. Rename "
             "what has it, or leave the record out."
         )
+
     files.write_atomic(out, content)
     return Archived(out, len(records), len(content), left_out)
 
@@ -94,6 +98,7 @@ def _chosen(results: Results) -> tuple[list[Record], list[str]]:
                 left_out.append(f"{kind} {record.id}: unfinished")
             else:
                 chosen.append(record)
+
     return chosen, left_out
 
 
@@ -118,6 +123,7 @@ def _copy(record: Record, target: Results, blinder: Blinder | None) -> None:
         files.write_atomic(copied.path / name, content)
         changes = {"name": name, "bytes": len(content), "sha256": digest}
         entries.append(entry.model_copy(update=changes))
+
     if blinder is None:
         copied.begin(record.manifest.model_copy(update={"files": tuple(entries)}))
     else:
@@ -150,6 +156,7 @@ def _zipped(root: Path) -> bytes:
                 stored = path.suffix == ".parquet"
                 entry.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
                 archive.writestr(entry, path.read_bytes())
+
     return sink.getvalue()
 
 
@@ -171,6 +178,7 @@ def _texts(name: str, content: bytes) -> Iterator[str]:
         yield str(rows.schema_arrow.metadata)
         yield from (str(field.metadata) for field in rows.schema_arrow)
         yield str(rows.read(use_threads=False).to_pydict())
+
     if name.endswith(".png"):
         from PIL import Image
 

@@ -109,12 +109,15 @@ def _actions(make: _Make) -> str:
             actions = engine.act(observations)
             if actions.shape != (1, count, action_size):
                 raise WorkError(f"act returns the shape {actions.shape} for {count} observations.")
+
         again = engine.act(observations)
         if not np.array_equal(actions, again):
             raise WorkError(
                 "act returns other actions for the same observations: it must be deterministic."
             )
+
         _check_finite(engine)
+
     return "act is deterministic, for any number of observations"
 
 
@@ -124,13 +127,16 @@ def _trains(make: _Make, environments: int = 1) -> str:
         losses = engine.losses(0)
         engine.check_weights()
         _check_finite(engine)
+
     if environments > 1:
         return f"{_EPISODES} episodes of {environments} environments side by side"
+
     if not losses:
         raise NotableError(
             f"learn returned no losses in {_EPISODES} short episodes; jbench records those with a "
             "column, such as critic_loss"
         )
+
     values = ", ".join(f"{name} {value:.3g}" for name, value in losses.items())
     return f"{_EPISODES} episodes of {EPISODE} control steps; {values}"
 
@@ -143,8 +149,10 @@ def _seeds(make: _Make) -> str:
             "generators that the seed seeds, and depend on no time, no memory address and no "
             "order of a set."
         )
+
     if np.array_equal(first, other, equal_nan=True):
         raise NotableError("another seed gives the same numbers; jbench compares different seeds")
+
     return "the same seed gives the same numbers, another seed others"
 
 
@@ -174,6 +182,7 @@ def _state(make: _Make) -> str:
         if saved is None:
             raise NotableError("no state and restore: a killed run starts over")
         whole = _numbers(engine)
+
     # As a checkpoint holds it.
     copy = SeedState(
         {name: tensor.clone() for name, tensor in saved.tensors.items()},
@@ -182,11 +191,13 @@ def _state(make: _Make) -> str:
     with make([0]) as engine:
         engine.restore([copy])
         resumed = _numbers(engine)
+
     if not np.array_equal(whole, resumed, equal_nan=True):
         raise WorkError(
             "training that is resumed gives other numbers than training that goes on: state must "
             "return everything that changes, and restore must set it again."
         )
+
     return "a resumed run goes on with the same numbers"
 
 
@@ -199,11 +210,13 @@ def _policy(make: _Make) -> str:
         size = engine.environments.size
         observations = np.random.default_rng(0).normal(size=(1, 5, size)).astype(np.float32)
         difference = np.abs(saved.act(observations[0]) - engine.act(observations)[0].clip(-1, 1))
+
     if difference.max() > 1e-4:
         raise WorkError(
             f"the saved policy acts differently from act, by up to {difference.max():.2g}: policy "
             "must return the module that act uses."
         )
+
     return f"saved, and acts as act does, within {difference.max():.1g}"
 
 
@@ -234,4 +247,5 @@ def _trace(make: _Make, seeds: list[int], evaluate: bool = False) -> np.ndarray:
                 engine.act(observations)
                 engine.policy(0)
             seen.append(engine.environments.observations[0].clone())
+
     return torch.stack(seen).numpy()

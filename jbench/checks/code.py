@@ -68,6 +68,7 @@ def _checks(what: What, request: Request) -> Iterator[Check]:
         return agents.rule_checks(name, task, settings)
     if what == "encoder":
         return encoders.checks(name, task, settings, request.latents)
+
     return policies.checks(name, task)
 
 
@@ -78,6 +79,7 @@ def find_what(name: str) -> What:
     """
     if not plugins.is_imported(name):
         return _installed(name)
+
     found = plugins.imported("class", name)
     bases: dict[What, type] = {"agent": Agent, "rule": Rule, "encoder": Kind}
     if isinstance(found, type):
@@ -86,8 +88,10 @@ def find_what(name: str) -> What:
                 return what
         if all(hasattr(found, method) for method in _ENVIRONMENT):
             return "task"
+
     if callable(found) and not hasattr(found, "act") and _is_factory(found):
         return "task"
+
     return "policy"
 
 
@@ -109,8 +113,10 @@ def _installed(name: str) -> What:
     for what, names in by_what.items():
         if name in names:
             return what
+
     if name in SETTINGS:
         raise RequestError(f"{name} is jbench's own; type MODULE:CLASS of an algorithm of yours.")
+
     every = [each for names in by_what.values() for each in names]
     known("class", name, [*every, "MODULE:CLASS"])
     raise AssertionError(in_prose(every))

@@ -97,6 +97,7 @@ class _Trial:
                 f"training again with the same seed gives other weights ({', '.join(different)}): "
                 "draw random numbers from the generators that the methods are given."
             )
+
         return "the same seed gives the same weights"
 
     def shapes(self) -> str:
@@ -109,6 +110,7 @@ class _Trial:
                     f"encode returns the shape {latents.shape} for states {(*shape, size)}; it "
                     f"must return {(*shape, self._latents)}."
                 )
+
         return f"(..., {size}) to (..., {self._latents})"
 
     def array_types(self) -> str:
@@ -119,9 +121,11 @@ class _Trial:
         by_torch = encoder.encode(torch.from_numpy(states))
         if not isinstance(by_numpy, np.ndarray) or not isinstance(by_torch, torch.Tensor):
             raise WorkError("encode must return an array of the type that it is given.")
+
         difference = float(np.abs(by_numpy - by_torch.numpy()).max())
         if not difference < 1e-4:
             raise WorkError(f"encode differs between numpy and torch, by {difference:.2g}.")
+
         return f"the same latents within {difference:.1g}"
 
     def _encoder(self) -> Any:

@@ -81,8 +81,10 @@ def _dependencies() -> Checked:
             wrong.append(f"{requirement.name} is missing")
         elif not requirement.specifier.contains(version, prereleases=True):
             wrong.append(f"{requirement.name} is {version}, not {requirement.specifier}")
+
     if wrong:
         return Checked("dependencies", "fails", f"{'; '.join(wrong)}: type pip install jbench")
+
     return Checked("dependencies", "ok", "all installed, in versions that jbench permits")
 
 
@@ -108,18 +110,21 @@ def _gpu() -> Checked:
     if not torch.cuda.is_available():
         built = "for CPUs only" if torch.version.cuda is None else f"for CUDA {torch.version.cuda}"
         return Checked("GPU", "ok", f"none that torch can use (torch is built {built})")
+
     try:
         names = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
         torch.ones(2, device="cuda").sum().item()
     except RuntimeError as error:
         reason = str(error).splitlines()[0]
         return Checked("GPU", "fails", f"it does not compute ({reason}): type --device cpu")
+
     return Checked("GPU", "ok", f"{', '.join(names)}; torch is built for CUDA {torch.version.cuda}")
 
 
 def _ffmpeg() -> Checked:
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         return Checked("ffmpeg", "note", "no videos: type pip install 'jbench[render]'")
+
     import imageio_ffmpeg
 
     try:
@@ -135,6 +140,7 @@ def _directory(results: Results) -> Checked:
     name = "results"
     if results.path.resolve() == SHIPPED_RESULTS.resolve():
         return Checked(name, "ok", f"{results.name}: shipped with jbench, read-only")
+
     try:
         with tempfile.TemporaryDirectory(prefix=".doctor-", dir=place) as folder:
             files.write_atomic(Path(folder) / "written", b"")
@@ -143,9 +149,11 @@ def _directory(results: Results) -> Checked:
     except (OSError, WorkError) as error:
         reason = getattr(error, "strerror", None) or error
         return Checked(name, "fails", f"{results.name} can't be written and locked ({reason})")
+
     if not locked:
         text = f"{results.name} is on a file system without locks: run one command at a time there"
         return Checked(name, "note", text)
+
     free = shutil.disk_usage(place).free
     there = "" if results.path.exists() else " (does not exist yet)"
     text = f"{results.name}{there}: writable, lockable, {free / 1e9:,.1f} GB free"
@@ -191,6 +199,7 @@ def physics_step() -> float:
             data.ctrl[0] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS)
         seconds.append(time.process_time() - began)
+
     return 1e6 * min(seconds) / (_CONTROL_STEPS * PHYSICS_STEPS)
 
 
@@ -202,6 +211,7 @@ def _opengl() -> Checked:
         return Checked(
             "OpenGL", "note", f"nothing draws pictures (tried {', '.join(tried)}): {hint}"
         )
+
     display = "a display" if has_display() else "no display"
     return Checked(
         "OpenGL", "ok", f"{', '.join(working)} draw{'s' * (len(working) == 1)}; {display}"

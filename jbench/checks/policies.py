@@ -56,4 +56,5 @@ def _returns(name: str, task: str, steps: int = 100) -> np.ndarray:
         for _ in range(steps):
             observations, rewards = worlds.step(policy.act(observations))
             total += rewards
+
     return total * (1000 / steps)

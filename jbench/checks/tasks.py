@@ -44,6 +44,7 @@ def _seen(name: str, seed: int, count: int = 1) -> np.ndarray:
         for _ in range(_STEPS):
             actions = np.tile(random.uniform(-1, 1, task.action_size), (count, 1))
             rows.append(worlds.step(actions)[0][0].copy())
+
     return np.stack(rows)
 
 
@@ -54,8 +55,10 @@ def _seeds(name: str) -> str:
             "the same seed and actions give other observations: draw all random numbers from the "
             "seed, and keep nothing from one environment to the next."
         )
+
     if np.array_equal(first, other):
         raise NotableError("every seed begins with the same state")
+
     return "the same seed gives the same episode, another seed another one"
 
 
@@ -85,7 +88,9 @@ def _speed(name: str) -> str:
         for _ in range(_STEPS):
             worlds.step(np.zeros((1, task.action_size)))
         seconds = (time.perf_counter() - began) / _STEPS
+
     text = f"{1e3 * seconds:.2f} ms per control step"
     if seconds > _SLOW:
         raise NotableError(f"{text}: a million control steps take {seconds * 1e6 / 3600:.1f} h")
+
     return text

@@ -29,6 +29,7 @@ def archive(
     written = write_archive(parsing.results_to_read(results), out, blind)
     for line in written.left_out:
         output.warn(f"{line}; left out.")
+
     output.say(
         f"Wrote {written.path}: {counted(written.records, 'record')}, {written.bytes / 1e6:.1f} MB"
         f"{', without names' if blind else ''}."

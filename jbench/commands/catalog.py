@@ -43,6 +43,7 @@ def algorithms(
         output.table(title, ("setting", "default", "meaning"), rows)
         output.document({"algorithms": [entry], "broken": []})
         return
+
     columns = {"--algo": "name", "engine": "engine", "package": "package", "settings": "settings"}
     hint = "jbench algorithms NAME explains the settings of one; --set changes them."
     _list("algorithm", (*ALGORITHMS, *known.installed()), describe, columns, hint)
@@ -77,6 +78,7 @@ def tasks(
         output.table(title, ("part", "size"), list(entry["parts"].items()))
         output.document({"tasks": [entry], "broken": []})
         return
+
     suite = task_specs.SUITE_TASKS if importlib.util.find_spec("dm_control") else ()
     hint = "jbench tasks NAME shows the parts of an observation, and tries the task."
     _list("task", (*names.TASKS, *installed_tasks(), *suite), describe, columns, hint)
@@ -107,6 +109,7 @@ def collect(
     before = database.find("dataset", settings.id)
     for sentence in sentences(plan.changed) if before is None else ():
         output.say(sentence)
+
     if before is None and robot:
         output.note_task(checked_task(settings.robot))
     elif before is not None and before.status == "finished":
@@ -123,6 +126,7 @@ def collect(
     output.if_stopped(kept)
     with output.progress("collect", settings.steps, "control steps") as progress:
         record = collect_dataset(settings, database, threads, progress)
+
     option, tasks = (f" --task {task}", "") if robot else ("", ", for all five tasks")
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
@@ -144,6 +148,7 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
         except RequestError as error:
             problems.append(str(error))
             continue
+
         settings = dataset.settings
         steps = dataset.episodes * settings.episode_steps
         robot = settings.robot if settings.specs else "plain"
@@ -158,6 +163,7 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
             "last written (UTC)": record.manifest.updated[:16].replace("T", " "),
         }
         rows.append(row)
+
     if rows:
         title = f"{counted(len(rows), 'dataset')} in {results}"
         cells = [list(row.values()) for row in rows]
@@ -166,6 +172,7 @@ def datasets(results: Path = options.READ_RESULTS, json: bool = options.JSON) ->
         to_write = Path(names.RESULTS) if names.is_reference(results) else results
         small = with_results("jbench collect --steps 100000", to_write)
         output.say(f"No datasets in {results}; {small} makes a small one.")
+
     output.document({"datasets": entries, "problems": problems})
     output.warn_of_damage(problems)
 
@@ -182,6 +189,7 @@ def _list(
         except (RequestError, WorkError) as error:
             broken.append({"name": name, "error": str(error)})
             output.warn(str(error))
+
     rows = ([_cell(entry[name]) for name in columns.values()] for entry in entries)
     output.table(f"{noun.capitalize()}s", list(columns), rows, spare=("package", "engine"))
     output.say(hint)

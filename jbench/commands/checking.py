@@ -35,6 +35,7 @@ def verify(
     """
     if reevaluate:
         os.environ.update(names.ONE_THREAD)  # as in training, before libraries are imported
+
     from jbench.store.shipped import LEFT_OUT
     from jbench.store.verify import verify as check
 
@@ -44,6 +45,7 @@ def verify(
         output.say(f"{kind} {id}")
         for flaw in flaws:
             output.say(f"  {'Warning: ' if flaw.sort == 'warning' else ''}{flaw}")
+
     output.say(
         f"Checked {counted(checked.records, 'record')}, {counted(checked.files, 'file')}, "
         f"{checked.bytes / 1e6:,.1f} MB: "
@@ -52,20 +54,24 @@ def verify(
     if checked.left_out:
         count = counted(checked.left_out, "run")
         output.say(f"Not checked: the policy of {count}, which {LEFT_OUT}.")
+
     others = _show_other_code(database)
     repeated = _reevaluate_all(database, accept_changed_code) if reevaluate else []
     document = checked._asdict() | {"findings": [flaw._asdict() for flaw in checked.findings]}
     document["other_code"] = [record._asdict() for record in others]
     if reevaluate:
         document["reevaluations"] = [part._asdict() for part in repeated]
+
     output.document(document)
     if any(fault.sort != "foreign" for fault in checked.faults):
         raise WorkError(
             f"Some results are damaged or left over; {with_results('jbench repair', results)} sets "
             "them aside. Intact results can still be used."
         )
+
     if checked.faults:
         raise WorkError("Some results can't be checked; see above. The others can still be used.")
+
     compared = [part for part in repeated if part.control_steps is not None]
     if different := sum(part.verdict == "different" for part in compared):
         count = f"{different} of {len(compared)} repeated runs"
@@ -87,11 +93,13 @@ def _show_other_code(database: "Results") -> list["OtherCode"]:
             f"{have_changed(other.files)} since then" if other.files else "its code is not at hand"
         )
         output.say(f"{other.kind} {other.id}, of {short_date(other.created)}: {what}.")
+
     if others:
         count = counted(len(others), "record")
         output.say(
             f"The code of {count} is not the present one: see above; their files are intact."
         )
+
     return others
 
 
@@ -108,17 +116,21 @@ def _reevaluate_all(database: "Results", accept_changed: bool) -> list["Repeated
                 outcomes.append(reevaluate(database, record, accept_changed))
             except WorkError as error:
                 outcomes.append(Repeated(record.id, "not comparable", str(error)))
+
             if outcomes[-1].verdict == "different" and (changed := changes_since(record)):
                 reason = f"{outcomes[-1].reason} Since then, {describe_changes(changed)}."
                 outcomes[-1] = outcomes[-1]._replace(reason=reason)
             progress(done)
+
     for outcome in outcomes:
         if outcome.verdict in ("different", "not comparable"):
             output.say(f"run {outcome.run}\n  {outcome.verdict}: {outcome.reason}")
+
     verdicts = [outcome.verdict for outcome in outcomes if outcome.verdict != "no policy"]
     if without := len(outcomes) - len(verdicts):
         left_out = counted(without, "finished run")
         output.say(f"Left out {left_out} without a saved policy; --json lists them.")
+
     output.say(
         f"Repeated the last evaluations of finished runs: {output.tally(verdicts) or 'none'}."
     )
@@ -159,20 +171,24 @@ def reproduce(
     if record is None:
         runs = with_results("jbench runs", database.name)
         raise RequestError(f"There is no run {run} in {database.name}; {runs} lists them.")
+
     episodes = repeat.default_episodes(record) if episodes is None else episodes
     code = repeat.changed_code(record, database, accept_changed_code)
     evaluation = None
     if record.status == "finished":
         evaluation = repeat.reevaluate(database, record, accept_changed_code)
+
     retraining = None
     if not episodes and (evaluation is None or evaluation.verdict == "no policy"):
         reason = "has not finished" if evaluation is None else "was saved without its policy"
         raise RequestError(f"{record.id} {reason}: type --episodes 1 or more.")
+
     if episodes:
         number = max(1, min(episodes, record.rows("episodes")))
         total = number * recorded_episode_steps(record.settings)
         with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
             retraining = repeat.retrain(database, record, episodes, progress, accept_changed_code)
+
     changed = repeat.changes_since(record)
     unfinished = f"not repeated; the run is {record.status}."
     output.say(f"run {record.id}\n  evaluation: {_sentence(evaluation) or unfinished}")
@@ -181,6 +197,7 @@ def reproduce(
         output.say(f"  The code has changed: {have_changed(code)} since the run began.")
     if changed:
         output.say(f"  Since the run began, {describe_changes(changed)}.")
+
     parts = {"evaluation": evaluation, "training": retraining}
     repeated = [part for part in parts.values() if part is not None]
     equal = all(part.verdict != "different" for part in repeated)

@@ -56,10 +56,12 @@ def decide(
             break
         tried |= {run.id for run in all_runs(needed_next)}
         train(needed_next)
+
     needed = [run.id for run in all_runs(needed_next)]
     if needed:
         configurations = counted(len(needed_next), "configuration")
         output.say(f"Needed next: {counted(len(needed), 'run')} in {configurations}.")
+
     statuses = run_statuses((run for outcome in reached for run in outcome.needed), results)
     document = {"comparisons": [_described(outcome) for outcome in reached], "needed": needed}
     return {**document, "failures": failures_among(statuses)}, len(statuses)
@@ -76,11 +78,13 @@ def _show_outcomes(reached: Sequence[deciding.Outcome], tried: Container[str]) -
             verdict += f": {left[0]} is not finished"
         elif outcome.unknown:
             verdict += f": {outcome.unknown} has no finite return"
+
         difference = f"{decision.difference:+.0f}" if decision.seeds else ""
         interval = f"[{decision.low:+.0f}, {decision.high:+.0f}]" if decision.seeds else ""
         name = outcome.comparison.name
         spent = f"{decision.spent:.2%}"
         rows.append((name, verdict, decision.seeds, difference, interval, spent))
+
     decided = sum(outcome.decision.verdict != "undecided" for outcome in reached)
     header = ("comparison", "verdict", "seeds", "difference", "interval", "error spent")
     output.table(f"Comparisons decided: {decided} of {len(rows)}", header, rows, ("error spent",))

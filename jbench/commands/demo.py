@@ -66,6 +66,7 @@ def demo(
         "instead of 5,000,000."
     )
     output.if_stopped("The same command continues the demo.")
+
     for command in COMMANDS:
         arguments = [*command.split(), "--results", str(results)]
         output.say(f"$ {shlex.join(['jbench', *arguments])}")
@@ -80,9 +81,11 @@ def demo(
             said, _ = process.communicate()
         finally:
             process.wait()  # after Ctrl-C, which stops it as well
+
         if process.returncode:
             output.say(said.rstrip())
             raise Exit(process.returncode)
+
     curves, _ = query_results(database, _CURVES)
     curves["learning curve"] = curves["learning curve"].map(
         partial(sparkline, highest=EPISODE_STEPS)
@@ -90,6 +93,7 @@ def demo(
     if len(curves):
         title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
         output.frame(title, curves)
+
     output.say(
         "Two seeds decide nothing: this shows that everything works, not which observation is "
         "better.\n"

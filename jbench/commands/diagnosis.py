@@ -70,6 +70,7 @@ def _show(lines: Iterable["Checked"], about: dict[str, Any]) -> None:
     for line in lines:
         output.say(f"{line.state:5}  {line.name}: {line.text}")
         checked.append(line)
+
     failing = [line.name for line in checked if line.state == "fails"]
     output.document({**about, "ok": not failing, "checks": [line._asdict() for line in checked]})
     if failing:

@@ -101,6 +101,7 @@ def train_encoder(
     planned = _planned(kind, given, settings, latent, tasks, seeds, source)
     if latent is None:
         planned = [_counted(encoder, read(encoder.task, encoder.seed)) for encoder in planned]
+
     planned = [kept_settings(database, encoder) for encoder in planned]
     planned = _with_recorded_code(planned, database)
     output.if_stopped("The same command continues from the last checkpoint, if there is one.")
@@ -110,6 +111,7 @@ def train_encoder(
     ]
     for record in records if verbose else ():
         _show_errors(record)
+
     show_explained(records)
     first = planned[0]
     draws = " --encoder-seeds each" if planned[-1].seed != first.seed else ""
@@ -148,10 +150,12 @@ def _train_one(
     if before is not None and before.status != "finished" and not is_held:
         how = "resumes" if CHECKPOINT in before.roles() else "starts over"
         output.say(f"The encoder {settings.id} was interrupted; it {how}.")
+
     label = f"{settings.representation} {settings.task}"
     then = "measuring what the latents explain and predict"
     with output.progress(label, epochs or 1, "epochs", then) as progress:
         record = train_encoder(settings, states, database, progress, device=device)
+
     if before is not None and before.status == "finished":
         output.say(f"The encoder {settings.id} is already finished; nothing to do.")
     else:
@@ -160,6 +164,7 @@ def _train_one(
             f"Encoder {settings.id}: {counted(settings.latents, 'latent')} of {states.size} "
             f"features, from {settings.dataset}{passes}."
         )
+
     kind = find_kind(settings.kind)
     (errors,) = record.read("encoder_errors").to_pylist()
     explained = errors["test_explained"]
@@ -170,6 +175,7 @@ def _train_one(
             f"{record.id} explains {explained:.3f} of the variance and PCA of the same size "
             f"{pca:.3f}; train it longer, with --epochs of more than {epochs:,}, or on more steps."
         )
+
     return record
 
 
@@ -185,6 +191,7 @@ def _counted(encoder: "EncoderSettings", states: "States") -> "EncoderSettings":
     is_ours = encoder.kind in names.ENCODER_KINDS
     if is_ours or not has_several or not issubclass(find_kind(encoder.kind), Fitted):
         return encoder
+
     states.read(torch.device("cpu"))
     observed = states if encoder.columns is None else states.only(encoder.columns)
     count = counted_latents(encoder.kind, encoder.options, observed, encoder.latents)
@@ -232,6 +239,7 @@ def _planned(
                 )
                 for size in only.get(kind, numbers)
             ]
+
     return planned
 
 
@@ -250,6 +258,7 @@ def _show_errors(record: "Record") -> None:
         if len(frame):
             some = frame.iloc[:: -max(1, len(frame) // _EPOCHS)][::-1]
             output.frame(f"{record.id}: {title}", some)
+
     values = record.manifest.summary.get("singular_values")
     if values is not None:  # of an encoder with linear dynamics
         shown = ", ".join(f"{value:.3f}" for value in values)
@@ -267,12 +276,14 @@ def show_explained(records: Sequence["Record"]) -> None:
             shares[row["target"].replace("_", " ")] = row["r2"]
         shown = {name: "" if share is None else f"{share:.3f}" for name, share in shares.items()}
         texts.append({"encoder": record.id, **shown})
+
     if len(records) > 1:
         import pandas as pd
 
         title = "Variance explained and R² of the next control step, on held-out episodes"
         output.frame(title, pd.DataFrame(texts))
         return
+
     (row,) = texts
     latents = records[0].settings["latents"]
     predicted = ", ".join(f"{target} {r2}" for target, r2 in list(row.items())[3:] if r2)

@@ -76,6 +76,7 @@ def export(
         if value is not None and option not in _OPTIONS[what]:
             has = names.in_prose(_OPTIONS[what], "and")
             raise RequestError(f"{option} is not for {what}, which has {has}; leave it out.")
+
     if curves is not None:
         _curves(curves, returns or "evaluation", task, results)
     elif what == "croissant":
@@ -105,12 +106,14 @@ def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: P
     if not chosen:
         (other,) = {*names.RETURNS} - {returns}
         raise RequestError(f"No run has {returns} returns; type --returns {other}.")
+
     curves = []
     for config in chosen:
         values = zip(config.seeds, config.control_steps, config.returns, strict=True)
         for seed, steps, achieved in values:
             named = {"task": config.task, "method": config.label, "seed": seed}
             curves.append(pd.DataFrame({**named, "steps": steps, "return": achieved}))
+
     # A seed has no return after its end, or where it was not finite.
     points = pd.concat(curves).dropna()
     write_atomic(file, to_json(points).encode())
@@ -128,6 +131,7 @@ def _policy(
     for package in ("onnx", "onnxscript"):
         if importlib.util.find_spec(package) is None:
             raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
+
     from jbench.policies.find import locate_run
     from jbench.policies.onnx_export import export_onnx
     from jbench.policies.saved import load_agent
@@ -137,6 +141,7 @@ def _policy(
     database, name = database_and_policy(results, run)
     if out is not None:
         check_output(out)
+
     located, id = locate_run(database, name)
     agent = load_agent(located, id, accept_changed)
     in_si_units = find_task(agent.task).units is not None if inputs is None else inputs == "si"
@@ -157,6 +162,7 @@ def _croissant(dataset: str | None, out: Path | None, results: Path) -> None:
         raise RequestError(
             "--format croissant needs mlcroissant: type pip install 'jbench[croissant]'."
         )
+
     from jbench.archive.croissant import METADATA, write_croissant
     from jbench.datasets import find_dataset
 
@@ -182,6 +188,7 @@ def _dataset(dataset: str | None, task: str | None, out: Path | None, results: P
     root = out or results / "minari"
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:
         id, size = export_minari(source, task, root, progress)
+
     output.say(
         f"Exported {source.id} with the observations of {task}: {source.episodes:,} episodes, "
         f"{size / 1e6:.1f} MB, in {root / id}. With MINARI_DATASETS_PATH={root}, Minari "

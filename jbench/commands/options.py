@@ -43,6 +43,7 @@ def with_settings(
                 option = copy(parameter.default)
                 option.rich_help_panel = "Advanced"
                 parameters[i] = parameter.replace(default=option)
+
         command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         return command
 
@@ -61,6 +62,7 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
         type_ |= None
     elif unit:
         default = f"{default:_}"
+
     option = Option(
         default,
         f"--{(field.title or name).replace('_', '-')}",

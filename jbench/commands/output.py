@@ -174,6 +174,7 @@ def progress(what: str, total: int, unit: str, then: str = "") -> Iterator[Calla
     if not total:
         yield lambda done: None
         return
+
     from jbench.commands.progress import Meters
 
     with Meters() as meters:

@@ -30,6 +30,7 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
     name = value.lower()
     if (names.kind_in(name) if setting == "representation" else name) in known:
         return name
+
     from jbench.store.listing import setting_values
 
     held = {text for results in databases for text in setting_values(results, setting)}
@@ -57,6 +58,7 @@ def run_filters(
     filters: dict[str, Collection[Any]] = {} if status is None else {"status": [status]}
     if seed is not None:
         filters["seed"] = names.parse_numbers(seed, "--seed")
+
     for setting, value in typed.items():
         if value is None:
             continue
@@ -65,7 +67,9 @@ def run_filters(
             value = names.FULL if value.lower() in names.NO_ENCODER else value
             held = setting_values(results, setting)
             sizes = [name for name in held if names.kind_in(name) == value]
+
         filters[setting] = sizes or [known_or_held(setting, value, [results])]
+
     return filters
 
 
@@ -109,8 +113,10 @@ def count(text: str | int) -> int:
         number = Decimal(typed if scale == 1 else typed[:-1]) * scale
     except ArithmeticError:  # no number, or one that decimal can't hold
         number = Decimal(0)
+
     if not (number.is_finite() and 1 <= number <= names.MAX_COUNT and number % 1 == 0):
         raise BadParameter(f"{typed!r}: type a positive whole number, such as 100000, 100k or 5e6")
+
     return int(number)
 
 
@@ -123,7 +129,9 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
             raise RequestError(
                 f"--set {assignment}: type each setting once, as NAME=VALUE, like --set tau=0.005."
             )
+
         overrides[name] = _value(text)
+
     return overrides
 
 

@@ -40,11 +40,13 @@ def evaluate(
 
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
+
     database, policy, task = _find(results, policy, task, chosen["augment"])
     task = task or "face_direction"
     about = find_task(task)
     if target_yaw is not None and about.records_states and "yaw" not in about.drawn:
         raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
+
     settings = validated(
         EvaluationSettings,
         "the evaluation",
@@ -61,10 +63,12 @@ def evaluate(
     before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
+
     output.if_stopped("The episodes are not kept; the same command runs them again.")
     total = settings.episodes * settings.episode_steps
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
         record = run_episodes(settings, database, threads, progress, policy)
+
     returns = record.read("policy_episodes")["episode_return"]
     summary = record.manifest.summary
     tails = f" [10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}]" if len(returns) > 9 else ""
@@ -111,14 +115,17 @@ def render(
     about = find_task(task)
     if camera is not None and about.cameras is not None:
         names.known("camera", camera, about.cameras)
+
     length = about.episode_steps
     steps = length if steps is None else steps
     if steps > length:
         raise RequestError(f"--steps {steps}: an episode of {task} has {length} control steps.")
+
     scene = Scene(task, seed, camera, *default_size(out), augment)
     runner = find_policy(database, policy, task, seed, accept_changed_code)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
         last = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
+
     accepted = changed_code(database, policy) if accept_changed_code else None
     output.say(f"{out}: {last.time:.1f} s, return {last.episode_return:.0f}{_mark(accepted)}")
     output.document({"path": str(out), "episode_return": last.episode_return})
@@ -167,6 +174,7 @@ def _find(
         task = checked_task(task).name
     elif run is not None:
         task = run.task
+
     if run is not None and isinstance(run.augment, int):
         seeds = range(run.augment, run.augment + run.robots)
         if augment not in seeds:
@@ -176,6 +184,7 @@ def _find(
                 f"Note: {name} was trained on augmented robot {trained}, but this is {there}; "
                 f"type --augment {seeds[-1]} for its {'' if len(seeds) == 1 else 'last '}robot."
             )
+
     return database, name, task
 
 

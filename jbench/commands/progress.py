@@ -98,6 +98,7 @@ class _Lines:
         for task, line in zip(self.tasks, lines, strict=True):
             line["name"] = shortened(line["name"], max(room - 1, _SHORTEST_NAME))
             table.add_row(*(bar(task) if part == "bar" else Text(line[part]) for part in parts))
+
         yield table
 
 
@@ -195,6 +196,7 @@ class TrainingView(Meters):
             self._done[run.id] = min(steps, run.last_step)
         if event.kind == "resumed":  # the speed is measured from here
             self.reset(self._all)
+
         self.update(self._all, completed=sum(self._done.values()), description=self._count_ended())
         if process is not None:
             if event.kind == "resumed":
@@ -205,6 +207,7 @@ class TrainingView(Meters):
                 self.reset(process.task)  # the speed is measured from here
                 self.reset(self._all)
                 self.update(self._all, completed=sum(self._done.values()), warming_up=False)
+
             if event.kind == "episode":
                 process.returns[run.id] = event.episode_return
                 process.curve.append(event.episode_return)
@@ -235,13 +238,16 @@ class _Process:
         values = list(self.returns.values())
         if not values:
             return Returns()
+
         mean = f"{fmean(values):.0f}"
         text = " ".join(f"{value:.0f}" for value in values)
         if len(values) > _MAX_RETURNS:
             text = f"mean {mean} [{min(values):.0f}, {max(values):.0f}]"
+
         at = steps / len(self.runs)
         published = published_median(self.runs[0], at) if self._alike else None
         lowest, highest = self._range
+
         return Returns(
             sparkline(self.curve, highest, lowest),
             f"training return {text}",

@@ -188,11 +188,14 @@ def _report(database: "Results", out: Path, request: Request) -> None:
             for row in group:
                 cells = (cell and f"{cell['mark']} {cell['verdict']}" for cell in row["verdicts"])
                 rows.append([about, OBSERVED.form(row), *cells])
+
         heads = product(matrix["baselines"], matrix["claims"].values())
         header = ["", "representation", *(f"{title} against {name}" for name, title in heads)]
         output.table(table.title, header, rows)
+
     for note in frames.notes:
         output.say(f"Note: {note}")
+
     output.say(frames.headline)
     page = out / "index.html"
     output.say(f"Wrote {len(files)} files to {page.parent}; open {page} in a browser.")
@@ -203,6 +206,7 @@ def _report(database: "Results", out: Path, request: Request) -> None:
         entries = {name: records(getattr(frames, name)) for name in shown}
         about = {"files": files, "notes": frames.notes, "problems": frames.problems}
         output.document({"headline": frames.headline, **entries, **about})
+
     output.warn_of_damage(frames.problems, repair_hint(database.name))
 
 
@@ -226,6 +230,7 @@ def changes(directories: Sequence[Path], poll_seconds: float = 2.0) -> Iterator[
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:  # else the parent process has set another handler
         signal.signal(signal.SIGINT, remember)
+
     try:
         while not interrupts:
             began = time.monotonic()

@@ -31,6 +31,7 @@ def query(
 
     if as_csv and json:
         raise RequestError("--csv and --json exclude each other; type one of them.")
+
     # The paper's curves are in jbench, so results need not exist.
     needs_results = named_tables(sql) != {"published"}
     database = parsing.results_to_read(results) if needs_results else Results(results)
@@ -46,6 +47,7 @@ def query(
         )
         less = f", the first {_SHOWN} shown; --csv prints all" if len(answer) > _SHOWN else ""
         output.frame(counted(len(answer), "row") + less, shown)
+
     output.warn_of_damage(problems, repair_hint(results))
 
 
@@ -69,13 +71,16 @@ def repair(
     done = set_aside(database, checked.findings, dry_run)
     for moved, to in done.moved:
         output.say(f"{moved} -> {to}")
+
     for sentence in done.left:
         output.warn(sentence)
+
     verb = "Would set" if dry_run else "Set"
     count = counted(len(done.moved), "file")
     output.say(f"{verb} {count} aside." if done.moved else "Nothing to set aside.")
     if done.commands and not dry_run:
         output.say("\n    ".join(["To make damaged records again, repeat:", *done.commands]))
+
     moves = [{"from": moved, "to": to} for moved, to in done.moved]
     output.document({"dry_run": dry_run} | done._asdict() | {"moved": moves})
     if left := len(done.left):
@@ -102,6 +107,7 @@ def merge(
     refused = [record for record in merged if record.outcome == "refused"]
     for record in refused:
         output.warn(f"{record.record}: {record.reason}")
+
     outcomes = output.tally(record.outcome for record in merged) or "no records"
     output.say(f"Merged into {results}: {outcomes}.")
     output.document({"records": [record._asdict() for record in merged]})
@@ -145,6 +151,7 @@ def import_(
             f"{curve.id}: {curve.points:,} points, {curve.control_steps:,} control steps"
             + ("" if curve.is_new else "; imported before, nothing is changed")
         )
+
     new = sum(curve.is_new for curve in imported)
     output.say(
         f"Imported {new:,} of {len(imported):,} curves into {results}; they are not verified. "

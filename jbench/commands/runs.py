@@ -50,6 +50,7 @@ def runs(
     typed = {"task": task, "algo": algo, "representation": representation}
     if failed and status not in (None, "failed"):
         raise RequestError(f"--failed and --status {status} exclude each other; type one of them.")
+
     filters = parsing.run_filters(database, seed, "failed" if failed else status, **typed)
     what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
@@ -72,6 +73,7 @@ def runs(
     ]
     if all(line["evaluation_return"] == line["evaluation_return_at_end"] for line in lines):
         rows = [{n: v for n, v in row.items() if n != "at the end of training"} for row in rows]
+
     if rows:
         header = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
         values = ([row[name] for name in header] for row in rows)
@@ -79,6 +81,7 @@ def runs(
         output.table(counted(len(rows), what), header, cells, _SPARE, below=("error",))
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
+
     output.document({f"{what}s": lines, "problems": problems})
     output.warn_of_damage(problems, repair_hint(results))
 
@@ -119,15 +122,18 @@ def tail(
                     output.warn(change)
                     problems += 1
                     continue
+
                 is_empty = False
                 rows = change.rows if last is None else _last(change.rows, last)
                 output.raw("".join(f"{line}\n" for line in lines(change._replace(rows=rows))))
+
             if once:
                 break
             last = None
             time.sleep(POLL_SECONDS)
     except KeyboardInterrupt:
         return
+
     if problems:
         count = f"{counted(problems, 'run')} {are(problems)}"
         raise WorkError(f"{count} left out; see above.")
@@ -165,6 +171,7 @@ def _text_lines(change: "Change") -> Iterator[str]:
             values = ", ".join(f"{row['name']} {_mean([row['value']], '.4g')}" for row in rows)
             yield f"{run.id}: {steps}, {values}"
             continue
+
         mean = _mean([row["episode_return"] for row in rows], ".1f")
         if table == "episodes":
             after = "" if row["wall_time"] is None else f", {duration(row['wall_time'])}"
@@ -173,6 +180,7 @@ def _text_lines(change: "Change") -> Iterator[str]:
             number = row["evaluation"]
             count = counted(len(rows), "episode")
             yield f"{run.id}: evaluation {number} after {steps}, mean return {mean} of {count}"
+
     if change.status_changed and run.status != "unfinished":
         yield f"{run.id}: {run.status}{f': {run.error}' if run.error else ''}"
 
@@ -206,6 +214,7 @@ def leaderboard(
     """
     if [markdown, as_csv, json].count(True) > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
+
     from jbench.commands.report import SPARE
     from jbench.report.leaderboard import ranked_configurations
     from jbench.report.table import to_csv, to_markdown
@@ -214,6 +223,7 @@ def leaderboard(
 
     if directories and results != Path(names.RESULTS):
         raise RequestError("--results and DIR exclude each other; type the directories alone.")
+
     named = [parsing.results_to_read(directory) for directory in directories or [results]]
     # A directory may be typed twice, also by two paths.
     read = list({database.path.resolve(): database for database in named}.values())
@@ -232,5 +242,6 @@ def leaderboard(
     else:
         output.frame(table.title, table.texts(), SPARE[table.name])
         output.say(table.caption)
+
     output.document({"entries": records(ranked), "problems": problems})
     output.warn_of_damage(problems)

@@ -26,9 +26,11 @@ def schema(
     if json:
         output.document({"schemas": {each: schema_of(each) for each in (*DOCUMENTS, *FILES)}})
         return
+
     rows = []
     for each, kind in {**DOCUMENTS, **FILES}.items():
         what = "--json of a command" if each in DOCUMENTS else "file"
         rows.append((each, what, (kind.__doc__ or "").strip().partition("\n")[0]))
+
     output.table("Schemas", ("name", "of", "meaning"), rows)
     output.say("jbench schema NAME prints one as JSON.")

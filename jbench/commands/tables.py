@@ -110,6 +110,7 @@ def print_table(
         width = max(_PIPE, _least(columns, gap=_GAP))
     else:
         layout = fitted(columns, width, spare, below)
+
     # A title is a sentence: its lines end where the table's do.
     console.width = max(width, *map(cell_len, title.split()), 1)
     console.print(Text(title, style="bold"))
@@ -126,6 +127,7 @@ def fitted(
     for gap in (_GAP, _NARROW_GAP):
         if _least(columns, gap=gap) <= width:
             return Layout(columns, gap=gap)
+
     beneath = [column for column in columns if column.name in below]
     beside = [column for column in columns if column.name not in below]
     names = [column.name for column in beside]
@@ -139,8 +141,10 @@ def fitted(
                     others = [other for other in left_out if other != name]
                     if _least(_without(beside, others), shortest) <= width:
                         left_out = others
+
                 kept = _without(beside, left_out)
                 return Layout(_shortened_to_fit(kept, width, shortest), beneath, left_out)
+
     return Layout(columns, is_list=True)
 
 
@@ -164,6 +168,7 @@ def _shortened_to_fit(columns: list[_Column], width: int, shortest: int) -> list
             fits = limit
         else:
             too_long = limit
+
     return [column.shortened(fits) for column in columns]
 
 
@@ -188,12 +193,15 @@ def shortened(word: str, limit: int) -> str:
     """Returns a text of at most so many characters: both ends, none of them within a number."""
     if cell_len(word) <= limit:
         return word
+
     head = limit // 2
     tail = len(word) - (limit - 1 - limit // 2)
     while head and word[head - 1] in _DIGITS and word[head] in _DIGITS:
         head -= 1
+
     while tail < len(word) and word[tail - 1] in _DIGITS and word[tail] in _DIGITS:
         tail += 1
+
     short = f"{word[:head]}…{word[tail:]}"
     # Wide characters take two places.
     return short if cell_len(short) <= limit else shortened(word, limit - 1)
@@ -222,8 +230,10 @@ def _grid(layout: Layout, width: int) -> Table:
         grid.add_column(
             Text(column.name), justify="right" if column.is_number else "left", width=wide
         )
+
     for row in zip(*(column.cells for column in layout.columns), strict=True):
         grid.add_row(*map(Text, row))
+
     return grid
 
 
@@ -238,11 +248,13 @@ def _list(layout: Layout, width: int) -> Table:
     grid = Table(box=box.SIMPLE, pad_edge=False, show_header=False, padding=(0, 1, 0, 0))
     grid.add_column(width=names, style="bold")
     grid.add_column(width=room)
+
     for row in zip(*(column.cells for column in values), strict=True):
         for column, cell in zip(layout.columns, row, strict=True):
             if cell:
                 grid.add_row(Text(column.name), Text(cell))
         grid.add_section()
+
     return grid
 
 
@@ -253,6 +265,7 @@ def _print_below(console: Console, layout: Layout) -> None:
             if cell:
                 text = _shortened(f"{name}: {column.name}: {cell}", console.width)
                 console.print(Text(text))
+
     if layout.left_out:
         names = ", ".join(layout.left_out)
         console.print(Text(f"Too narrow for {names}: a wider terminal, or --json, shows all."))

@@ -75,6 +75,7 @@ def train(
 
     if task == "all" or ("," in task and not task.startswith(GYM)):
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
+
     database = parsing.results_to_write(results)
     algo = algo.lower() if algo.lower() in ALGORITHMS else algo
     chosen["engine"] = choose_engine(algo, chosen["engine"])
@@ -103,6 +104,7 @@ def train(
         most = min(at_once, len(runs))
         output.document(training.show_status(title, cells, database, most, train_on, times=True))
         return
+
     worker: dict[str, Any] = {"keep_state": keep_state, "final_episodes": final_episodes}
     worker["checkpoint_every"] = checkpoint_every
     local = partial(Local, database, at_once, train_on, **worker)
@@ -245,8 +247,10 @@ def _device(
             raise RequestError("--address and --gpus-per-task are for --executor ray.")
         devices = [training_device(part.engine, device, part.precision) for part in parts]
         return next((device for device in devices if device != "cpu"), "cpu")
+
     if device != "auto":
         raise RequestError("--device is for --executor local; type --gpus-per-task.")
+
     train_on = "cuda" if gpus else "cpu"
     for part in parts:
         check_precision(part.precision, train_on)
@@ -254,4 +258,5 @@ def _device(
             raise RequestError(
                 f"--gpus-per-task is for the batched engine; this matrix uses {part.engine}."
             )
+
     return train_on

@@ -34,9 +34,11 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
     """Checks that runs, one of each configuration, can be kept; warns of unexpected lengths."""
     if keep_state:
         check_state_can_be_kept(runs)
+
     sentences = []
     for run in runs:
         output.note_task(find_task(run.task))
+
     for run in (run for run in runs if run.algorithm.knows_rollouts):
         end = run.last_step
         episode = run.episode_steps
@@ -45,6 +47,7 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
             if end % (episode * run.environments) == 0:
                 where = f"at the end of an episode of {episode:,}"
             sentences.append(f"a run of {run.steps:,} control steps ends after {end:,}, {where}.")
+
         first = run.algorithm.first_update
         if end < first:
             sentences.append(
@@ -53,6 +56,7 @@ def check_runs(runs: Sequence[RunSettings], keep_state: bool) -> None:
                 "number with --set learning_starts=N and --set train_freq=N (in a matrix file, the "
                 f"same keys of [hyperparameters.{run.algo}])."
             )
+
     for sentence in dict.fromkeys(sentences):
         output.warn(sentence)
 
@@ -86,6 +90,7 @@ def train_cells(
             ids = {run.id for run in all_runs(cells)}
             output.say(logger.where)
             stack.enter_context(copying_rows(results, ids, logger, output.warn))
+
         view = stack.enter_context(TrainingView())
         return sweep(cells, results, make_executor, show, **options)
 
@@ -131,6 +136,7 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
     added, problems = added_returns(results, {run.id: run.model_dump() for run in runs})
     for problem in problems:
         output.warn(problem)
+
     for run in runs:
         try:
             record = results.find("run", run.id)
@@ -144,6 +150,7 @@ def show_runs(runs: Sequence[RunSettings], results: Results) -> None:
                 rows.append([record.id + status, line["episodes"], *means])
         except WorkError as error:
             output.warn(str(error))
+
     header = ["run", "episodes", "training return", "evaluation return", "at the end of training"]
     shown = len(header) if differs else len(header) - 1  # jbench evaluate adds episodes
     output.table(_FINAL_RETURNS, header[:shown], [row[:shown] for row in rows])
@@ -160,6 +167,7 @@ def show_outcome(runs: Sequence[RunSettings], results: Results, failures: dict[s
     show_runs(runs, results)
     if not left and len(failures) < len(runs):
         output.say(f"Next: {with_results('jbench report', results.name)}")
+
     output.document({"runs": [run.id for run in runs], "left": left, "failures": failures})
     check_failures(failures, len(runs))
     check_left(left, len(runs))
@@ -172,9 +180,11 @@ def show_missing(cells: Sequence[Cell], results: Results) -> list[str]:
     encoders = [encoder for _, unfinished in missing for encoder in unfinished]
     for dataset in datasets:
         output.say(f"Collected first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
+
     if encoders:
         noun = "encoder" if len(encoders) == 1 else "encoders"
         output.say(f"Trained first: the {noun} {', '.join(encoder.id for encoder in encoders)}.")
+
     return [*(dataset.id for dataset in datasets), *(encoder.id for encoder in encoders)]
 
 
@@ -217,6 +227,7 @@ def show_status(
     for status in statuses:
         counts = status._asdict()
         rows.append(_row(counts.pop("cell")) | counts)
+
     if_varied = (
         "part",
         "encoders",
@@ -245,10 +256,12 @@ def show_status(
         missing = [run for run in every if run_status(run, results).state == "missing"]
         for sentence in new_beginnings(missing, results):
             output.say(sentence)
+
     output.table(title, header, texts, spare=("estimated from",))
     if times and any(status.steps_left for status in statuses):
         failed = ", the failed runs included" if any(status.failed for status in statuses) else ""
         until = " until each configuration has a finished run" if left is None else failed
         processes = counted(jobs, "process", "processes")
         output.say(f"Time left with {processes} at a time: {time(left)}{until}.")
+
     return {"configurations": rows, "seconds_left": left}

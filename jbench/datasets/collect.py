@@ -88,6 +88,7 @@ def collect(
         else:
             max_files = 1
             simulation = _other_robot
+
         # Closed in reverse order: simulations stop before the pool waits for them.
         with ThreadPoolExecutor(max_files) as makers, simulation(settings, threads) as simulated:
             for made, ahead in _in_order(makers, simulated, parts, max_files):
@@ -95,8 +96,11 @@ def collect(
                     record.append(made.tables)
                     if made.failure is not None:
                         raise made.failure
+
                 progress(record.rows(episodes) * settings.episode_steps + ahead)
+
         record.finish({}, compact=False)
+
     return record
 
 
@@ -116,6 +120,7 @@ def _in_order(
             ahead.append((makers.submit(simulated, part, steps), steps))
 
     submit(max_files)
+
     while ahead:
         first, _ = ahead[0]
         while not wait([first], _REPORT_SECONDS).done:
@@ -143,7 +148,9 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
                 rows[-1][f"{task}_target_x"] = x
                 rows[-1][f"{task}_target_y"] = y
                 rows[-1][f"{task}_target_yaw"] = yaw
+
             actions.append(random.uniform(-1, 1, settings.episode_steps).astype(np.float32))
+
         stacked = np.stack(actions)
         robots = Robots(model, len(episodes), threads)
         states = [robots.reset(np.stack(quaternions))]
@@ -152,6 +159,7 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
                 raise CancelledError
             states.append(robots.step(commands))
             simulated.done += len(episodes)
+
         state = State(*(np.stack(part, axis=1) for part in zip(*states, strict=True)))
         return _Part(
             {
@@ -192,6 +200,7 @@ def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]
                 failure = worlds.failures[0]
                 episodes = episodes[:i]
                 break
+
         ended = len(episodes)
         columns = {"episode": list(episodes), "seed": seeds[:ended]}
         names = layout.tables(task.name)

@@ -55,6 +55,7 @@ def export_minari(
             f"Exporting needs {missing[0]}, which is not installed: type pip install "
             "'jbench[minari]'."
         )
+
     dataset.check_task(task)
     id = minari_id(dataset, task)
     path = root / id
@@ -64,6 +65,7 @@ def export_minari(
         raise RequestError(
             f"{path} exists already and is not overwritten; name another directory with --out."
         )
+
     make_directory(temporary)
     about = find_task(task)
     # Of a control step: observation, action and reward in float32, and two flags.
@@ -88,6 +90,7 @@ def export_minari(
             ) from None
         finally:
             _remove(temporary)
+
     return id, written
 
 
@@ -109,6 +112,7 @@ def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[i
     spec.max_episode_steps = dataset.settings.episode_steps
     if augment is not None:
         spec.kwargs["augment"] = augment
+
     # Minari 0.5.4 fails on relative paths.
     storage = MinariStorage.new(to.resolve(), env_spec=spec, data_format="hdf5")
     storage.update_metadata(

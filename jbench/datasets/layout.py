@@ -74,15 +74,18 @@ def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int
     columns = (steps["episode"], steps["step"], targets["episode"])
     if not all(map(np.array_equal, columns, expected)):
         return "other rows than those of whole episodes in their order"
+
     last = expected[1] == episode_steps
     if not all(np.array_equal(steps[name].is_null(), last) for name in made):
         return "a state without its action, or an action after the last state"
+
     for table in (steps.drop_columns(made), targets, steps.select(made).drop_null()):
         for name, column in zip(table.column_names, table.columns, strict=True):
             if column.null_count:
                 return f"empty cells in the column {name}"
             if not np.isfinite(column.to_numpy()).all():
                 return "NaN or infinite values"
+
     return None
 
 

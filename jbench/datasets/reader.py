@@ -92,6 +92,7 @@ class Dataset:
         columns = schema.STEPS, schema.DATASET_EPISODES
         if not is_jitterbug:
             columns = layout.observations_schema(find_task(task)), layout.SEEDS
+
         rows, targets = map(self.record.read_part, (steps, episodes), columns)
         flaw = layout.flaw(rows, targets, part, self.settings.episode_steps)
         if flaw is not None:
@@ -99,14 +100,17 @@ class Dataset:
                 f"{steps.name} of the dataset {self.id} holds {flaw}; collect it again after "
                 f"deleting {self.record.path}."
             )
+
         if not is_jitterbug:
             values = np.stack([column.to_numpy() for column in rows.columns[2:]], axis=-1)
             values = values.reshape(len(part), self.settings.episode_steps + 1, -1)
             observations, made = np.split(values, [find_task(task).observation_size], axis=-1)
             arrays = observations, made[:, :-1, :-1], made[:, :-1, -1]
             return Block(*map(np.ascontiguousarray, arrays))
+
         state = layout.read_state(rows, self.settings.episode_steps)
         target = layout.read_target(task, targets, self.settings.episode_steps + 1)
+
         return Block(
             features.observation(task, state, target),
             rows["action"].to_numpy().reshape(-1, self.settings.episode_steps + 1)[:, :-1],
@@ -134,12 +138,15 @@ def find_dataset(
             ids = ", ".join(record.id for record in records)
             more = f"there are {ids}." if ids else f"run {collect} first."
             raise RequestError(f"No dataset {id} in {results.name}; {more}")
+
         if record.status != "finished":
             raise RequestError(
                 f"The dataset {id} is unfinished; type the jbench collect command that started it "
                 "to resume it."
             )
+
         return Dataset(record)
+
     suitable = [r for r in records if r.settings.get("robot", JITTERBUG) == robot]
     finished = [r for r in suitable if r.status == "finished"]
     if not finished:
@@ -148,14 +155,17 @@ def find_dataset(
             f"No finished dataset{kind} in {results.name}{reason}; run "
             f"{collect} first (--steps 100000 makes a small one)."
         )
+
     plain = [record for record in finished if record.settings.get("augment") is None]
     if not plain:
         raise RequestError(
             f"Every finished dataset in {results.name} is of an augmented robot; name one with "
             f"--dataset: {', '.join(record.id for record in finished)}."
         )
+
     if robot == JITTERBUG:
         return Dataset(max(plain, key=lambda record: record.manifest.updated))
+
     now = code_provenance(robot)
     changed = {record.id: changed_files(record.manifest.provenance, now) for record in plain}
     newest = max(plain, key=lambda record: (not changed[record.id], record.manifest.updated))
@@ -164,4 +174,5 @@ def find_dataset(
             f"{since_recorded(newest, files)}; run {collect}, or take it by --dataset {newest.id}.",
             files,
         )
+
     return Dataset(newest)

@@ -34,6 +34,7 @@ class Adam:
         """Makes one step in place."""
         for steps in self.steps:
             steps += 1
+
         torch._fused_adam_(
             self.values,
             list(gradients),

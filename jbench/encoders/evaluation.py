@@ -64,6 +64,7 @@ def errors(
         unused = torch.empty(0)  # actions and rewards
         shard = Shard(torch.from_numpy(scaled), unused, unused).to(states.device)
         data["heuristic"] = [shard], Moments.of(scaled)
+
     on_device = {name: torch.from_numpy(value).to(states.device) for name, value in weights.items()}
     size = min(latents, states.size)  # there may be more latents than features
     baselines = {name: (other, other.fit(states, size)) for name, other in _BASELINES.items()}
@@ -82,8 +83,10 @@ def errors(
         total = variance.sum()
         for name, error in mses.items():
             totals[f"{name}_explained"] = float(1 - error.sum() / total) if total else 0.0
+
     for name, values in columns.items():
         totals[name] = float(values.mean())
+
     features = [
         {
             "index": states.columns[i],
@@ -108,6 +111,7 @@ def reconstruction_errors(
         summed = (error.double().square(), target, target.square())
         sums = sums + torch.stack([values.sum(0) for values in summed]).cpu().numpy()
         count += len(batch.now)
+
     mse, mean, square = sums / count
     return mse, np.maximum(square - mean**2, 0)
 
@@ -153,6 +157,7 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
         sizes = {**find_task(states.task).parts, "reward": 1}
         ends = zip(sizes, itertools.accumulate(sizes.values()), strict=True)
         columns = {name: list(range(end - sizes[name], end)) for name, end in ends}
+
     moments = Moments.of(torch.cat([inputs.double(), targets.double()], 1).numpy())
     slopes, offset = moments.regression(inputs.shape[1])
     predicted = test_inputs.double() @ torch.from_numpy(slopes) + torch.from_numpy(offset)
@@ -173,6 +178,7 @@ def predictions(kind: Kind, weights: Weights, states: States) -> list[dict[str, 
         is_linear = (linear_r2[target] or 0) >= _LINEAR
         row["amplitude"] = float(amplitudes[some].square().mean().sqrt()) if is_linear else None
         rows.append({**row, **shared})
+
     return rows
 
 
@@ -202,6 +208,7 @@ def _rows(
     if not find_task(states.task).has_planar_reduction:
         changes = torch.cat([batch.later - batch.now, batch.rewards], 1)
         return torch.cat([torch.from_numpy(latents), batch.actions], 1), changes
+
     gain, offset = states.whole.physical_scaling()
     physical = batch.later.double().numpy() * gain + offset
     later = PlanarReduction().numbers(states.task, physical)
@@ -213,6 +220,7 @@ def _rows(
         mirror = [SIGNS[name] for name in _RATES]
         actions = actions * signs
         rates = np.where(signs < 0, rates * mirror, rates)
+
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
     inputs = np.concatenate([latents, actions], axis=1)
     return torch.from_numpy(inputs), torch.from_numpy(targets)
@@ -244,6 +252,7 @@ def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
     for layer in linear:
         torch.nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu", generator=random)
         torch.nn.init.zeros_(layer.bias)
+
     relu = torch.nn.ReLU()
     network = torch.nn.Sequential(linear[0], relu, linear[1], relu, linear[2])
     steps = _EPOCHS * -(-len(inputs) // _BATCH)
@@ -258,4 +267,5 @@ def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
             # The rate falls in a line.
             adam.learning_rate *= 1 + (_LAST - 1) / (steps + step * (_LAST - 1))
             step += 1
+
     return network.requires_grad_(requires_grad=False)

@@ -37,6 +37,7 @@ def columns(task: str, features: Sequence[str] | None) -> list[int]:
     chosen = set[int]()
     if features and features[0].startswith("-"):
         chosen.update(everything)
+
     for feature in features:
         name = feature.removeprefix("-")
         if name not in named:
@@ -51,6 +52,7 @@ def columns(task: str, features: Sequence[str] | None) -> list[int]:
             f"features={','.join(features)} leaves no feature of {task}: type those to keep, or a "
             "minus before those to leave out."
         )
+
     return sorted(chosen)
 
 
@@ -99,6 +101,7 @@ def _names(task: str, chosen: Sequence[int]) -> list[str]:
             names.append(part)
         else:
             names += [labels[column] for column in of_part]
+
     return names
 
 

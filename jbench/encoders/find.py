@@ -53,6 +53,7 @@ def find_encoder(
                 f"or {ACCEPT}.",
                 changed[newest.id],
             )
+
         if newest.status == "finished":
             return newest.id
         name = newest.id
@@ -61,6 +62,7 @@ def find_encoder(
             f"No {representation} for {task} in {results.name}; type "
             f"{with_results(wanted.command, results.name)} to make one."
         )
+
     id = results.complete_id("encoder", name)
     _, description = load_encoder(results, id, accept_changed)
     if description["task"] != task:
@@ -70,6 +72,7 @@ def find_encoder(
             f"The encoder {id} is for {description['task']}, not for {task}; type "
             f"{with_results(wanted.command, results.name)} to make one."
         )
+
     return id
 
 
@@ -154,4 +157,5 @@ def find_draws(
             f"{with_results(settings.command, results.name)} "
             f"--seed {','.join(missing)} to make it, with the same options."
         )
+
     return settings.draws, ids

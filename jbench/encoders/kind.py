@@ -148,6 +148,7 @@ class Fitted(Kind):
             latents = np.asarray(self.encode(weights, scaled), np.float32)
             some = Moments.of(np.hstack([latents, scaled]))
             moments = some if moments is None else moments.merged(some)
+
         assert moments is not None
         slopes, offset = moments.regression(len(moments.mean) - states.size)
         return {"decoder.slopes": slopes, "decoder.offset": offset}

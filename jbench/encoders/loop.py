@@ -81,6 +81,7 @@ class EncoderLearner:
                     self._adam.step([self._gradient])
                     total += loss * len(batch.now)
                     rows += len(batch.now)
+
         return float(total) / rows
 
     @torch.no_grad()
@@ -102,6 +103,7 @@ class EncoderLearner:
                 self._flat.copy_(saved["weights"])
                 for name, moments in self._moments().items():
                     moments.copy_(saved[name])
+
             self.random.set_state(saved[_RANDOM])
         except (safetensors.SafetensorError, KeyError, ValueError, RuntimeError) as error:
             raise WorkError(
@@ -142,6 +144,7 @@ def learn(
     learner = EncoderLearner(kind, states, latents)
     if CHECKPOINT in record.roles():
         learner.restore(record.read_file(CHECKPOINT))
+
     indices = torch.arange(states.sample.pairs(kind.steps_ahead), device=states.device)
     clean = states.sample.take(indices, kind.steps_ahead, kind.uses_actions)
     # A separate generator: measuring an error must not change the training.
@@ -152,6 +155,7 @@ def learn(
     committed = -math.inf
     start = time.perf_counter() - (done[-1]["wall_time"] if done else 0.0)
     progress(len(done))
+
     for epoch in range(len(done) + 1, kind.epochs + 1):
         loss = learner.epoch()
         if not math.isfinite(loss):
@@ -159,6 +163,7 @@ def learn(
                 f"The training of {record.id} diverged: the loss of epoch {epoch} is {loss}; "
                 "type a smaller --learning-rate."
             )
+
         row = {"epoch": epoch, "train_loss": loss, "test_mse": learner.error(clean.now, targets)}
         if corrupted is not clean.now:
             row["test_denoising_mse"] = learner.error(corrupted, targets)
@@ -169,7 +174,9 @@ def learn(
             record.append(tables, {CHECKPOINT: learner.to_bytes()})
             rows = []
             committed = now
+
         progress(epoch)
+
     return learner.arrays()
 
 
@@ -190,10 +197,13 @@ def check_kind(kind: Learned, name: str, states: States, latents: int) -> None:
     """Calls the methods of a kind of another package, before hours of training: WorkError."""
     with sentence_about(name, "initial or constants"):
         learner = EncoderLearner(kind, states, latents)
+
     with sentence_about(name, "prepare"):
         pairs = next(state_pairs([states.sample], kind.steps_ahead, kind.uses_actions))
         pairs = kind.prepare(pairs.split(_CHECKED)[0], latents, torch.Generator())
+
     with sentence_about(name, "loss"):
         kind.gradient(learner.weights, learner.gradients, pairs)
+
     with sentence_about(name, "encode or decode of numpy arrays"):
         SavedEncoder(kind, learner.arrays(), states.scaling, latents)

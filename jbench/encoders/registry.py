@@ -55,8 +55,10 @@ def find_kind(name: str) -> type[Kind]:
     else:
         name_offered = known(_WHAT, name, (*kind_names(), "MODULE:CLASS"))
         kind = plugins.load(_WHAT, offered_kinds()[name_offered])
+
     if isinstance(kind, type) and issubclass(kind, (Fitted, Learned)):
         return kind
+
     if isinstance(kind, torch.nn.Module) or (
         isinstance(kind, type) and issubclass(kind, torch.nn.Module)
     ):
@@ -65,11 +67,13 @@ def find_kind(name: str) -> type[Kind]:
             "jbench.encoders.pretrained, whose methods return the module and its trained "
             "state_dict, and type the name of that class; docs/your-own-encoder.md has an example."
         )
+
     if plugins.is_imported(name):
         raise RequestError(
             f"{name} is not a kind of encoder: make it a subclass of Fitted or Learned of "
             "jbench.encoders.kind; docs/your-own-encoder.md has an example of each."
         )
+
     raise WorkError(
         f"The kind of encoder {name} is no subclass of Learned or Fitted of "
         "jbench.encoders.kind; fix it, or uninstall the package that offers it."
@@ -113,6 +117,7 @@ def sentence_about(kind: str, method: str) -> Iterator[None]:
     if kind in ENCODER_KINDS:
         yield
         return
+
     try:
         yield
     except (RequestError, WorkError):
@@ -123,6 +128,7 @@ def sentence_about(kind: str, method: str) -> Iterator[None]:
         reason = f"{method} fails ({sentence_of_failure(error)})"
     else:
         return
+
     raise WorkError(
         f"The kind of encoder {kind} can't be used: {reason}; docs/your-own-encoder.md describes "
         "the methods."

@@ -71,10 +71,12 @@ class SavedEncoder:
         size = len(scaling.minimum)
         if not all(np.isfinite(value).all() for value in weights.values()):
             raise ValueError("weights that are not finite")
+
         scaled = np.zeros((1, size), np.float32) * gain + offset
         encoded = np.shape(kind.to_latents(self._weights, scaled))
         if encoded != (1, latents):
             raise ValueError(f"encode returns the shape {encoded}, not {(1, latents)}")
+
         decoded = np.shape(kind.from_latents(self._weights, np.zeros((1, latents), np.float32)))
         if decoded != (1, size):
             raise ValueError(f"decode returns the shape {decoded}, not {(1, size)}")
@@ -100,6 +102,7 @@ class SavedEncoder:
             weights = kept[about]
         else:
             batch = batch.astype(np.float32, copy=False)
+
         return weights, self._features(batch) * weights[_GAIN] + weights[_OFFSET]
 
     def _features(self, batch: Array) -> Array:
@@ -109,11 +112,13 @@ class SavedEncoder:
         if batch.shape[-1] != len(self._is_observed):
             size = len(self._is_observed)
             raise ValueError(f"observations of {batch.shape[-1]} numbers instead of {size}")
+
         columns = np.flatnonzero(self._is_observed)
         if not isinstance(batch, Tensor):
             return batch[..., columns]
         if batch.device not in self._columns:
             self._columns[batch.device] = torch.from_numpy(columns).to(batch.device)
+
         return batch.index_select(-1, self._columns[batch.device])
 
 
@@ -138,9 +143,11 @@ def load_encoder(
             f"No encoder {id} in {results.name}; {there}. A kind with a number of latents, such as "
             "dae12, selects the newest one."
         )
+
     if record.status != "finished":
         command = shell_command(record.manifest.provenance)
         raise RequestError(f"The encoder {id} is unfinished; repeat `{command}` to finish it.")
+
     try:
         description = json.loads(record.read_file(DESCRIPTION))
         arrays = safetensors.numpy.load(record.read_file(WEIGHTS)).items()
@@ -160,4 +167,5 @@ def load_encoder(
         raise
     except (SafetensorError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
+
     return encoder, description

@@ -154,6 +154,7 @@ def encoder_settings(
         raise RequestError(
             f"The settings of the {base} are for dae, not for {kind}: leave them out."
         )
+
     given = {**({} if base is None else found.bases[base]), **options}
     made = make_kind(kind, given)
     if made.features is not None and made.needs_all_features:
@@ -163,6 +164,7 @@ def encoder_settings(
     if episodes is not None:
         length = find_task(task).episode_steps
         full = make_kind(kind, options_with_epochs(kind, given, episodes, length, seed)).values
+
     features = shortest(task, made.features)
     if features is None:
         full.pop("features", None)
@@ -176,6 +178,7 @@ def encoder_settings(
     changed = (name for name in given if name in full and name not in elsewhere)
     fields = found.model_fields
     named = [name for name in changed if full[name] != typed_default(fields[name])]
+
     return validated(
         EncoderSettings,
         "the encoder",

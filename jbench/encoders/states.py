@@ -64,11 +64,13 @@ class Shard(NamedTuple):
         if not ahead:
             now = states.index_select(0, indices)
             return StatePairs(now, now)
+
         episode = indices // (self.states.shape[1] - ahead)
         rows = indices + episode * ahead
         batch = StatePairs(states.index_select(0, rows), states.index_select(0, rows + ahead))
         if not with_actions:
             return batch
+
         steps = (rows - episode)[:, None] + torch.arange(ahead, device=rows.device)
         actions = self.actions.flatten(0, 1)[steps].flatten(1)
         return batch._replace(actions=actions, rewards=self.rewards.view(-1)[steps])
@@ -209,6 +211,7 @@ class States:
                 is_sampled = name == "held_out" and _count(kept[name]) < _SAMPLED
                 if self.in_memory or is_sampled:
                     kept[name].append(chosen)
+
         if self.scale == "dataset":
             self.scaling = reduce(Scaling.merged, extremes)
         elif self.scale == "observation":
@@ -218,11 +221,13 @@ class States:
             observed = moments["learned"].merged(moments["held_out"])
             ends = np.outer([-1, 1], np.sqrt(np.diag(observed.covariance))) + observed.mean
             self.scaling = Scaling.of(ends.astype(np.float32))
+
         gain, offset = self.scaling.gain_and_offset()
         self.learned, self.held_out = (part.scaled(gain, offset) for part in moments.values())
         held_out = self._shard(kept.pop("held_out"))
         if self.in_memory:
             self._whole = {"learned": self._shard(kept.pop("learned")), "held_out": held_out}
+
         self.sample = Shard(*(part[:_SAMPLED] for part in held_out))
 
     def _shards(self, name: str, random: torch.Generator | None = None) -> Iterator[Shard]:
@@ -234,9 +239,11 @@ class States:
             for shard in self.whole._shards(name, random):
                 yield shard.only(self.columns)
             return
+
         parts = list(range(len(self.dataset.parts)))
         if random is not None:
             parts = torch.randperm(len(parts), generator=random).tolist()
+
         # A third of the memory: a shard is joined while the previous one is still in use.
         max_episodes = max(1, self._memory // (3 * self._episode_bytes))
         gathered: list[Block] = []
@@ -247,6 +254,7 @@ class States:
                 gathered = []
             if len(chosen.rewards):
                 gathered.append(chosen)
+
         if gathered:
             yield self._shard(gathered)
 

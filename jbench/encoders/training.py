@@ -63,7 +63,9 @@ def train_encoder(
     wanted = settings.dataset, settings.task, settings.seed, kind.scale
     if (states.dataset.id, states.task, states.seed, states.scale) != wanted:
         raise ValueError(f"these are not the states of {settings.id}")
+
     _check_horizon(kind, states)
+
     with results.locked("encoder", settings.id) as record:
         if record is not None and record.status == "finished":
             return record
@@ -84,7 +86,9 @@ def train_encoder(
                 rows = errors(kind, weights, settings.latents, states)
                 rows["encoder_predictions"] = predictions(kind, weights, states)
                 record.append(encoder_tables(record.id, rows))
+
         _finish(settings, kind, record, states, weights)
+
     return record
 
 
@@ -128,11 +132,13 @@ def _weights(
         blocks = (batch.now.cpu().numpy() for batch in state_pairs(states.learn(), 0))
         latents = (kind.encode(weights, block) for block in blocks)
         weights.update(_float32(rescaling(kind.rescale, latents)))
+
     try:
         with sentence_about(settings.kind, "encode or decode"):
             SavedEncoder(kind, weights, states.scaling, settings.latents, states.is_observed)
     except ValueError as error:
         raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
+
     return weights
 
 
@@ -171,6 +177,7 @@ def _finish(
     }
     if settings.columns is not None:
         description["is_observed"] = states.is_observed
+
     (totals,) = record.read("encoder_errors").to_pylist()
     epochs = record.read("encoder_epochs").to_pylist()
     predicted = record.read("encoder_predictions").to_pylist()

@@ -59,6 +59,7 @@ class EncodedObservation(
                 f"This encoder can't encode observations of shape {shape}; load one of the "
                 "environment's task."
             ) from None
+
         self._encoder = encoder
         self._sign = 1.0
         size = (encoder.latent_size,)
@@ -90,6 +91,7 @@ def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDAr
     if encoder is None:
         signs = np.array(by_dimension(task, "mirror"), np.float64)
         return signs, np.zeros_like(signs)
+
     shape = _MIRRORED, observation_size(task)
     random = torch.Generator().manual_seed(0)
     observations = 2 * torch.rand(shape, dtype=torch.float64, generator=random) - 1
@@ -98,6 +100,7 @@ def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDAr
             "mirror=true is not for agents on an encoder that mirrors observations itself, such as "
             "planar-mirror: leave it out, or choose planar."
         )
+
     inputs = encoder.encode(observations)
     images = encoder.encode(mirrored(task, observations))
     keeps = (images - inputs).abs().amax(0) < (images + inputs).var(0).sqrt()
@@ -110,4 +113,5 @@ def input_mirror(task: str, encoder: Encoder | None) -> tuple[NDArray[Any], NDAr
             "mirror=true needs inputs of which a mirror changes only signs, such as those of full, "
             "scaled or planar, and this encoder mixes them: leave it out, or choose one of these."
         )
+
     return gain.numpy(), offset.numpy()

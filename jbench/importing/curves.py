@@ -61,12 +61,14 @@ def as_runs(
     rows = {"runs": to_table(runs, schema.TABLES["runs"])}
     for name, kind in _RETURNS.items():
         rows[name] = to_table(named[named["returns"] == kind], schema.TABLES[name])
+
     return rows, _notes(frame, chosen), problems
 
 
 def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
     if frame.empty:
         return []
+
     formats = sorted(set(chosen["format"]))
     notes = [
         f"{counted(len(chosen), 'imported curve')} ({', '.join(formats)}) {are(len(chosen))} not "
@@ -77,11 +79,13 @@ def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
             f"A point of an imported {in_prose(logged)} curve is a value in its file, which need "
             "not be the return of a single episode."
         )
+
     if shorter := len(frame) - len(chosen):
         notes.append(
             f"{counted(shorter, 'imported curve')} {are(shorter)} not used, since a longer one of "
             "the same seed was imported."
         )
+
     return notes
 
 

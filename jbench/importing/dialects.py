@@ -102,14 +102,18 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> CurveFile:
 def _files(path: Path, returns: ReturnsName) -> Sequence[Path]:
     if not path.is_dir():
         return [path]
+
     patterns = ["*.monitor.csv", "evaluations*.npz"]
     if returns == "evaluation":
         patterns.reverse()
+
     for pattern in patterns:
         if found := sorted(path.rglob(pattern)):
             return found
+
     if found := sorted([*path.rglob("*.csv"), *path.rglob("*.json")]):
         return found
+
     raise RequestError(f"{path} is a directory without a .csv, .json or .npz file; name a file.")
 
 

@@ -48,6 +48,7 @@ def import_curves(
         same = by_hash.setdefault(file.sha256, file)
         if same is not file:
             raise RequestError(f"{same.path} and {path} have the same content; name one of them.")
+
     by_seed: dict[int, list[Series]] = {}
     read, _ = FORMATS[request.format]
     for file in by_hash.values():
@@ -55,6 +56,7 @@ def import_curves(
             _check_points(series.points, file, request.task)
             _check_steps(series, request)
             by_seed.setdefault(series.seed, []).append(series)
+
     imported = []
     for settings, rows, names in [_curve(parts, request) for _, parts in sorted(by_seed.items())]:
         points, steps = rows[["point", "control_steps"]].iloc[-1]
@@ -65,7 +67,9 @@ def import_curves(
                 record = results.create("import", settings.id, settings.values, {"files": names})
                 record.append({"import_points": to_table(rows, schema.TABLES["import_points"])})
                 record.finish(last)
+
         imported.append(Imported(settings.id, settings.seed, **last, is_new=is_new))
+
     return imported
 
 
@@ -80,6 +84,7 @@ def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
 
     if points.empty:
         raise RequestError(f"{file.path} has no episode; leave the file out.")
+
     check(
         pd.Series(np.isfinite(points["episode_return"]), points.index),
         "the return is {episode_return:g}, which is not a finite number.",
@@ -93,9 +98,11 @@ def _check_points(points: pd.DataFrame, file: ImportedFile, task: str) -> None:
             f"{highest:g}; import returns of the task's own rewards, not scaled ones or those of "
             "another environment.",
         )
+
     for name in points.columns.intersection([*_MAX]):
         is_count = points[name].between(0, _MAX[name]) & (points[name] % 1 == 0)
         check(is_count, f"{{{name}:g}} is no number of control steps.")
+
     check(
         ~(points["control_steps"].diff() < 0),
         "the control steps go back from {before:,.0f} to {control_steps:,.0f}, so there is more "
@@ -113,10 +120,12 @@ def _check_steps(series: Series, request: ImportRequest) -> None:
             f"{path}: all control steps of seed {series.seed} are 0; export the curve with its "
             "control steps."
         )
+
     # Episodes of several environments may end at one step, which a log of training says.
     in_log = request.format in ("sb3-monitor", "tensorboard") or request.returns == "training"
     if "point" in points or (series.returns == "training" and in_log):
         return
+
     doubled = points[points["control_steps"].duplicated(keep=False)]
     if len(doubled):
         step = doubled["control_steps"].iloc[0]
@@ -150,6 +159,7 @@ def _curve(
             f"{where}: seed {parts[0].seed} has {len(parts)} learning curves; change --seed-from, "
             "or import one of them."
         )
+
     first = parts[0]
     settings = ImportSettings(
         **request.model_dump(include={*Labels.model_fields, "format"}),
@@ -162,6 +172,7 @@ def _curve(
         check_settings(settings.values)
     except ValueError as error:
         raise RequestError(f"{first.file.path}: {error}; rename the column in the file.") from None
+
     names = (str(part.file.path) for part in parts)
     printable = ["".join(c if c.isprintable() else "_" for c in name) for name in names]
     points = _joined(parts, order)
@@ -197,5 +208,7 @@ def _continued(parts: Sequence[Series]) -> list[pd.DataFrame]:
                     f"both have values at {first:,.0f} control steps: they are two trainings; "
                     "import one of them."
                 )
+
         kept.append(part.points)
+
     return kept

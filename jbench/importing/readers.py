@@ -51,13 +51,16 @@ def _read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
     }
     if request.seed_from is None:
         columns["seed"] = request.seed_column or "seed"
+
     for role, column in columns.items():
         other = "--seed-from REGEX, or " if role == "seed" else ""
         check_column(table, column, file, f"type {other}--{role}-column with one of")
+
     points = _points(table, columns, file)
     kind = request.returns_kind(columns["return"])
     if "seed" not in columns:
         return [Series(file, request.seed_in(str(file.path)), kind, points, columns)]
+
     by_seed: Any = points.groupby("seed")
     return [Series(file, seed, kind, rows, columns) for seed, rows in by_seed]
 
@@ -77,11 +80,13 @@ def _read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
             f"The horizontal axis of {file.path} is {steps!r}, which need not be control steps; "
             f"choose the axis global_step in W&B, or type --steps-column {steps!r} if it is."
         )
+
     runs: dict[str, dict[str, str]] = {}  # columns of each metric, by run
     for column in map(str, table.columns):
         run, dash, metric = column.rpartition(" - ")
         if dash and not metric.endswith(_NO_METRICS):
             runs.setdefault(metric, {})[run] = column
+
     metric = request.return_column or (next(iter(runs)) if len(runs) == 1 else "")
     if metric not in runs:
         reason = f"no metric {metric!r}" if metric else "not exactly one metric"
@@ -89,12 +94,14 @@ def _read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
             f"{file.path} has {reason}; type --return-column with one of "
             f"{', '.join(sorted(runs)) or '(none)'}; a chart has columns 'RUN - METRIC'."
         )
+
     kind = request.returns_kind(metric)
     series = []
     for run, column in runs[metric].items():
         columns = {"steps": steps, "return": column}
         seed = request.seed_in(run, f"{file.path}, the run")
         series.append(Series(file, seed, kind, _points(table, columns, file), columns))
+
     return series
 
 
@@ -117,11 +124,13 @@ def _read_monitor(file: ImportedFile, request: ImportRequest) -> list[Series]:
             raise RequestError(
                 f"{file.path} is of {monitor.env_id}, which is --task {task}, not {request.task}."
             )
+
     if monitor.restarts:
         raise RequestError(
             f"{file.path}, line {monitor.restarts[0]}: the time t goes back, so a second training "
             "was appended; split the file."
         )
+
     return [Series(file, request.seed_in(str(file.path)), "training", monitor.points)]
 
 
@@ -144,12 +153,14 @@ def read_monitor(file: ImportedFile) -> Monitor:
         start = head["t_start"]
     except (ValueError, TypeError, KeyError):
         start = None
+
     is_head = first.startswith(b"#") and isinstance(start, int | float)
     if not is_head or not abs(start) < _MAX_TIME:
         raise RequestError(
             f'{file.path}, line 1: not a file of a Monitor, which begins with {{"t_start": …}} '
             "after a #."
         )
+
     columns = {"episode_return": "r", "length": "l", "wall_time": "t"}
     points = numbers(read_table(file, skip=1), columns, file)
     back = points["wall_time"].diff() < 0
@@ -175,8 +186,10 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
         raise RequestError(
             f"{file.path} is cut off, or not an evaluations.npz ({reason})."
         ) from None
+
     if missing := [name for name in _ARRAYS if name not in arrays]:
         raise RequestError(f"{file.path} is not of an EvalCallback: no {', '.join(missing)}.")
+
     # Returns of some environments are arrays of one number.
     steps, returns, lengths = (
         array[..., 0] if array.ndim == 3 and array.shape[-1] == 1 else array
@@ -189,6 +202,7 @@ def read_evaluations(file: ImportedFile) -> pd.DataFrame:
             f"{file.path} is not of an EvalCallback: its arrays have the shapes "
             f"{', '.join(map(str, shapes))}."
         )
+
     point, episode = (index.ravel() for index in np.indices(returns.shape))
     values = {"episode_return": returns.ravel(), "length": lengths.ravel()}
     columns = {"point": point, "control_steps": steps[point], "episode": episode, **values}
@@ -202,12 +216,14 @@ def _read_events(file: ImportedFile, request: ImportRequest) -> list[Series]:
     scalars = read.scalars
     if not scalars:
         raise RequestError(f"{file.path} has no scalars; leave the file out.")
+
     tags = [name for name in ([tag] if tag is not None else TAGS) if name in scalars]
     if len(tags) != 1:
         reason = f"no tag {tag!r}" if tag is not None else "not exactly one known tag of returns"
         raise RequestError(
             f"{file.path} has {reason}; type --tag with one of {', '.join(sorted(scalars))}."
         )
+
     names = ["control_steps", "wall_time", "episode_return"]
     points = pd.DataFrame(scalars[tags[0]], columns=names).rename_axis("value")
     points.index += 1

@@ -67,12 +67,14 @@ class ImportRequest(Labels):
                 raise RequestError(
                     f"{option} is for {in_prose(formats)}; leave it out with --from {self.format}."
                 )
+
         given = [self.seed_from, self.seed_column]
         if None not in given or (given == [None, None] and self.format != "csv"):
             raise RequestError(
                 "The number of the seed must come from one place: type --seed-from REGEX, such as "
                 r"--seed-from 'seed(\d+)', or with --from csv --seed-column NAME."
             )
+
         try:
             re.compile(self.seed_from or "")
         except re.error as error:
@@ -80,6 +82,7 @@ class ImportRequest(Labels):
                 f"--seed-from {self.seed_from}: {error}; type a regular expression such as "
                 r"'seed(\d+)'."
             ) from None
+
         return self
 
     def seed_in(self, text: str, what: str = "the path") -> int:

@@ -42,8 +42,10 @@ def open_file(path: Path) -> ImportedFile:
         raise RequestError(f"{path} is a directory; name the files in it.") from None
     except OSError as error:
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
+
     if not content.removeprefix(BOM_UTF8).strip():
         raise RequestError(f"{path} is empty; leave the file out.")
+
     return ImportedFile(path, content, hashlib.sha256(content).hexdigest())
 
 
@@ -59,6 +61,7 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
         text = file.content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise RequestError(f"{file.path} is not a CSV file: it is not text (UTF-8).") from None
+
     lines = list(io.StringIO(text, newline=""))
     named = _SEPARATOR.fullmatch(lines[0]) if not skip else None
     skip = 1 if named else skip
@@ -77,11 +80,13 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
                 f"{file.path}, line {line}: {len(fields)} fields, but the header has "
                 f"{len(header)}{'; the file is cut off' if is_cut else ''}."
             )
+
     if ends_line and not text.endswith(("\n", "\r")):
         raise RequestError(
             f"{last}the line has no end, so the file is cut off; copy it again, or remove that "
             "line."
         )
+
     if len(rows) < 2:
         raise RequestError(f"{file.path} has a header, but no rows; leave the file out.")
 
@@ -93,6 +98,7 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
         raise RequestError(f"{file.path} has several columns without a name; name them.")
     if doubled:
         raise RequestError(f"{file.path} has two columns {min(doubled)!r}; rename one of them.")
+
     return table[kept].set_axis(names, axis=1)
 
 
@@ -108,11 +114,14 @@ def _separator(lines: list[str]) -> str:
             header = next(records, [])
         except csv.Error:
             continue
+
         try:
             row = next(records, header)
         except csv.Error:  # a damaged row says nothing
             row = header
+
         known[separator] = len(header) == len(row) > 1, len(header)
+
     return max(known, key=known.__getitem__, default=",")
 
 
@@ -129,6 +138,7 @@ def _rows(file: ImportedFile, lines: list[str], skip: int, separator: str) -> di
         last = f"{file.path}, line {len(lines)}: "
         reason = f"{last}the file is cut off" if is_cut else f"{file.path}: {error}"
         raise RequestError(f"{reason}; it can't be read as CSV.") from None
+
     return rows
 
 
@@ -165,7 +175,9 @@ def numbers(table: pd.DataFrame, columns: Mapping[str, str], file: ImportedFile)
                 f"{file.path}, line {line}: {column} is {text[:40]!r}, which is not a finite "
                 "number."
             )
+
         frame[name] = values
+
     return frame
 
 

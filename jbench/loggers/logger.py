@@ -38,8 +38,10 @@ class Logger(ABC):
             # What a library prints must not mix with a JSON document.
             with contextlib.redirect_stdout(sys.stderr):
                 self._logs[run] = self._begin(run, run.rpartition("/")[0], dict(record.settings))
+
         for steps, time, values in _points(change):
             self._add(self._logs[run], steps, time, values)
+
         if record.status == "finished":
             self.end(run)
 
@@ -176,6 +178,7 @@ def _points(change: Change) -> Iterator[tuple[int, float, _Values]]:
                 values[f"losses/{name}"] = first[name]
         elif None not in (returns := [row["episode_return"] for row in rows]):
             values["evaluation/mean_return"] = sum(returns) / len(returns)
+
         known = {name: value for name, value in values.items() if value is not None}
         yield first["control_steps"], created + (first["wall_time"] or 0.0), known
 
@@ -203,6 +206,7 @@ def copying_rows(
                         warn(change)
                     else:
                         logger.copy(change)
+
             for run in runs:
                 logger.end(run)
         except Exception as error:
@@ -211,6 +215,7 @@ def copying_rows(
 
     thread = threading.Thread(target=copy_until_done, daemon=True)
     thread.start()
+
     try:
         yield
     finally:

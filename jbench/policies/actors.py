@@ -54,6 +54,7 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
         answer = function(observations)
         if isinstance(answer, Tensor):
             answer = answer.detach().to("cpu", torch.float32).numpy()
+
         wanted = (len(observations), action_size)
         if isinstance(answer, tuple) or np.shape(answer) != wanted:
             given = "a tuple" if isinstance(answer, tuple) else f"the shape {np.shape(answer)}"
@@ -61,9 +62,11 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
                 f"The actor returned {given} for observations {observations.shape}; it must "
                 f"return actions {wanted}."
             )
+
         actions = np.asarray(answer, np.float64)
         if not np.isfinite(actions).all():
             raise RequestError("The actor returned actions that are not finite.")
+
         return actions
 
     modules = actor.modules() if isinstance(actor, nn.Module) else ()
@@ -85,16 +88,19 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
         statistics = normalization(actor)
         seen: Callable[..., Any] = np.asarray if statistics is None else statistics.normalize_obs
         return lambda observations: predict(seen(observations), deterministic=True)[0]
+
     if isinstance(actor, nn.Module):
         parameter = next(actor.parameters(), torch.empty(0))
         return lambda observations: actor(
             torch.as_tensor(observations, dtype=parameter.dtype, device=parameter.device)
         )
+
     if not callable(actor):
         raise RequestError(
             f"A {type(actor).__name__} can't act: pass a torch module, a stable-baselines3 model, "
             "or a function of observations."
         )
+
     return lambda observations: actor(observations)
 
 
@@ -114,24 +120,29 @@ def copy_module(module: object, inputs: int, outputs: int) -> SavedNetwork:
     """
     if not isinstance(module, nn.Module):
         raise UnsupportedPolicyError(f"its type is {type(module).__name__}, no torch module")
+
     wrapped: Any = getattr(module, "_orig_mod", module)  # by torch.compile
     network = SavedNetwork(module_layers(wrapped))
     if not network.linear_layers():
         raise UnsupportedPolicyError("it has no Linear layer")
+
     if network.sizes != (inputs, outputs):
         its_inputs, its_outputs = network.sizes
         raise UnsupportedPolicyError(
             f"it has {counted(its_inputs, 'input')} and {counted(its_outputs, 'output')}, not "
             f"{inputs} and {outputs}"
         )
+
     observations = np.random.default_rng(0).normal(size=(16, inputs)).astype(np.float32)
     try:
         with acting(wrapped, outputs) as act:
             wanted = np.clip(act(observations), -1, 1)
     except RequestError as error:
         raise UnsupportedPolicyError(f"it can't act ({str(error).rstrip('.')})") from None
+
     if not np.abs(network.act(observations) - wanted).max() < _TOLERANCE:
         raise UnsupportedPolicyError("its layers do not reproduce its actions")
+
     return network
 
 
@@ -144,8 +155,10 @@ def module_layers(module: nn.Module) -> list[SavedLayer]:
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UnsupportedPolicyError(f"its computation can't be traced ({reason})") from None
+
     if not isinstance(result, _Value):
         raise UnsupportedPolicyError("it returns something else than one tensor, the action")
+
     return result.layers
 
 
@@ -164,6 +177,7 @@ class _Value(Tensor):
             raise UnsupportedPolicyError(f"{name} is not supported")
         if len(values) > 1:
             raise UnsupportedPolicyError(f"{name} takes {len(values)} results, not one")
+
         named.pop("inplace", None)
         return _value([*values[0].layers, *_LAYERS[name](*args, **named)])
 
@@ -207,6 +221,7 @@ def _arithmetic(operator: str, x: Any, y: Any) -> list[SavedLayer]:
     constant = float32_array(y if value_first else x)
     if constant.ndim and constant.size > constant.shape[-1]:
         raise UnsupportedPolicyError("a constant is a matrix")
+
     constant = constant.reshape(-1)
     if operator == "div" and not value_first:
         raise UnsupportedPolicyError("it divides by its inputs")
@@ -215,6 +230,7 @@ def _arithmetic(operator: str, x: Any, y: Any) -> list[SavedLayer]:
         return [SavedLayer("scale", factor=factor)]
     if operator == "sub" and not value_first:
         return [*_arithmetic("mul", x=-1, y=y), *_arithmetic("add", x, y)]
+
     return [SavedLayer("shift", offset=constant if operator == "add" else -constant)]
 
 

@@ -62,6 +62,7 @@ def evaluate(
             f"States and targets are recorded of the Jitterbug only, not of {settings.task}: leave "
             "--states and --target-yaw out."
         )
+
     with results.locked("evaluation", settings.id) as existing:
         if existing is not None and existing.status == "finished":
             return existing
@@ -74,9 +75,11 @@ def evaluate(
                 for error in worlds.failures.values():
                     record.fail(str(error), error.summary)
                     raise error
+
         returns = record.read("policy_episodes")["episode_return"]
         q10, median, q90 = np.percentile(returns.to_numpy(), (10, 50, 90))
         record.finish({"median": median, "q10": q10, "q90": q90}, compact=False)
+
     return record
 
 
@@ -101,8 +104,10 @@ def _episodes(
                 "reward": transition.rewards.astype(np.float32),
             }
             states.append(pa.table(columns, schema=schema.FILES["policy_states"]))
+
         if step % 100 == 0:
             progress(episodes.start * settings.episode_steps + step * len(episodes))
+
     rows = {
         "evaluation": [settings.id] * len(episodes),
         "episode": list(episodes),
@@ -115,4 +120,5 @@ def _episodes(
     tables = {"policy_episodes": columns.filter(pa.array(ended))}
     if states:
         tables["policy_states"] = pa.concat_tables(states).combine_chunks()
+
     return tables

@@ -65,7 +65,9 @@ def find_policy(
                 f"There is no hand-written policy of {task}; choose random, constant:U, a trained "
                 "policy, or MODULE:NAME."
             )
+
         return ActingPolicy(policy.act, policy.reset)
+
     size = find_task(task).action_size
     if name == "random":  # as in the random-policy dataset
         random = np.random.default_rng(np.random.SeedSequence(seed))
@@ -77,12 +79,14 @@ def find_policy(
         return _imported_policy(name, task)
     if is_sb3_zip(name):
         return ActingPolicy(read_sb3_zip(name, task).act)
+
     located, run = locate_run(results, name)
     agent = load_agent(located, run, accept_changed)
     if agent.task != task:
         raise RequestError(
             f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
         )
+
     return ActingPolicy(agent.act)
 
 
@@ -128,6 +132,7 @@ def _imported_policy(name: str, task: str) -> ActingPolicy:
     made = plugins.imported("policy", name) if is_module else plugins.load("policy", points[name])
     if isinstance(made, type):
         made = attempt(made, task)
+
     actor = getattr(made, "act", made)
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
@@ -154,12 +159,14 @@ def full_name(results: Results, name: str) -> tuple[str, Run | None]:
         record = located.find("run", id)
         prefix = SHIPPED if name.startswith(SHIPPED) else ""
         return f"{prefix}{id}", None if record is None else read_run(record.settings)
+
     if name.startswith(_CONSTANT):
         _constant(name)
     elif not (name in (HEURISTIC, "random") or is_sb3_zip(name) or is_imported_policy(name)):
         close = closest(name, [*POLICIES, *offered_policies()])
         hint = f"did you mean {close}? Choose" if close else "choose"
         raise RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")
+
     return name, None
 
 
@@ -170,10 +177,12 @@ def changed_code(results: Results, name: str) -> str | None:
     """
     if "/" not in name or is_sb3_zip(name):
         return None
+
     located, id = locate_run(results, name)
     record = located.find("run", id)
     if record is None:
         return None
+
     now = agent_code(located, record)
     encoder = record.settings.get("encoder")
     kept = None if encoder is None else located.find("encoder", encoder)
@@ -181,6 +190,7 @@ def changed_code(results: Results, name: str) -> str | None:
     if kept is not None and not changed:
         before = {f"encoder_{key}": value for key, value in kept.manifest.provenance.items()}
         changed = changed_files(before, now)
+
     return code_hash(now) if changed else None
 
 
@@ -218,18 +228,22 @@ def locate_run(results: Results, name: str) -> tuple[Results, str]:
     """
     if not name.startswith(SHIPPED):
         return results, results.complete_id("run", name)
+
     names = shipped_policies()
     matches = [shipped for shipped in names if shipped.startswith(name)]
     if len(matches) == 1:
         return shipped_results(), matches[0].removeprefix(SHIPPED)
+
     if matches:
         raise RequestError(
             f"{name} is not unique; type one of {', '.join(matches)} "
             "(jbench runs --results reference shows how they differ)."
         )
+
     runs = shipped_results().scan("run", name.removeprefix(SHIPPED))[0]
     if any(run.left_out for run in runs):
         raise RequestError(f"The policy of {name} {LEFT_OUT}.")
+
     same = [shipped for shipped in names if shipped.startswith(f"{name.rpartition('/')[0]}/")]
     choices = same or sorted(get_close_matches(name, names, 3)) or names
     instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"

@@ -46,9 +46,11 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
             f"The units of the observations of {agent.task} are not known: type --inputs "
             "observation."
         )
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of names that are deprecated within torch
         model = _model(agent, run, in_si_units)
+
     helper.set_model_props(model, metadata(agent, run, in_si_units))
     checker.check_model(model, full_check=True)
     # Compared over observations from the ranges of the features.
@@ -59,6 +61,7 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool) ->
     difference = float(np.abs(np.asarray(actions) - agent.act(observations)).max())
     if not difference < _TOLERANCE:
         raise WorkError(f"The ONNX model of {run} differs from its policy by {difference:.1e}.")
+
     make_directory(path.parent)
     write_atomic(path, model.SerializeToString())
     return difference
@@ -81,11 +84,13 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
     if task.observed_range is not None and not in_si_units:
         inputs["minimum"], inputs["maximum"] = task.observed_range
         scaling = "minimum to -1, maximum to 1"
+
     if task.specs:
         outputs["actuator_minimum"] = task.specs.action_minimum
         outputs["actuator_maximum"] = task.specs.action_maximum
     else:
         outputs = {"name": ["motor_command"], "unit": "1", "minimum": -1.0, "maximum": 1.0}
+
     return {
         "inputs": json.dumps(pd.DataFrame(inputs).to_dict("records")),
         "outputs": json.dumps(pd.DataFrame(outputs).to_dict("records")),
@@ -124,6 +129,7 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
             f"The run {run} can't be exported to ONNX: torch can't trace its encoder or policy "
             f"({reason})."
         ) from None
+
     assert program is not None
     model = program.model_proto
     graph = model.graph
@@ -133,4 +139,5 @@ def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
     del graph.value_info[:]
     for part in (graph, *graph.node, *graph.initializer, *graph.input, *graph.output):
         del part.metadata_props[:]  # such as the paths of source files
+
     return model

@@ -119,6 +119,7 @@ class SavedNetwork:
             if layer.kind == _CONCAT:
                 arguments["earlier"] = results[int(arguments["earlier"])]
             results.append(LAYERS[layer.kind](results[-1], **arguments))
+
         return results[-1].clip(-1, 1)
 
     def files(self) -> dict[str, bytes]:
@@ -148,8 +149,10 @@ class SavedNetwork:
                 acted = network.act(np.zeros((1, network.sizes[0]), np.float32))
         except Exception as error:  # of any type, since the files may be damaged
             raise ValueError(f"no policy: {error}") from None
+
         if acted.shape != (1, network.sizes[1]):
             raise ValueError("no policy: a layer does not fit the layer before it")
+
         return network
 
 
@@ -176,6 +179,7 @@ def feature_layers(
     ]
     for layer in linear:
         layers += [layer, SavedLayer("silu"), SavedLayer(_CONCAT, earlier=len(layers))]
+
     layers.append(SavedLayer("columns", first=len(mean)))
     return [*layers, SavedLayer(_CONCAT, earlier=0)] if appended else layers
 
@@ -197,6 +201,7 @@ def _older_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> li
     layers = relu_layers(linear("", described["layers"]), described["squash"])
     if (features := described.get("features")) is None:
         return layers
+
     standard = tensors["features.mean"], tensors["features.deviation"]
     units = linear("features.", features["layers"])
     return [*feature_layers(*standard, units, bool(features["appended"])), *layers]
@@ -251,21 +256,25 @@ def load_agent(
         raise RequestError(f"No run {run} in {results.name}; {runs} lists them.")
     if record.status != "finished":
         raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
+
     if not has_policy(record):
         recorded = record.settings.get("engine") == EXTERNAL
         keep = " Its loop must call recording.keep_policy(actor)." if recorded else ""
         if record.left_out:
             raise RequestError(f"The policy of {run} {LEFT_OUT}.")
         raise RequestError(f"The run {run} in {results.name} was saved without its policy.{keep}")
+
     try:
         policy = SavedNetwork.from_files(*map(record.read_file, (WEIGHTS, DESCRIPTION)))
     except ValueError as error:
         raise WorkError(f"The policy of {run} can't be read ({error}).") from None
+
     task, encoder = (record.settings.get(name, 0) for name in ("task", "encoder"))
     if not isinstance(task, str) or not isinstance(encoder, str | None):
         raise WorkError(f"The settings of the run {run} lack a task or an encoder.")
     if not accept_changed:
         check_code(record, agent_code(results, record))
+
     specs = record.settings.get("specs")
     check_specs(task, Specs.model_validate(specs) if specs else None, accept_changed)
     loaded = None if encoder is None else load_encoder(results, encoder, accept_changed)[0]

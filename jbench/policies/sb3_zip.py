@@ -61,9 +61,11 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
         ) from None
     except (zipfile.BadZipFile, LookupError, ValueError, AttributeError, TypeError) as error:
         raise RequestError(f"{path} is no saved model of stable-baselines3 ({error}).") from None
+
     wanted = find_task(task)
     if sizes == (wanted.observation_size, wanted.action_size):
         return network
+
     fitting = [name for name in TASKS if (find_task(name).observation_size, 1) == sizes]
     raise RequestError(
         f"{path} has {counted(inputs, 'input')} and {counted(outputs, 'output')}, but {task} has "
@@ -77,15 +79,18 @@ def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]
         raise UnsupportedPolicyError("it explores with gSDE")
     if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):
         raise UnsupportedPolicyError("it has a features extractor of its own")
+
     last = next((p for p in _ACTORS if any(name.startswith(p) for name in weights)), None)
     if last is None:
         raise UnsupportedPolicyError("its actor is not that of DDPG, TD3, SAC, PPO or the like")
+
     hidden, activation, output = _ACTORS[last]
     # It is recorded as <class 'torch.nn.modules.activation.ELU'>.
     typed = (data.get("policy_kwargs") or {}).get("activation_fn") or activation
     name = str(typed).rpartition(".")[2].strip("'>")
     if name not in _ACTIVATIONS:
         raise UnsupportedPolicyError(f"its activation {name} is not known")
+
     first, *others = [*_linear(hidden, weights), *_linear(last, weights)]
     return [first, *(layer for linear in others for layer in (_ACTIVATIONS[name], linear)), *output]
 

@@ -156,10 +156,12 @@ def _points(configuration: Configuration, curve: Curve, per_seed: bool) -> list[
         quantiles = dict(zip(_QUANTILES, curve.quantiles, strict=True))
         arrays = {"window": curve.widths, "control_steps": curve.control_steps}
         return [(names | {"order": curve.order, "seeds": curve.seeds}, arrays | quantiles)]
+
     parts: list[Part] = []
     for run, seed, mine in zip(configuration.runs, configuration.seeds, curve.by_seed, strict=True):
         points = {"window": mine.widths, "control_steps": mine.control_steps}
         parts.append((names | {"run": run, "seed": seed}, points | {"episode_return": mine.values}))
+
     return parts
 
 

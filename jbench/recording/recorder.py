@@ -93,7 +93,9 @@ class Recording:
                     yield
                 except AlreadyFinishedError as skipped:
                     _note(str(skipped))
+
                 return
+
             again = "" if existing is None else f", which is {existing.status} and starts over"
             _note(f"Recording the run {self.id} in {self._results.name}{again}.")
             record = self._results.create("run", self.id, self._settings.values, self._made_on)
@@ -111,6 +113,7 @@ class Recording:
                         f"The block made {made:,} control steps, but steps={planned}: pass the "
                         "number that it makes, by which runs are compared."
                     )
+
                 if self.finished:
                     _note(f"Recorded the run {self.id} in {self._results.name}.")
 
@@ -193,6 +196,7 @@ class Recording:
             copied = copy_model(actor, inputs, task.action_size)
         else:
             raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")
+
         writer.kept = copied, writer.control_steps
 
     def sb3_callback(self) -> "BaseCallback":

@@ -139,6 +139,7 @@ def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> 
     """Returns JSON values without those that are settings of the run already, and must agree."""
     if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
         raise RequestError(f"hyperparameters is {values!r}: type a dictionary of values by name.")
+
     plain = {name: _plain(value, f"hyperparameters[{name!r}]") for name, value in values.items()}
     given = {"seed": ("seed", seed), **dict.fromkeys(_STEPS, ("steps", steps))}
     for name, (field, number) in given.items():
@@ -147,6 +148,7 @@ def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> 
                 f"hyperparameters[{name!r}] is {values[name]!r}, but {field}={number}: type the "
                 "same number in both, or leave it out of the hyperparameters."
             )
+
     return plain
 
 
@@ -160,6 +162,7 @@ def _plain(value: Any, where: str) -> Any:
         return os.fspath(value)
     if isinstance(value, int | str | None) or (isinstance(value, float) and math.isfinite(value)):
         return value
+
     raise RequestError(
         f"{where} is {value!r}, which can't be recorded: type finite numbers, texts, None, lists "
         "and dictionaries."

@@ -50,6 +50,7 @@ class RunWriter:
                 if self._is_complete:
                     self._finish()
                 raise
+
             self._finish()
         except BaseException as error:
             if self._record.status == "unfinished":
@@ -73,6 +74,7 @@ class RunWriter:
         (made,) = evaluate_policies(self._settings, seeds, number, act, threads=cores())
         if made.failure is not None:
             raise made.failure
+
         self._clock.share([self.log])
         self.log.evaluation(control_steps, made.returns, made.path)
         return made.returns
@@ -98,6 +100,7 @@ class RunWriter:
                 f"steps, so the run {self._record.id} has failed; let it make all of them, or pass "
                 "fewer steps."
             )
+
         evaluated = False
         files = dict[str, bytes]()
         if self.kept is not None:
@@ -107,6 +110,7 @@ class RunWriter:
             files = policy.files()
             if evaluated:
                 self.evaluate(policy.act, copied_at)
+
         self._clock.share([self.log])
         self.log.commit()
         self._record.finish(self.log.summary(self.control_steps, evaluated=evaluated), files)
@@ -165,8 +169,10 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
                 "The episode has ended: call reset before the next step, as terminated or "
                 "truncated says."
             )
+
         if not np.isfinite(np.asarray(action, np.float64)).all():
             raise DivergedError(None, writer.control_steps, "actions")
+
         observation, reward, terminated, truncated, info = self.env.step(action)
         writer.control_steps += 1
         self._has_ended = bool(terminated or truncated)
@@ -174,4 +180,5 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         episode = info.pop("episode", None)
         if episode is not None:
             writer.episode(float(episode["r"]))
+
         return observation, reward, terminated, truncated, info

@@ -85,6 +85,7 @@ def render_episode(
                 words = find_task(scene.task).goal(observation)
                 picture = np.asarray(env.render())
                 yield Frame(step * scene.timestep, episode_return, words, picture)
+
             progress(step)
 
 
@@ -131,6 +132,7 @@ def write(
     }
     for top, text in zip(tops, (*above, *below), strict=True):
         draw.text((margin, top), text, **style)
+
     return np.array(image)
 
 

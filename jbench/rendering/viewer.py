@@ -34,6 +34,7 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
             f"{scene.task} is made again for each episode, and a window shows one model; give its "
             "task a RandomState `random`, or type jbench render."
         )
+
     env = scene.environment(render_mode=None)
     observation, _ = env.reset(seed=scene.seed)
     policy.reset(1)
@@ -50,15 +51,18 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
                 if steps % task.episode_steps == 0:
                     observation, _ = env.reset()
                     policy.reset(1)
+
             window.sync()
             due += scene.timestep
             late = time.perf_counter() - due
             # A slow machine runs slower than real time and does not catch up.
             due += max(late, 0)
             time.sleep(max(-late, 0))
+
     # Wait for the rendering thread, since the process would crash if it exited before.
     for thread in set(threading.enumerate()) - others:
         thread.join(30)  # s
+
     env.close()
     return steps
 
@@ -67,6 +71,7 @@ def _open_window(env: JitterbugEnv | SuiteEnv) -> Any:
     # An error would end the viewer's thread, for which the viewer would wait forever.
     if not open_display():
         raise RequestError("The display can't be opened; jbench render draws without one.")
+
     # Deferred, since it looks for a window system.
     import mujoco.viewer
 
@@ -74,10 +79,12 @@ def _open_window(env: JitterbugEnv | SuiteEnv) -> Any:
         window = mujoco.viewer.launch_passive(env.model, env.data, show_right_ui=False)
     except RuntimeError as error:
         raise RequestError(f"No window can be opened here: {str(error).rstrip('.')}.") from None
+
     with window.lock():
         window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         window.cam.trackbodyid = 1  # the first body of the world
         window.cam.distance = _DISTANCE * env.model.stat.extent
         window.cam.azimuth = _AZIMUTH
         window.cam.elevation = _ELEVATION
+
     return window

@@ -38,6 +38,7 @@ def _check(path: Path) -> None:
         raise RequestError(
             f"--out {path}: nothing writes such files; end the name in {', '.join(SUFFIXES)}."
         )
+
     # Gymnasium's renderer imports imageio, too.
     needed = ("imageio", "imageio_ffmpeg") if suffix == ".mp4" else ("imageio",)
     missing = [name for name in needed if importlib.util.find_spec(name) is None]
@@ -45,6 +46,7 @@ def _check(path: Path) -> None:
         raise RequestError(
             f"{suffix} needs {' and '.join(missing)}: type pip install 'jbench[render]'."
         )
+
     check_output(path)
 
 
@@ -103,6 +105,7 @@ def render_to_file(
         buffer = io.BytesIO()
         Image.fromarray(np.hstack(list(pictures()))).save(buffer, "PNG", optimize=True)
         content = buffer.getvalue()
+
     write_atomic(path, content)
     return last_frame[0]
 
@@ -138,6 +141,7 @@ def mp4(pictures: Iterator[Picture], seconds: float = _INTERVAL) -> bytes:
         raise RequestError(
             "imageio-ffmpeg has no ffmpeg for this machine: install ffmpeg, or name a .gif."
         ) from None
+
     options: dict[str, Any] = {
         "fps": 1 / seconds,
         "codec": "libx264",
@@ -156,6 +160,7 @@ def mp4(pictures: Iterator[Picture], seconds: float = _INTERVAL) -> bytes:
                     writer.append_data(np.pad(picture, [*odd, (0, 0)], mode="edge"))
         except OSError as error:
             raise WorkError(f"ffmpeg failed: {str(error).splitlines()[0]}.") from None
+
         if not path.exists():
             raise WorkError("ffmpeg wrote nothing; its messages are above.")
         return path.read_bytes()

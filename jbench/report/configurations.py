@@ -96,6 +96,7 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
             row["detectable"] = smallest_difference(
                 len(scores.final), row["s"], w, scores.episodes.mean()
             )
+
         if config.robots <= 1 and config.has_solved_return:
             steps = _solved_steps(curve.by_seed)
             row |= _intervals({"solved_steps": st.median}, steps)
@@ -107,7 +108,9 @@ def configuration_frame(curves: Curves, published: pd.DataFrame) -> pd.DataFrame
             names = config.task, config.algo, config.representation
             if best := best_median(published, names, scores.middle, sequence=config.robots > 1):
                 row["published"], row["published_figure"] = best
+
         rows.append(row)
+
     return pd.DataFrame(rows, columns=CONFIGURATIONS).astype({"reached": "Int64"})
 
 
@@ -150,6 +153,7 @@ def seed_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
             "episode_sd": scores.deviations,
         }
         parts.append((config.identity, arrays))
+
     return long_frame(parts, SEEDS)
 
 
@@ -169,6 +173,7 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
         robot_steps = config.robot_episodes * config.longest / config.returns.shape[1]
         names = {**config.identity, "seeds": curve.seeds, "robots": config.robots}
         parts.append(({**names, "robot_steps": robot_steps}, arrays))
+
     return long_frame(parts, CURVES)
 
 
@@ -201,6 +206,7 @@ def processor_frame(curves: Curves) -> pd.DataFrame:
         usable = centers(np.isfinite(middle).astype(np.float64), curve.window) == 1
         seconds = centers(middle, curve.window)[usable]
         parts.append((config.identity, {"median": curve.quantile(50)[usable], "seconds": seconds}))
+
     return long_frame(parts, [*ID, "seconds", "median"])
 
 

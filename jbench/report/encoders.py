@@ -38,15 +38,18 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
     finished = encoders[(encoders["status"] == "finished") & encoders["kind"].notna()]
     if task is not None:
         finished = finished[finished["task"] == task]
+
     rows = finished.drop(columns=["test_mse", "test_explained"])
     rows = rows.merge(tables["encoder_errors"], on="encoder")
     if rows.empty:
         return pd.DataFrame(columns=_COLUMNS)
+
     names = rows["encoder"].str.split("/").str[1]  # such as dae12-observation-whitened
     rows["representation"] = names.map(shown_representation)
     rows["settings"] = rows.groupby(["task", "kind"])["settings"].transform(_labels)
     for name in _FRACTIONS:
         rows[name] = 1 - rows[f"{name}_explained"]
+
     predictions = tables["encoder_predictions"]
     r2 = predictions.pivot_table(values="r2", index="encoder", columns="target", observed=True)
     rows = rows.merge(r2.reindex(columns=list(PREDICTED)), on="encoder", how="left")
@@ -55,6 +58,7 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
     groups = rows.groupby(_COLUMNS[:5], as_index=False)
     frame = groups.agg(seeds=("seed", "nunique"), **medians)
     orders = {"task": TASKS, "kind": tuple(ENCODER_KINDS)}
+
     return frame[_COLUMNS].sort_values(
         ["task", "kind", "settings", "latents", "representation"],
         key=lambda k: k.map(in_order(k, orders[k.name]).index) if k.name in orders else k,
@@ -122,6 +126,7 @@ def return_frame(configurations: Configurations) -> pd.DataFrame:
             value, low, high, _ = st.estimate(st.interquartile_mean, [final])
             numbers = {"steps": end, "seeds": len(final), "iqm": value, "low": low, "high": high}
             rows.append(config.identity | numbers)
+
     return pd.DataFrame(rows, columns=[*ID, "steps", "seeds", "iqm", "low", "high"])
 
 

@@ -28,6 +28,7 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.
     known = configurations[configurations["seeds"] > 0]
     if known.empty:
         return "There are no returns yet."
+
     from_file = FILE in {*known["source"]}
     single = from_file and known["label"].nunique() == 1
     if known["seeds"].max() < DECIDING_SEEDS and not single:
@@ -36,19 +37,24 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.
         if from_file:
             return f"{count.capitalize()} of a method can't decide a comparison."
         return f"Too early to say: {count} of {longest} control steps can't decide anything."
+
     if len(compared) and len(compared[["a", "b"]].drop_duplicates()) == 1:
         rows = compared[compared["task"].isin(known["task"])]
         equally_long = known.groupby("task")["steps"].nunique().max() == 1
         return _on_sides(rows, equally_long)
+
     against_full = verdicts[verdicts["against"] == FULL]
     if against_full.empty:
         return _best(known)
+
     clauses = dict(_clauses(against_full))
     if not clauses:
         about = _about(against_full, in_prose(against_full["algo"].unique(), "and"))
         return f"Whether {about} learn as well on a reduced observation is undecided."
+
     while len(_sentence(clauses, against_full).split()) > _MAX_WORDS and len(clauses) > 1:
         clauses.popitem()
+
     return _sentence(clauses, against_full)
 
 
@@ -71,11 +77,13 @@ def _on_sides(comparisons: pd.DataFrame, equally_long: bool) -> str:
         answer = in_prose([f"{word} in {count}" for word, count in counts.items()], "and")
         tasks = comparisons["task"].nunique() == len(comparisons)
         answer += f" of {len(comparisons)} {'tasks' if tasks else 'configurations'}"
+
     after = ""
     if not equally_long:
         ends = sorted({*comparisons["steps"]})
         shown = [steps(end) for end in ends[:1] + ends[1:][-1:]]
         after = f" after {' to '.join(shown)} control steps"
+
     return f"The final return with {first}, compared with {other}, is {answer}{after}."
 
 
@@ -83,6 +91,7 @@ def _sentence(clauses: Mapping[str, str], verdicts: pd.DataFrame) -> str:
     text = "; ".join(clauses.values())
     if "higher" in clauses:
         text = text.replace(_OUTCOMES["lower"], "lower ones")
+
     # Each clause names its own agents and tasks where they differ.
     named = {*re.findall(r" \(([^()]*)\)", text)}
     about = "agents"
@@ -90,6 +99,7 @@ def _sentence(clauses: Mapping[str, str], verdicts: pd.DataFrame) -> str:
         algos = [*named] or [*verdicts["algo"].unique()]
         about = _about(verdicts[verdicts["algo"].isin(algos)], algos[0])
         text = text.replace(f" ({algos[0]})", "")
+
     tasks = list(verdicts["task"].unique())
     on = f" on {in_prose(tasks, 'and')}" if 1 < len(tasks) <= _MAX_TASKS else ""
     on = "" if " on " in text else on
@@ -107,11 +117,13 @@ def _clauses(verdicts: pd.DataFrame) -> Iterator[tuple[str, str]]:
             algos = group["algo"][group["verdict"] == outcome].unique()
             who = f" ({in_prose(algos, 'and')})" if several and len(algos) else ""
             outcomes.setdefault(outcome, {}).setdefault(who, []).append(str(task))
+
         for outcome, agents in outcomes.items():
             for who, tasks in agents.items():
                 everywhere = len(tasks) == rows["task"].nunique()
                 on = "" if everywhere else f" on {in_prose(tasks, 'and')}"
                 where.setdefault(outcome, {}).setdefault(on + who, []).append(str(representation))
+
     for outcome, verb in _OUTCOMES.items():
         if outcome in where:
             parts = sorted(where[outcome].items())
@@ -137,4 +149,5 @@ def _best(configurations: pd.DataFrame) -> str:
         longer = f"{text} {row['label']} reaches {median}.".strip()
         if not text or len(longer.split()) <= _MAX_WORDS:
             text = longer
+
     return text

@@ -48,10 +48,12 @@ def ranked_configurations(
         ours, theirs = (OWN, IMPORTED) if len(directories) == 1 else (name, f"{name}: {IMPORTED}")
         parts.append(sources.own(results, request, ours, strict=False))
         parts.append(sources.imported(results, request, theirs))
+
     for part in parts:
         for task, returns in hand_written_returns(part.tables).items():
             if request.task in (None, task) and len(returns) > len(by_hand.get(task, ())):
                 by_hand[task] = returns
+
     published = read_published(query.published())
     published = published[published["figure"] != SEQUENCE]
     configurations = [config for part in parts for config in part.configurations]
@@ -65,6 +67,7 @@ def ranked_configurations(
             f"No {what} in {' and '.join(directories)} has {request.returns} returns to rank. "
             f"{' '.join(problems)}".strip()
         )
+
     return frame, problems
 
 
@@ -112,4 +115,5 @@ def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
             low = entry["low"]
             rank = place
         ranks[index] = rank
+
     return entries.assign(rank=entries.index.map(ranks))

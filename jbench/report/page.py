@@ -49,6 +49,7 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         assets[kind] = Markup(f"\n{loader.get_source(environment, name)[0]}")
         digest = hashlib.sha256(assets[kind].encode()).digest()
         policy += f"; {kind}-src 'sha256-{base64.b64encode(digest).decode()}'"
+
     shown = frames.run_curves, frames.metrics, frames.paths
     return environment.get_template("page.html.j2").render(
         frames=frames,
@@ -79,11 +80,13 @@ def _shown(table: Table) -> tuple[Table, str, list[Column], list[list[tuple[Any,
 def _title(frames: Frames) -> str:
     if frames.request.compare:
         return " against ".join(map(clean, frames.request.compare))
+
     about = "jbench"
     names = frames.configurations["configuration"]
     if frames.request.curves is not None:
         about = clean(frames.request.curves.name)
         names = frames.runs["configuration"]
+
     count = counted(names.nunique(), "configuration")
     return f"{about}: {counted(len(frames.runs), 'run')}, {count}"
 
@@ -122,6 +125,7 @@ def verdict_matrix(frames: Frames) -> dict[str, Any]:
         about = ", ".join(filter(None, (first["task"], first["algo"], source)))
         row = {**first[["representation", "words"]], "verdicts": shown}
         groups.setdefault(about, []).append(row)
+
     return {"baselines": baselines, "claims": claims, "groups": groups}
 
 

@@ -44,6 +44,7 @@ def baseline_frame(tasks: set[str], tables: Mapping[str, pd.DataFrame]) -> pd.Da
             median, low, high, *_ = st.estimate(st.median, [returns])
             q10, q90 = np.quantile(returns, [0.1, 0.9])
             evaluated.append((task, RANDOM, median, low, high, q10, q90, len(returns)))
+
     more = pd.DataFrame(evaluated, columns=_BASELINES)
     rows = pd.concat([shipped, more], ignore_index=True) if evaluated else shipped
     return rows[rows["task"].isin(tasks)].reset_index(drop=True)
@@ -107,6 +108,7 @@ def behavior(
                 newest[str(settings["task"]), str(settings["policy"])] = _read(record)
             except WorkError as error:
                 problems.append(str(error))
+
     motor = list[Part]()
     positions = list[Part]()
     for name in dict.fromkeys(task for task, _ in newest):
@@ -115,6 +117,7 @@ def behavior(
         shown = ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
         motor += map(_motor, shown)
         positions += _positions(shown)
+
     return long_frame(motor, MOTOR), long_frame(positions, POSITIONS), problems
 
 
@@ -162,4 +165,5 @@ def _positions(shown: Sequence[pd.DataFrame]) -> list[Part]:
         where["share"] /= len(states)
         names = states.iloc[0][["task", "policy", "label", "median", "target_yaw"]]
         maps.append(({**names, "reach": reach}, where))
+
     return maps

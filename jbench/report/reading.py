@@ -34,15 +34,18 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
     if request.curves is not None:
         source = sources.from_file(request, request.curves)
         return source, compare.method_pairs(source.configurations)
+
     assert results is not None
     if request.compare is not None:
         ours, theirs = (sources.side(side, results, request) for side in request.compare)
         return _compared(ours, theirs, request)
+
     source = own = sources.own_and_imported(results, request)
     if request.reference:
         source = sources.joined([source, sources.reference(request, shipped_results())])
     if request.baseline is not None:
         sources.check_baseline(request.baseline, source.configurations)
+
     saved = (record.settings for record in results.scan("evaluation")[0])
     if (
         source.configurations
@@ -51,11 +54,13 @@ def read(results: Results | None, request: Request) -> tuple[Source, Pairs]:
         or any(s.get("states") and request.task in (None, s.get("task")) for s in saved)
     ):
         return source, []
+
     if len(own.runs):
         raise NothingYetError(f"No run has an episode yet; wait for them. {' '.join(own.notes)}")
     if source.problems or any(results.scan("run")):
         reason = " ".join([*source.problems, repair_hint(results.name)])
         raise WorkError(f"Nothing in {results.name} can be reported. {reason}")
+
     train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
     raise NothingYetError(
         f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
@@ -76,6 +81,7 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, P
             f"No runs of {sides} can be compared: there must be runs of both that differ only in "
             f"{free}. {''.join(why)}".strip()
         )
+
     source = sources.joined([ours, theirs])
     source.notes += notes
     return source, [[pair] for pair in pairs]
@@ -104,6 +110,7 @@ def notes_on(configurations: Sequence[Configuration]) -> list[str]:
     for config in configurations:
         for note in config.notes:
             named.setdefault(note, []).append(config.configuration)
+
     return [
         f"{names[0] if len(names) == 1 else f'{len(names)} configurations, such as {names[0]}'}: "
         f"{note}."

@@ -44,6 +44,7 @@ def write_report(
     from jbench.report.style import image
 
     gc.disable()  # which takes 5 to 8% of the time of 200 runs and frees nearly nothing
+
     try:
         frames = Frames(results, request)
         pa.default_memory_pool().release_unused()  # memory of the rows that were read
@@ -57,14 +58,17 @@ def write_report(
                 name = f"figures/{chart.name}"
                 for ending in request.formats:
                     files[f"{name}.{ending}"] = image(drawn, ending)
+
             for name, text in texts.items():
                 files[f"tables/{name}"] = text.encode()
             curves = pa.Table.from_pandas(frames.curves, preserve_index=False, nthreads=1)
             pq.write_table(curves, sink := io.BytesIO(), compression="zstd")
             files["tables/curves.parquet"] = sink.getvalue()
+
         paths, kept = _write(out, files)
     finally:
         gc.enable()
+
     frames.notes += kept
     return frames, paths
 
@@ -78,6 +82,7 @@ def table_files(frames: Frames) -> Iterator[tuple[str, str]]:
             if table.name != "runs":
                 shown = for_paper(table, frames) if ending == "tex" else table
                 yield f"{table.name}.{ending}", write(shown)
+
     for name in (
         "configurations",
         "seeds",
@@ -105,8 +110,10 @@ def _write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[s
     write_atomic(out / LISTING, _listing({**before, **new}))
     for folder in {name.partition("/")[0] for name in new if "/" in name}:
         make_directory(out / folder)
+
     for name, content in contents.items():
         write_atomic(out / name, content)
+
     changed = [name for name in before.keys() - new if not _remove(out / name, before[name])]
     write_atomic(out / LISTING, _listing(new))
     kept = f"{', '.join(sorted(changed))} in {out} belong to an earlier report, but were changed"

@@ -45,7 +45,9 @@ def names_typed(typed: Sequence[str]) -> tuple[tuple[str, str], ...]:
                 f"--names {text}: type a name of the report and the one to show, such as "
                 "--names six-rows=ours."
             )
+
         pairs.append((old, new))
+
     return tuple(pairs)
 
 
@@ -110,20 +112,24 @@ class Request(Settings):
             raise RequestError(f"A window of {self.window} episodes is invalid; type 1 or more.")
         if self.columns not in (None, 1, 2):
             raise RequestError(f"--columns {self.columns}: type 1 or 2.")
+
         for name in self.formats:
             known("format", name, FIGURE_FORMATS)
+
         for first, *others in _EXCLUSIVE:
             typed = [name for name in others if getattr(self, name) not in (None, False)]
             if typed and getattr(self, first) is not None:
                 raise RequestError(
                     f"--{typed[0]} and --{first} exclude each other; type one of them."
                 )
+
         # An option is read as the second side if that is missing.
         if self.compare and (len({*self.compare}) < 2 or self.compare[1].startswith("--")):
             raise RequestError(
                 f"--compare {self.compare[0]}: type two results directories, or two settings such "
                 "as engine=sb3 engine=batched."
             )
+
         self.begun_since()
         return self
 
@@ -141,6 +147,7 @@ class Request(Settings):
         """Returns the earliest beginning of reported runs, or None for all runs."""
         if self.since is None:
             return None
+
         try:
             time = datetime.fromisoformat(self.since)
         except ValueError:
@@ -148,4 +155,5 @@ class Request(Settings):
                 f"--since {self.since}: type a date such as 2026-11-21, or a time such as "
                 "2026-11-21T18:30."
             ) from None
+
         return time if time.tzinfo else time.replace(tzinfo=UTC)

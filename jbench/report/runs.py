@@ -74,6 +74,7 @@ def run_frame(source: Source, returns: ReturnsName) -> pd.DataFrame:
         row["day"] = created[:10] if isinstance(created, str) else ""
         row["settings"] = dict(_texts(recorded["settings"]))
         rows.append(row | {"provenance": provenance(recorded["provenance"])})
+
     rows.sort(key=lambda row: (order.get(row["configuration"], -1), row["seed"]))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"steps": "Int64"})
 
@@ -106,6 +107,7 @@ def run_details(
         values = [json.loads(f"{value:.3g}") for value in shown[:, 1]]
         number = steps.setdefault(tuple(shown[:, 0].round().astype(int).tolist()), len(steps))
         curves.setdefault((source, run), []).append([str(name), number, values])
+
     ways = {key: list(_paths(rows)) for key, rows in paths.groupby(["source", "run"], sort=False)}
     settings: dict[tuple[str, str], int] = {}
     origins: dict[str, int] = {}
@@ -121,6 +123,7 @@ def run_details(
         ]
         detail = {"diverged": row["diverged"], "settings": numbers, "origin": origin}
         details.append(detail | {"curves": curves.get(place, []), "paths": ways.get(place, [])})
+
     return {
         "settings": list(settings),
         "steps": list(steps),
@@ -151,6 +154,7 @@ def provenance(recorded: str) -> dict[str, str]:
     packages, command = values.get("packages"), values.get("command")
     if isinstance(command, list):
         values["command"] = " ".join(map(str, command))
+
     named = {name: values.get(name) for name in _RECORDED}
     named |= packages if isinstance(packages, dict) else {}
     return {

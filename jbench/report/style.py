@@ -133,12 +133,14 @@ def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Loo
         for series, kind in groups.items():
             families = [family for family in known if f"{kind}-".startswith(f"{family}-")]
             groups[series] = max(families, key=len, default=kind)
+
     new = sorted({*groups.values()} - {*known})
     known = known | dict(zip(new, cycle(others), strict=False))
     order = [*groups]
     places = [*known]
     if by == "kind":  # the shortest name, such as `dae12` beside `dae12-whitened`, is solid
         order.sort(key=lambda series: (places.index(groups[series]), len(series), series))
+
     count = Counter[str]()
     chosen = {}
     for number, series in enumerate(order):
@@ -150,6 +152,7 @@ def looks(rows: pd.DataFrame, name: str, by: str | None = None) -> dict[str, Loo
         place = places.index(group) + 4 * before  # neighbors look similar
         chosen[series] = Look(known[group], dash, _MARKERS[place % len(_MARKERS)], number)
         count[known[group]] += 1
+
     return chosen
 
 

@@ -65,6 +65,7 @@ def panel_svgs(panel: Panel, label: str, name: str) -> str:
             root.attrib = {"viewBox": root.attrib["viewBox"], "role": "img", "aria-label": label}
             root.attrib |= {"class": names} if names else {}
             texts.append(ElementTree.tostring(root, encoding="unicode").replace(" />", "/>"))
+
     return "".join(texts)
 
 
@@ -92,7 +93,9 @@ def _shortened(numbers: str) -> str:
             x, y, *others = (f"{step:g}" for step in offsets.ravel().tolist())
             steps = f"l{' '.join(others)}" if others else ""
             lines.append(f"M{x} {y}{steps}{'z' if 'z' in line else ''}")
+
         return re.sub(r"(?<!\d)0\.", ".", "".join(lines).replace(" -", "-"))
+
     rounded = _NUMBER.sub(lambda n: f"{float(n[0]):.1f}".removesuffix(".0"), numbers)
     return re.sub(r"\s*([MLCQz])\s*", r"\1", rounded.strip()).replace(" -", "-")
 
@@ -102,6 +105,7 @@ def _clean(element: ElementTree.Element) -> None:
     element.tag = element.tag.removeprefix(_SVG)  # HTML needs no namespace
     for name, value in _STYLE.findall(element.attrib.pop("style", "")):
         element.set(name, _COLORS.get(value, value.removesuffix("px")))
+
     if element.get("fill") == "none" and element.get("stroke") in (None, _COLORS[style.LINE]):
         element.attrib.pop("clip-path", None)  # a place for the pointer, or a line of the grid
     if element.attrib.keys() - {"d"} == _GRID.keys() and _GRID.items() <= element.attrib.items():
@@ -113,12 +117,15 @@ def _clean(element: ElementTree.Element) -> None:
     if element.tag == "use" and element.get("fill") == element.get("stroke") == _COLORS[style.SOFT]:
         for name in ("fill", "stroke", "stroke-width"):  # a tick, whose definition has them as well
             element.attrib.pop(name, None)
+
     for name in ("d", "x", "y"):
         if value := element.get(name):
             element.set(name, _shortened(value))
+
     series = element.get("id", "").removeprefix("series-")
     if series.isdecimal():
         element.set("data-series", series)
+
     link = element.attrib.pop(_LINK, None)
     if element.tag == "a":  # a link around marks becomes a group with a title
         element.insert(0, title := ElementTree.Element("title"))
@@ -127,6 +134,7 @@ def _clean(element: ElementTree.Element) -> None:
         element.attrib = {}
     elif link:
         element.set("href", link)
+
     element.text = element.text if element.tag in ("text", "title") else None
     element.tail = None
     for child in list(element):
@@ -135,6 +143,7 @@ def _clean(element: ElementTree.Element) -> None:
             element.remove(child)
         elif element.tag != "defs":
             child.attrib.pop("id", None)  # only definitions are referred to
+
     if element.tag == "g":
         _share(element)
 
@@ -144,6 +153,7 @@ def _share(group: ElementTree.Element) -> None:
     parts = [part for part in group if part.tag not in ("title", "defs")]
     if any(part.get("transform") for part in parts):
         return  # it would move what clips a part
+
     texts = [part for part in parts if next(part.iter("text"), None) is not None]
     for name, alike in [(name, parts) for name in _SHARED] + [(name, texts) for name in _WRITTEN]:
         values = {part.get(name) for part in alike}
@@ -151,6 +161,7 @@ def _share(group: ElementTree.Element) -> None:
             group.set(name, str(values.pop()))
             for part in alike:
                 part.attrib.pop(name)
+
     for i, part in enumerate(group):
         inner = part[0] if part.tag == "g" and len(part) == 1 else part
         # Marks keep their groups; a transform, or the place of a copy, would move what clips it.

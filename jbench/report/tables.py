@@ -112,6 +112,7 @@ def _final_returns(frames: Frames) -> Table:
         sentences.append(f"Random and hand-written policies: {fewest} episodes or more.")
     if NORMALIZED in {*agents["task"]}:
         sentences.append("Normalized: 0 is the lowest and 1 the highest return of a task.")
+
     return Table("final_returns", title, " ".join(sentences), rows, columns)
 
 

@@ -146,18 +146,23 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str, what: st
         hint = f"did you mean {close}? It" if close else "it"
         has = ", ".join(names) or "none"
         return RequestError(f"{whose} has no {what} {name}; {hint} has {has}.")
+
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, RequestError):
         return cause
+
     field = None if tables else kind.model_fields.get(name)
     # A title is the name that users know the field by.
     named = field.title if field is not None and field.title else ".".join([*tables, name])
     if first["type"] == "missing":
         return RequestError(f"the {what} {named} of {whose} is missing: give it a value.")
+
     message = first["msg"].rstrip(".")
     for words, plain in _PLAIN.items():
         message = message.replace(words, plain)
+
     if first["type"] == "model_type":
         message = f"it is a table: write [{named}] and its keys below it"
+
     subject = f"{named} of {whose} can't be {first['input']!r}: " if named else ""
     return RequestError(f"{subject}{message}.")

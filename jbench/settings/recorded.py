@@ -129,6 +129,7 @@ def alike(run: Run, free: Collection[str]) -> str:
     if "algo" in names and run.algo not in SETTINGS:
         # It follows from the algorithm.
         flat["engine",] = RunSettings.model_fields["engine"].default
+
     kept = {
         ".".join(path): value
         for path, value in flat.items()

@@ -101,8 +101,10 @@ def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
         return None
     if not match[1]:
         raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
+
     for option in options:
         known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
+
     units = int(match[1].lstrip("0")[:10] or 0)
     return settings_with(OFESettings, name, {**options, "units": units})
 

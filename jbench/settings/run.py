@@ -86,6 +86,7 @@ class RunSettings(TrainedSettings):
             raise ValueError(
                 f"{self.algo} does not learn in {self.precision}: precision must be float32"
             )
+
         if not ENGINES[self.engine].has_options:
             parallel = [] if self.parallel is None else ["environments"]
             if unknown := algorithm.only_batched([*self.hyperparameters, *parallel]):
@@ -93,6 +94,7 @@ class RunSettings(TrainedSettings):
                     f"stable-baselines3 has no {', '.join(unknown)}: choose the batched engine, or "
                     "other settings"
                 )
+
         return self
 
     @model_validator(mode="after")
@@ -100,6 +102,7 @@ class RunSettings(TrainedSettings):
         """Robots in sequence have as many whole episodes each."""
         if self.robots == 1:
             return self
+
         count = self.environments
         least = self.robots * count * self.episode_steps
         if self.steps % least:
@@ -110,6 +113,7 @@ class RunSettings(TrainedSettings):
                 f"{self.episode_steps} control steps{where}: steps must be {up}, or another "
                 f"multiple of {least}"
             )
+
         return self
 
     @model_validator(mode="after")
@@ -123,16 +127,19 @@ class RunSettings(TrainedSettings):
             raise ValueError(
                 f"{self.ofe.units} learned features are called {self.ofe.representation}"
             )
+
         if not (self.algorithm.learns_features and ENGINES[self.engine].has_options):
             # PPO keeps no transitions to learn features from.
             raise ValueError(
                 f"{name} is for DDPG, TD3 and SAC of the batched engine, not for {self.algo} of "
                 f"the engine {self.engine}; choose td3, or another representation"
             )
+
         if self.encoder is not None:
             raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
         if obstacle := self.algorithm.obstacle_to_features():
             raise ValueError(f"{name} {obstacle}")
+
         return self
 
     @property

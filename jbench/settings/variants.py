@@ -69,9 +69,11 @@ def variant_words(
     if jitterbug and len(jitterbug) < len(settings):  # their defaults are others
         others = {v: run for v, run in settings.items() if v not in jitterbug}
         return variant_words(jitterbug, dates) | variant_words(others, dates)
+
     groups: dict[str, dict[str, Run]] = {}
     for variant, run in settings.items():
         groups.setdefault(alike(run, _SAME_NAME), {})[variant] = run
+
     first = dict(next(iter(group.items())) for group in groups.values())
     words = _labels(first, word, (*_SAME_NAME, _WHOSE), in_words=True, always_named=True)
     named: dict[str, str] = {}
@@ -82,6 +84,7 @@ def variant_words(
             more = _labels(same_task, word, in_words=True)
             for v, text in more.items():
                 named[v] = ", ".join(filter(None, (words[variant], text)))
+
     return named
 
 
@@ -98,6 +101,7 @@ def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
             value = getattr(holder, name, None)
             if isinstance(value, str):
                 dates[value] = min(date, dates.get(value, date))
+
     return dates
 
 
@@ -134,6 +138,7 @@ def _labels(
     flat = {v: _with_base(flatten(values), in_words) for v, values in settings.items()}
     if in_words:
         flat = _with_encoders(flat)
+
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
         path
@@ -155,9 +160,11 @@ def _labels(
         unusual = sorted(filter(texts.get, differing), key=lambda p: values.get(p) == usual.get(p))
         shown = {*unusual[:_NAMED_SETTINGS]}
         labels[variant] = ", ".join(texts[path] for path in differing if path in shown)
+
     # Labels must stay distinct, even if settings are left out or values are cut short.
     if len(differing) > _NAMED_SETTINGS or len(set(labels.values())) < len(labels):
         labels = {v: ", ".join(filter(None, (label, f"… ({v})"))) for v, label in labels.items()}
+
     return labels
 
 
@@ -170,6 +177,7 @@ def _with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
     shared = {values.get(_ENCODER) for values in flat.values()} - {None}
     if not (draws and shared):
         return dict(flat)
+
     changed = {}
     for variant, values in flat.items():
         each = values.get(_DRAWS) is not None
@@ -180,6 +188,7 @@ def _with_encoders(flat: Mapping[str, Flat]) -> dict[str, Flat]:
             and not (path == _ENCODER and len(shared) == 1)
         }
         changed[variant] = {(_WHOSE,): "each" if each else "one"} | kept
+
     return changed
 
 
@@ -192,6 +201,7 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
     given = {path: value for path, value in flat.items() if path[0] == _TABLE}
     if algo not in SETTINGS or not given:
         return flat
+
     bases = _bases(algo)
 
     def changed(base: str) -> Flat:
@@ -205,6 +215,7 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
         changes = {p: v for p, v in changes.items() if v != omitted.get(p, ...)}
     if base != "published":
         changes = changes | changed(base)
+
     return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in given} | changes
 
 

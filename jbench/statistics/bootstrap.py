@@ -60,6 +60,7 @@ def interquartile_mean(strata: Strata) -> FloatArray:
     if len({*sizes}) == 1:
         ordered = np.sort(scores, axis=-1)
         return np.asarray(np.mean(ordered[..., count // 4 : count - count // 4], axis=-1))
+
     weights = np.concatenate([np.full(n, 1 / n / len(sizes)) for n in sizes])
     order = np.argsort(scores, axis=-1)
     ends = np.cumsum(weights[order], axis=-1)
@@ -144,6 +145,7 @@ class Resampled(NamedTuple):
         drawn = self.drawn[~np.isnan(self.drawn)]
         if not len(drawn):
             return Estimate(self.value)
+
         tail = (1 - confidence) / 2
         infinite = np.isinf(drawn).any()
         method: Any = "higher" if infinite else "linear"
@@ -167,6 +169,7 @@ def samples(
     values = [float(statistic(*groups)) if fewest else np.nan for statistic in statistics]
     if fewest < MIN_SEEDS:
         return [Resampled(value, np.empty(0)) for value in values]
+
     random = np.random.default_rng(0)
     chosen = []
     drawn = []
@@ -174,6 +177,7 @@ def samples(
         indices = [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
         chosen.append(indices)
         drawn.append([seeds[index] for seeds, index in zip(strata, indices, strict=True)])
+
     return [
         # Comparing all pairs of seeds in each resample would take most of the time of a report.
         Resampled(value, _improvements(groups, chosen))
@@ -212,4 +216,5 @@ def _improvements(groups: Sequence[Strata], chosen: Sequence[Sequence[IntArray]]
         # Sums of halves have no rounding errors.
         won = np.einsum("ij,ij->i", counts(ours) @ _won(x, y), counts(theirs))
         shares.append(won / (len(x) * len(y)))
+
     return np.asarray(np.mean(shares, axis=0))

@@ -106,7 +106,9 @@ def first_above(
                 allowed = int(error_rate * (j + 1) / analyses * sums.shape[-1])
                 boundaries.append(_boundary(sums, crossed, allowed) + rounding)
                 first[(first == 0) & (sums[..., 0] > boundaries[j][..., 0])] = j + 1
+
             crossed |= sums > boundaries[j]
+
     return first
 
 
@@ -135,12 +137,14 @@ def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, analyses: i
     low = high - (4 * float(np.ptp(np.concatenate([ours - high, theirs]))) + 1e-9)
     if not first_above(ours - low, theirs, error_rate, analyses):
         return -np.inf
+
     for _ in range(_BISECTIONS):
         shift = (low + high) / 2
         if first_above(ours - shift, theirs, error_rate, analyses):
             low = shift
         else:
             high = shift
+
     return low
 
 
@@ -172,5 +176,7 @@ def _tables(count: int, blocks: int, max_size: int) -> list[IntArray]:
             tables.append(np.stack(drawn))
             tables[-1][:, 0] = 0
             break
+
         tables.append(np.indices((count,) * complete).reshape(complete, -1))
+
     return tables

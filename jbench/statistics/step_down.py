@@ -76,6 +76,7 @@ def step_down(reached: Reached, shares: Sequence[float], analyses: int) -> list[
             larger = (reached(i, name, 2 * total / n) for n in range(fewest, parts))
             if all(0 < reached_at <= analysis for reached_at in larger):
                 return name
+
         return None
 
     for analysis in range(1, analyses + 1):
@@ -86,6 +87,7 @@ def step_down(reached: Reached, shares: Sequence[float], analyses: int) -> list[
                 if stops[i] is None and (decided := verdict(i, parts, analysis)):
                     stops[i] = Stop(decided, analysis, 2 * total / parts)
                     new = True
+
     return stops
 
 
@@ -132,6 +134,7 @@ def decide(
         difference = float(ours.mean() - theirs.mean()) if analysis else np.nan
         spent = rate * analysis / analyses[i]
         decisions.append(Decision(verdict, seeds, difference, low, high, rate, spent))
+
     return decisions
 
 

@@ -68,6 +68,7 @@ def changed_since(record: Record, now: Code) -> list[str]:
         last = continued[-1] if isinstance(continued, list) and continued else {}
         code = last.get("code") if isinstance(last, Mapping) else None
         made = {**made, **code} if isinstance(code, Mapping) else made
+
     return changed_files(made, now)
 
 
@@ -111,9 +112,11 @@ def changed_files(before: Code, now: Code) -> list[str]:
             names += sorted(n for n in then.keys() | here.keys() if then.get(n) != here.get(n))
         elif _both(before, now, module) and before[module] != now[module]:
             names.append(next(iter(here), "the module"))
+
     # Another version of MuJoCo may compile other numbers from the same XML.
     if _both(before, now, ROBOT) and before[ROBOT] != now[ROBOT] and _same_mujoco(before):
         names.append(ROBOT_NAME)
+
     return names
 
 

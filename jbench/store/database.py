@@ -34,8 +34,10 @@ class Results:
             is_file = path.exists() and not path.is_dir()
         except OSError as error:
             raise WorkError(f"{path} can't be read ({error.strerror}).") from None
+
         if is_file:
             raise RequestError(f"{path} is a file; name a directory with --results.")
+
         self.path = path
         self.name = name or path
         self.may_lack = may_lack
@@ -68,11 +70,13 @@ class Results:
             text = Path(text).resolve().relative_to(root).as_posix()
         if (self.folder(kind, text).path / MANIFEST).exists():
             return text
+
         ids = [record.id for record in self.scan(kind, text)[0]]
         if len(ids) > 1:
             some = ", ".join(ids[:_MAX_SHOWN])
             more = f" and {len(ids) - _MAX_SHOWN} more" if len(ids) > _MAX_SHOWN else ""
             raise RequestError(f"Several {kind}s begin with {text}: {some}{more}; type more of it.")
+
         return ids[0] if ids else text
 
     @contextlib.contextmanager
@@ -107,6 +111,7 @@ class Results:
                     records.append(record)
             except files.RecordError as error:
                 problems.append(str(error))
+
         return sorted(records, key=lambda record: (record.manifest.created, record.id)), problems
 
     def ids(self, kind: Kind) -> set[str]:
@@ -125,6 +130,7 @@ class Results:
             stack.append(self.inside(f"{kind}s/{id}"))
         except files.UnreadableError as error:
             yield Folder(error.path, kind, id, problem=error.problem)
+
         while stack:
             path = stack.pop()
             id = path.relative_to(top).as_posix()
@@ -135,6 +141,7 @@ class Results:
             except OSError as error:
                 yield Folder(path, kind, id, problem=f"can't be read ({error.strerror})")
                 continue
+
             below = {e.name for e in entries if e.is_dir(follow_symlinks=False)} - {MANIFEST}
             stack.extend(path / name for name in sorted(below, reverse=True))
             names = [entry.name for entry in entries if entry.name not in below]

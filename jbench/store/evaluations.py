@@ -44,6 +44,7 @@ def joined_runs(
         if where == (run.get("task"), _last_robot(run), None) and isinstance(episodes, int):
             key = policy, str(settings.get("seed"))
             longest[key] = max(longest.get(key, (0, "")), (episodes, name))
+
     return {name: run for (run, _), (_, name) in longest.items()}
 
 
@@ -68,6 +69,7 @@ def added_returns(
                 problems.append(str(error))
             else:
                 returns.setdefault(joined[record.id], []).append(rows)
+
     return returns, problems
 
 
@@ -96,6 +98,7 @@ def with_added_episodes(
     joined = joined_runs(dict(zip(runs["run"], known, strict=True)), described)
     if not joined or not evaluations.num_rows:
         return evaluations
+
     episodes = tables["policy_episodes"]
     added = episodes.assign(run=episodes["evaluation"].astype(str).map(joined)).dropna(subset="run")
     keys = ["run", "evaluation", "control_steps", "processor_time"]
@@ -104,6 +107,7 @@ def with_added_episodes(
     more = added[["run", "episode_return"]].merge(last, on="run")
     if more.empty:
         return evaluations
+
     more = more.assign(episode=np.arange(len(more)) + ADDED)
     rows = pa.Table.from_pandas(more[evaluations.column_names], preserve_index=False)
     return pa.concat_tables([evaluations, rows.cast(evaluations.schema)])

@@ -87,6 +87,7 @@ def make_directory(path: Path) -> None:
         ) from None
     except OSError as error:
         raise WorkError(f"The directory {path} can't be made ({error.strerror}).") from None
+
     if not os.access(path, os.W_OK | os.X_OK):
         raise RequestError(f"{path} is not writable; name a directory that you may write to.")
 
@@ -110,6 +111,7 @@ def write_atomic(path: Path, content: bytes) -> None:
             os.fsync(handle)
         finally:
             close(handle)
+
         os.chmod(temporary, 0o644)
         _replace(temporary, path)
         temporary = None
@@ -120,6 +122,7 @@ def write_atomic(path: Path, content: bytes) -> None:
                 f"No room left to write {path.name} in {path.parent}; what was finished is kept: "
                 "free some space and type the command again."
             ) from None
+
         raise WorkError(f"{path} can't be written ({error.strerror}).") from None
     finally:
         if temporary is not None:
@@ -135,6 +138,7 @@ def move(path: Path, to: Path) -> None:
         path.rename(to)
     except OSError as error:
         raise WorkError(f"{path} can't be moved to {to} ({error.strerror}).") from None
+
     # The move succeeded even if syncing fails.
     with contextlib.suppress(OSError):
         _sync_directory(to.parent)

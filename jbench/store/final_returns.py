@@ -27,6 +27,7 @@ def final_returns(results: Results) -> tuple[pa.Table, list[str]]:
         except WorkError as error:
             problems.append(str(error))
             continue
+
         diverged = isinstance(record.manifest.summary.get("diverged"), dict)
         rows.append(
             {
@@ -38,4 +39,5 @@ def final_returns(results: Results) -> tuple[pa.Table, list[str]]:
                 "error": line["error"],
             }
         )
+
     return pa.Table.from_pylist(rows, schema.TABLES["final_returns"]), problems

@@ -64,6 +64,7 @@ class Follower:
                     self._reported.add(str(error))
                     yield str(error)
                 continue
+
             self._stamps[folder.id] = now
             if record is not None and change is not None:
                 self._seen[folder.id] = record
@@ -93,6 +94,7 @@ def _change(record: Record, before: Record | None) -> Change:
         or any(record.rows(table) < before.rows(table) for table in schema.LOG_TABLES)
     ):
         before = None  # it has started over
+
     status_changed = before is None or record.status != before.status
     # The rows that the run did not have before; only the files that have them are read.
     rows: list[tuple[str, Row]] = []
@@ -105,6 +107,8 @@ def _change(record: Record, before: Record | None) -> Change:
                 part = record.read_part(entry, columns)
                 parts.append(part.slice(max(0, known - first)))
             first += entry.rows
+
         rows += [(table, finite(row)) for row in pa.concat_tables(parts).to_pylist()]
+
     rows.sort(key=lambda row: row[1]["control_steps"] or 0)
     return Change(record, before is None, status_changed, rows)

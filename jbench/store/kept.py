@@ -59,6 +59,7 @@ def with_kept(record: Record, rows: pa.Table) -> pa.Table:
         except (safetensors.SafetensorError, LookupError, ValueError) as error:
             problem = f"is damaged ({error})"
             raise DamagedError(record.path / _WEIGHTS, problem, record.advice) from None
+
     column = pa.nulls(len(rows), pa.float64()) if shares is None else pa.array(shares)
     return rows.append_column(pa.field(KEPT, pa.float64()), column)
 
@@ -84,6 +85,7 @@ def kept(
         return np.ones(len(features))
     if kind not in _DIRECTIONS:
         return None
+
     directions = weights[_DIRECTIONS[kind]]
     if directions.ndim != 2 or directions.shape[1] != len(features):
         raise ValueError("weights of another size")
@@ -91,6 +93,7 @@ def kept(
         raise ValueError("weights that are not finite")
     if kind == "dae-yaw":  # whose last latent is this feature itself
         directions = np.vstack([directions, np.equal(features, "velocity_angular_z")])
+
     return kept_by(directions)
 
 

@@ -66,6 +66,7 @@ def read_rows(
             for field in columns:
                 if field.name not in rows.column_names:
                     rows = rows.append_column(field, pa.nulls(rows.num_rows, field.type))
+
         if columns is None or rows.schema.equals(columns, check_metadata=True):
             return rows  # a cast takes a sixth of the time of reading
         return rows.select(columns.names).cast(columns)

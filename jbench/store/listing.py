@@ -74,17 +74,20 @@ def _counted(record: Record) -> Row:
         text = json.dumps(diverged, sort_keys=True) if isinstance(diverged, dict) else None
         counts = {"variant": variant(record.settings), "episodes": record.rows("episodes")}
         return {**counts, "diverged": text, "error": record.error}
+
     if record.kind == "encoder":
         return {"representation": record.path.parent.name}
     if record.kind == "dataset":
         # A committed episode has a state more than it has steps.
         steps = record.rows("steps") - record.rows("dataset_episodes")
         return {"steps_done": steps, "bytes": record.size}
+
     if record.kind == "import":
         hashes, names = record.settings.get("files"), manifest.provenance.get("files")
         if isinstance(hashes, list) and isinstance(names, list):
             return {"files": json.dumps(dict(zip(hashes, names, strict=False)))}
         return {"files": "{}"}
+
     return {}
 
 
@@ -108,10 +111,12 @@ def list_runs(
                 chosen.append((record, line))
         except WorkError as error:
             problems.append(str(error))
+
     added: dict[str, list[NDArray[np.float64]]] = {}
     if returns and kind == "run":
         added, unread = added_returns(results, {record.id: record.settings for record, _ in chosen})
         problems += unread
+
     lines: list[Row] = []
     # By algorithm and representation, the settings of each variant.
     variants: dict[tuple[str, str], dict[str, Run]] = {}
@@ -122,15 +127,18 @@ def list_runs(
         except WorkError as error:
             problems.append(str(error))
             continue
+
         run = read_run(record.settings)
         if not isinstance(run, Unreadable):
             variants.setdefault((line["algo"], line["representation"]), {})[line["variant"]] = run
+
     begun = ((read_run(record.settings), record.manifest.created) for record, _ in chosen)
     dates = code_dates(begun)
     words = {names: variant_words(runs, dates) for names, runs in variants.items()}
     for line in lines:
         named = words.get((line["algo"], line["representation"]), {})
         line["variant"] = named.get(line["variant"], "")
+
     return lines, problems
 
 
@@ -150,6 +158,7 @@ def make_line(record: Record) -> Row:
     done = record.manifest.summary.get("control_steps" if is_import else "steps_done")
     if not isinstance(done, int | float) or not math.isfinite(done):
         done = 0 if is_import else episodes * recorded_episode_steps(record.settings)
+
     line = {
         "run": record.id,
         **{name: row[name] for name in ("task", "algo", "representation", "seed", "status")},
@@ -178,7 +187,9 @@ def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> R
             line["evaluation_return_at_end"] = line["last_return"]
         else:
             line["last_return"] = final_return(returns)
+
         return line
+
     rows = record.read("episodes")
     if len(rows):
         line["last_return"] = final_return(rows["episode_return"].to_numpy())
@@ -187,6 +198,7 @@ def line_with_returns(record: Record, added: Sequence[NDArray[np.float64]]) -> R
             line[name] = final_return(evaluations, "evaluation")
         if line["wall_time"] is None:
             line["wall_time"] = rows["wall_time"][-1].as_py()
+
     return finite(line)
 
 

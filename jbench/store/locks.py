@@ -47,6 +47,7 @@ def hold(
         handle = os.open(path, access | files.PLAIN, 0o644)
     except OSError as error:
         raise WorkError(f"{path} can't be opened ({error.strerror}).") from None
+
     try:
         try:
             portalocker.lock(handle, kind)
@@ -56,6 +57,7 @@ def hold(
             # portalocker wraps the error of the system.
             reason = getattr(error.__cause__, "strerror", None) or error
             raise WorkError(f"{path} can't be locked ({reason}).") from None
+
         yield
     finally:
         files.close(handle)

@@ -56,6 +56,7 @@ def check_json(value: Any, texts: bool = True) -> Any:
             raise ValueError(f"{item[:40]!r} has characters that can't be printed, or too many")
         elif kind is int and not -_MAX_INTEGER <= item < _MAX_INTEGER:
             raise ValueError("a number is too large")
+
     return value
 
 
@@ -159,8 +160,10 @@ class Manifest(BaseModel):
         except OSError as error:
             kind = files.DamagedError if files.is_missing(error) else files.UnreadableError
             raise kind(path, f"can't be read ({error.strerror})") from None
+
         if len(content) > _MAX_BYTES:
             raise files.DamagedError(path, "is larger than any manifest; it is not read")
+
         try:
             # The version is read first, since newer manifests may have other fields.
             version = _Versioned.model_validate_json(content).schema_version
@@ -168,6 +171,7 @@ class Manifest(BaseModel):
                 readable = f"{OLDEST_SCHEMA_VERSION} to {SCHEMA_VERSION}"
                 problem = f"is of schema version {version}, and this jbench reads {readable}"
                 raise files.UnreadableError(path, f"{problem}; install the jbench that wrote it")
+
             return cls.model_validate_json(content)
         except ValidationError as error:
             problem = f"is not a manifest that can be read ({_reason(error)})"

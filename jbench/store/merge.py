@@ -49,6 +49,7 @@ def merge(
             raise RequestError(f"{root} holds no results; name a directory with {named} in it.")
         if root.resolve() == results.path.resolve():
             raise RequestError(f"{root} is the results directory itself; name another.")
+
     folders = [
         (source, folder)
         for kind in KINDS  # dependencies first
@@ -65,7 +66,9 @@ def merge(
                 merged.append(Merged(name, _merged(results, source, folder, quarantine)))
             except (WorkError, RequestError) as error:
                 merged.append(Merged(name, "refused", str(error)))
+
             show(len(merged))
+
     return merged
 
 
@@ -75,6 +78,7 @@ def _merged(results: Results, source: Results, folder: Folder, quarantine: Quara
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
     if faults or other is None:
         raise WorkError(str(faults[0]) if faults else f"{folder.path} has disappeared.")
+
     target = results.folder(kind, id)
     outcome: Outcome = "copied"
     with results.locked(kind, id) as existing:
@@ -84,6 +88,7 @@ def _merged(results: Results, source: Results, folder: Folder, quarantine: Quara
             quarantine.take_record(results.found(kind, id))
         if outcome in ("copied", "replaced"):
             other.reading(partial(target.copy_from, other))
+
     return outcome
 
 
@@ -94,6 +99,7 @@ def _choose(mine: Record, other: Record) -> Outcome:
         return "kept" if finished[0] else "replaced"
     if mine.manifest.files == other.manifest.files:
         return "same"
+
     entries = (*mine.manifest.files, *other.manifest.files)
     # Paths follow from the evaluations; older versions did not record them.
     tables = sorted({entry.table for entry in entries if entry.table not in (None, "paths")})
@@ -101,6 +107,7 @@ def _choose(mine: Record, other: Record) -> Outcome:
     more = [other.rows(table) - mine.rows(table) for table in tables]
     if difference is None and all(finished):
         difference = _other_files(mine, other) or ("another number of rows" if any(more) else None)
+
     if difference is None:
         if not any(more):
             return _with_policy(mine, other) if all(finished) else "same"
@@ -110,6 +117,7 @@ def _choose(mine: Record, other: Record) -> Outcome:
         if max(more) <= 0:
             return "kept"
         difference = "each has rows that the other has not"
+
     raise WorkError(
         f"{other.path} has the settings of {mine.path}, but other content ({difference}); neither "
         "is changed."
@@ -129,6 +137,7 @@ def _other_files(mine: Record, other: Record) -> str | None:
         formats = {b'"network"' in record.read_file(POLICY_FILES[1]) for record in (mine, other)}
         if len(formats) > 1:
             return None
+
     return f"in {', '.join(sorted(names))}" if names else None
 
 
@@ -147,6 +156,7 @@ def _difference(mine: Record, other: Record, table: str) -> str | None:
     """Returns where the common rows of a table differ, except for times, or None."""
     if mine.parts(table) == other.parts(table):
         return None
+
     for ours, theirs in _common_rows(mine, other, table):
         if set(ours.column_names) != set(theirs.column_names):
             return f"other columns of {table}"
@@ -160,6 +170,7 @@ def _difference(mine: Record, other: Record, table: str) -> str | None:
             )
             if left != right:
                 return f"{name} of {table}"
+
     return None
 
 

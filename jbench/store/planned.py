@@ -62,6 +62,7 @@ def planned(
         code = _parts(other, _CODE)
         codes[canonical_json(code)] = code
         groups.setdefault(canonical_json(code), []).append(record)
+
     different = {entry.record.id for entry in changed}
     for key, members in reversed(groups.items()):
         candidate = _with_code(settings, codes[key])
@@ -70,6 +71,7 @@ def planned(
         is_own = exists and candidate.id not in different  # type: ignore[attr-defined]
         if is_own or all(same):
             return Planned(candidate, changed)
+
     return Planned(settings, changed)
 
 
@@ -84,6 +86,7 @@ def sentences(changed: Sequence[Changed]) -> Iterator[str]:
     by_files = dict[tuple[str, ...], list[Record]]()
     for entry in changed:
         by_files.setdefault(entry.files, []).append(entry.record)
+
     for files, records in by_files.items():
         last = records[-1]
         if len(records) == 1:
@@ -95,6 +98,7 @@ def sentences(changed: Sequence[Changed]) -> Iterator[str]:
                 f"({date_of(last)})"
             )
             stays = "they stay as they are"
+
         yield f"{have_changed(files)} since {which}: what is made now has another id, and {stays}."
 
 
@@ -138,4 +142,5 @@ def _configuration(settings: Settings, free: Collection[str]) -> str:
     if isinstance(specs := values.get("specs"), Mapping):
         left_out = (*_CODE, *_ROBOT)
         values["specs"] = {name: value for name, value in specs.items() if name not in left_out}
+
     return canonical_json(values)

@@ -63,6 +63,7 @@ def device_provenance(device: "torch.device") -> dict[str, str | None]:
     """Returns the device, "cpu" or "cuda", and the GPU, which it is, CUDA and driver versions."""
     if device.type != "cuda":
         return {"device": device.type}
+
     import torch
 
     return {

@@ -50,6 +50,7 @@ def load(
     problems: list[str] = []
     if "published" in names:
         tables["published"] = published()
+
     for kind, (table, file_tables) in KIND_TABLES.items():
         schemas = {
             name: _selected_columns(name, selected.get(name), coded)
@@ -70,9 +71,11 @@ def load(
         if table in names:
             rows = [row for row, _ in read]
             tables[table] = pa.Table.from_pylist(rows, schema.TABLES[table])
+
     if "final_returns" in names:
         tables["final_returns"], unread = final_returns(results)
         problems += [problem for problem in unread if problem not in problems]
+
     return Tables(tables, problems)
 
 
@@ -146,9 +149,11 @@ def _answer(
 ) -> pd.DataFrame:
     for name, rows in tables.items():
         connection.register(name, rows)
+
     statements = connection.extract_statements(sql)
     if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
         raise RequestError("A query is one SELECT statement; the results are read-only.")
+
     connection.execute(statements[0])
     frame = connection.df()
     # Integers and dates that DuckDB turns into floats and times are such again.
@@ -160,6 +165,7 @@ def _answer(
         elif type == "DATE":
             with contextlib.suppress(ValueError):  # Python has no dates after the year 9999
                 frame.isetitem(i, column.dt.date)
+
     return frame
 
 
@@ -178,6 +184,7 @@ def _refusal(error: duckdb.Error, tables: Iterable[str], sql: str) -> RequestErr
             )
         elif line.startswith(("Did you mean", "Either add")):
             message += f" {line}"
+
     return RequestError(f"{message} (tables: {', '.join(sorted(tables))}).")
 
 

@@ -54,13 +54,16 @@ class Folder:
             return None
         if not ID.fullmatch(self.id):
             raise files.DamagedError(path, f"is in {self.id!r}, which is not an id")
+
         named = f"{manifest.kind} {manifest.id}"
         if named != f"{self.kind} {self.id}":
             raise files.DamagedError(path, f"calls itself {named}; it is not read")
+
         left_out = tuple(filter(self._is_left_out, manifest.files))
         if left_out:
             there = tuple(entry for entry in manifest.files if entry not in left_out)
             manifest = manifest.model_copy(update={"files": there})
+
         return Record(self, manifest, left_out)
 
     def _is_left_out(self, entry: FileEntry) -> bool:
@@ -211,6 +214,7 @@ class Record:
         for role, content in states.items():  # the previous one stays intact until the commit
             name = f"{Path(role).stem}-*{Path(role).suffix}"
             added.append(listed.write(self.path, name, content, role=role))
+
         before = self.manifest.files
         dropped = {*states, *drop}
         kept = [e for e in before if e.role not in dropped and e.table not in replace]
@@ -245,6 +249,7 @@ class Record:
         parts = [entry for entry in before if entry.table is not None]
         if compact:
             parts = [self._join(table) for table in dict.fromkeys(e.table or "" for e in parts)]
+
         added = [listed.write(self.path, *item) for item in (new_files or {}).items()]
         entries = (*kept, *parts, *added)
         self._update(status="finished", summary=dict(summary), files=entries)

@@ -41,6 +41,7 @@ def repair(results: Results, findings: Sequence[Flaw], dry_run: bool = False) ->
             commands += _repair_folder(results, kind, id, quarantine)
         except (WorkError, RequestError) as error:
             left.append(str(error))
+
     return Repaired(list(quarantine.moved.items()), left, list(dict.fromkeys(commands)))
 
 
@@ -52,6 +53,7 @@ def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine
     looked_at.check()
     if dry_run and locks.is_held(looked_at.path):
         raise locks.HeldError(whose)
+
     # Folders without a lock have no writer.
     unlocked = dry_run or not os.path.lexists(looked_at.path / locks.LOCK)
     with contextlib.nullcontext() if unlocked else locks.hold(looked_at.path, whose):
@@ -66,5 +68,6 @@ def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine
         for flaw in flaws:
             if os.path.lexists(flaw.path):
                 quarantine.take(flaw.path)
+
     made = {} if record is None or not is_damaged else record.manifest.provenance
     return [shell_command(made)] if isinstance(made.get("command"), list) else []

@@ -41,14 +41,17 @@ def results_to_read(place: Results | Path | str) -> Results:
     """Returns results; "reference" names the shipped ones. Raises a RequestError if none exist."""
     if isinstance(place, Results):
         return place
+
     path = Path(place)
     if is_reference(path):
         return shipped_results()
+
     if not path.exists():
         raise RequestError(
             f"{place} does not exist; name another directory, such as {REFERENCE} (the results "
             "shipped with jbench), or type jbench demo to make results."
         )
+
     return Results(path)
 
 

@@ -70,6 +70,7 @@ def verify(results: Results, threads: int, progress: Progress = no_progress) -> 
         for outcome in pool.map(lambda folder: _check_beside_writers(results, folder), walked):
             checked.append(outcome)
             show(len(checked))
+
     records = [record for record, _ in checked if record is not None]
     intact = {(record.kind, record.id) for record in records} - {
         (flaw.kind, flaw.id) for _, flaws in checked for flaw in flaws if flaw.sort == "damaged"
@@ -79,6 +80,7 @@ def verify(results: Results, threads: int, progress: Progress = no_progress) -> 
         findings += flaws
         if record is not None:
             findings += _warnings(record, intact)
+
     sizes = [entry.bytes for record in records for entry in record.manifest.files]
     left_out = sum(bool(record.left_out) for record in records)
     return Verified(len(records), len(sizes), sum(sizes), findings, left_out)
@@ -136,6 +138,7 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
         named = {entry.name for entry in entries}
         for name in sorted({*folder.names} - named - {MANIFEST, locks.LOCK}):
             flaws.append(Flaw("leftover", kind, id, folder.path / name, "is listed by no manifest"))
+
     return record, flaws
 
 
@@ -146,14 +149,17 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
     needed: tuple[Kind, Any] = "encoder", settings.get("encoder") if record.kind == "run" else None
     if record.kind == "encoder" and record.status != "finished":
         needed = "dataset", settings.get("dataset")
+
     if record.kind == "evaluation":
         # The name of a hand-written policy has no slash; that of a shipped run begins with this.
         policy = str(settings.get("policy"))
         is_run = "/" in policy and not policy.startswith(f"{REFERENCE}/")
         needed = "run", policy if is_run else None
+
     kind, named = needed
     if named is not None and (kind, str(named)) not in intact:
         problems.append(f"names the {kind} {named}, which is not intact in these results")
+
     for what in ("created", "updated"):
         date = getattr(record.manifest, what)
         reason = None
@@ -163,7 +169,9 @@ def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[
                 reason = "in the future, so that its clock or this one is wrong"
         except (ValueError, TypeError):
             reason = "no date with a time zone"
+
         if reason is not None:
             problems.append(f"was {what} {date!r}: {reason}")
+
     for problem in problems:
         yield Flaw("warning", record.kind, record.id, record.path / MANIFEST, problem)

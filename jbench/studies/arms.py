@@ -86,6 +86,7 @@ class Arm:
                 "engine": self.part.engine or "batched",
                 "hyperparameters": ours.model_dump(mode="json"),
             }
+
         # Algorithms of other packages need torch.
         from jbench.agents.algorithms import algorithm_fields
 
@@ -149,6 +150,7 @@ def arms(parts: Parts) -> Iterator[Arm]:
                 task, slash, _ = name.partition("/")
                 if slash and task not in map(in_id, part.tasks):
                     raise RequestError(f"the encoder {name} is of {task}, which is not in tasks.")
+
         for task in part.tasks:
             for algo in part.algos:
                 for name in part.representations:

@@ -114,6 +114,7 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
             keys = _merged(defaults, table) | changes
             part = validated(Matrix, "the matrix", **keys)
             requested_ofe(f"{OFE}12", part.ofe)  # which checks them, of any size and if unused
+
         parts[where] = part
 
     trained = {algo for part in parts.values() for algo in part.algos}
@@ -123,9 +124,11 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
             f"{name}: [hyperparameters.{algo}] is for {algo}, which is not among the algos; leave "
             "the table out, or add it to them."
         )
+
     engines = sorted({part.engine or "batched" for part in parts.values()})
     if len(engines) > 1:
         raise RequestError(f"{name}: all parts need the same engine, not {' and '.join(engines)}.")
+
     return parts
 
 
@@ -154,6 +157,7 @@ def only(parts: Parts, chosen: Collection[str]) -> dict[str, Matrix]:
     every = list(dict.fromkeys(name for kind in names.values() for name in kind))
     for name in chosen:
         known("part, task, algorithm or representation", name, every)
+
     wanted = {key: [name for name in chosen if name in kind] for key, kind in names.items()}
 
     left = {}
@@ -167,6 +171,8 @@ def only(parts: Parts, chosen: Collection[str]) -> dict[str, Matrix]:
         has_name = part.name in wanted["name"] or not wanted["name"]
         if has_name and all(kept.values()):
             left[where] = part.model_copy(update=kept)
+
     if not left:
         raise RequestError(f"No part of the matrix has {in_prose(chosen, 'and')}; leave one out.")
+
     return left

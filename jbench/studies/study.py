@@ -120,6 +120,7 @@ def read_entries(name: str) -> dict[str, Entry]:
             f"{name}: the shares of the comparisons add up to {given:g}{left}; together they have "
             f"{ERROR_RATE:g}, so write smaller ones."
         )
+
     equal = (ERROR_RATE - given) / max(1, rest)
     return {
         where: entry.model_copy(update={"share": entry.share or equal})
@@ -163,6 +164,7 @@ def planned(
                     first, second, labels, _common(entry), entry.share, entry.claim, most
                 )
             )
+
     return listed
 
 
@@ -213,6 +215,7 @@ def _pair(every: Sequence[Arm], entry: Entry) -> tuple[Arm, Arm]:
     first, second = entry.first, entry.second
     if first == second:
         raise RequestError(f"first and second are both {first.representation}; name another one.")
+
     free = _differing(first, second)
     pairs = [
         (ours, theirs)
@@ -227,11 +230,13 @@ def _pair(every: Sequence[Arm], entry: Entry) -> tuple[Arm, Arm]:
             f"the matrix has no {both}{steps} that differ only in their representation, or in what "
             "the entry names of one side; choose others, or give both the same settings."
         )
+
     if len(pairs) > 1:
         raise RequestError(
             f"the matrix has {both} with {len(pairs)} settings; write which to compare: steps, "
             "settings, hyperparameters, or the encoder.seed of a side."
         )
+
     return pairs[0]
 
 

@@ -88,6 +88,7 @@ def matrix_cells(parts: Parts, results: Results, accept_changed: bool = False) -
         with named(arm.where):
             cell = _cell(arm, results, accept_changed)
         different.setdefault(tuple(run.id for run in cell.runs), cell)
+
     return list(different.values())
 
 
@@ -121,6 +122,7 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
     runs, notes = plan_runs(runs, results, accept_changed)
     if not matrix.model_dump()["evaluation"]["every"]:
         runs = with_kept_interval(runs, results)
+
     made = tuple(encoders.values())
     return Cell(task, arm.algo, name, runs, arm.settings, made, dataset, arm, tuple(notes))
 
@@ -131,6 +133,7 @@ def _encoder(
     wanted = named_encoder(name, task)
     if wanted is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
+
     assert wanted is not None
     present = encoder_settings(
         wanted.kind,
@@ -208,6 +211,7 @@ def prepare(cells: Sequence[Cell], results: Results, device: str, report: Report
 
     for encoder_id, reason in failures.items():
         report(Event("warning", text=f"the runs on {encoder_id} are left out: {reason}"))
+
     return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}
 
 

@@ -77,6 +77,7 @@ def cell_statuses(
                 evaluating=_evaluating(cell.runs[0], seconds, device) if left and seconds else 0.0,
             )
         )
+
     return all_statuses
 
 
@@ -108,6 +109,7 @@ def forecast(statuses: Sequence[CellStatus], jobs: int) -> str | None:
     parts = [(status.evaluating, status.seconds_left or 0.0) for status in statuses]
     share = sum(part * time for part, time in parts) / sum(time for _, time in parts)
     most = " Evaluations take most of it; --evaluate-episodes makes them shorter."
+
     return (
         f"This takes about {duration(seconds)}: {counted(len(runs), 'run')}, {steps:,} control "
         f"steps at {steps / seconds:,.0f} steps/s, {counted(jobs, 'process', 'processes')} at a "
@@ -131,6 +133,7 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
         transitions = min(size, run.steps) if device == "cpu" else size
         needed += 4 * (task.observation_size + task.action_size + 1) * transitions
         most = max(most, transitions)
+
     if needed < _MIN_REPORTED:
         return None
 
@@ -143,6 +146,7 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     text = f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of {what}"
     if free is None or needed <= _USABLE * free:
         return f"{text}."
+
     return (
         f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
         f"--set buffer_size={int(most * free / needed / 2)}."
@@ -180,6 +184,7 @@ def _measured(results: Results, device: str) -> dict[str, tuple[float | None, st
                 per_step = time / steps / (summary.get("together") or 1)
                 for free in (SEED, COST):
                     seconds.setdefault(alike(run, free), []).append(per_step)
+
     return {key: (statistics.median(s), "measured runs") for key, s in seconds.items()}
 
 

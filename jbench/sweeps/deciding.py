@@ -59,12 +59,14 @@ def comparisons(
     """
     if entries:
         return chosen(planned(parts, entries, max_seeds), typed, listed=True)
+
     every = with_baselines(parts, max_seeds)
     if not every:
         raise RequestError(
             "No two configurations of this matrix differ only in a representation and full or "
             "scaled, so there is nothing to decide; leave --until-decided out."
         )
+
     return chosen(every, typed, listed=False)
 
 
@@ -118,6 +120,7 @@ def outcomes(
         for comparison, (first, second) in zip(comparisons, pairs, strict=True)
     ]
     decisions = decide(comparisons, sides)
+
     return [
         _outcome(comparison, pair, both, decision, finished)
         for comparison, pair, both, decision in zip(
@@ -145,6 +148,7 @@ def _outcome(
                 needed.append(run)
             elif known[run.seed] is None:
                 unknown.append(run.id)
+
     return Outcome(comparison, cells, decision, needed, unknown[0] if unknown else "")
 
 

@@ -47,6 +47,7 @@ class Local:
         assert process.stdin is not None
         assert process.stdout is not None
         self._processes.add(process)
+
         try:
             if self._stopped:  # while the process was started, so `stop` did not find it
                 return
@@ -97,6 +98,7 @@ class Ray:
         except ImportError:
             hint = "--executor ray needs Ray; type pip install 'jbench[cluster]'."
             raise RequestError(hint) from None
+
         self._ray: Any = ray
         self.device = "cuda" if gpus_per_task else "cpu"
         self._results = Results(results.path.resolve())
@@ -113,8 +115,10 @@ class Ray:
                 f"--gpus-per-task {gpus_per_task:g}: the cluster has {gpus:g} GPUs; type less, or "
                 "0 for none."
             )
+
         if gpus_per_task:
             room = min(room, int(gpus / gpus_per_task))
+
         self.jobs = jobs or max(1, room)
 
         # If a node dies, Ray restarts its tasks on another one, without limit.
@@ -143,6 +147,7 @@ class Ray:
         if not address:
             options["num_cpus"] = jobs or None
             options["include_dashboard"] = False
+
         try:
             if address and address not in ("auto", "local"):
                 # Ray itself retries an unreachable address for many minutes.
@@ -150,6 +155,7 @@ class Ray:
                 if not port.isdecimal() or int(port) >= 2**16:
                     raise ValueError("it is not HOST:PORT")
                 socket.create_connection((host, int(port)), timeout=10).close()
+
             self._ray.init(address or "local", ignore_reinit_error=True, **options)
         except (OSError, ValueError, RuntimeError) as error:
             reason = (str(error).splitlines() or [""])[0]
@@ -183,6 +189,7 @@ class Ray:
             ended = [Event("failed", run.id, f"its task failed: {reason}") for run in runs]
         except self._ray.exceptions.RayError:
             return
+
         where = f"it is finished where it ran, but not in {self._results.path} here"
         for event in ended:
             arrived = event.kind != "finished" or self._arrives(event.run)
@@ -215,6 +222,7 @@ def train_batch(request: str) -> str:
         sys.argv = content["command"]  # which records contain
         events = Local(Results(path), 1, **content["options"]).train(runs)
         ended = [event for event in events if event.is_last]
+
     return f"[{', '.join(event.to_json() for event in ended)}]"
 
 

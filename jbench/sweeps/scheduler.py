@@ -74,6 +74,7 @@ def sweep(
     for encoder in {encoder.id: encoder for cell in cells for encoder in cell.encoders}.values():
         results.clean("dataset", encoder.dataset)
         results.clean("encoder", encoder.id)
+
     for run in all_runs(cells):
         results.clean("run", run.id)
 
@@ -83,15 +84,18 @@ def sweep(
     if retry_failed:
         failed = failures_among(statuses)
         waiting |= {id for id in failed if not statuses[id].fails_again}
+
     cells = with_runs(cells, waiting)
     new = [run for run in all_runs(cells) if statuses[run.id].state == "missing"]
     for sentence in (*notes, *sentences(statuses, retry_failed), *new_beginnings(new, results)):
         report(Event("note", text=sentence))
+
     if not cells:
         return {}
 
     for run in new:
         checked_task(run.task)
+
     make_directory(results.folder("run", cells[0].runs[0].id).path)
     executor = make_executor() if make_executor else Local(results)
     pool = ThreadPoolExecutor(executor.jobs)
@@ -105,6 +109,7 @@ def sweep(
             report(Event("training", runs=runs))
             scheduler = _Scheduler(results, executor, pool, report, failures_among(statuses), wait)
             failures |= scheduler.train(runs)
+
         return failures
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
@@ -122,6 +127,7 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     for run in runs:
         key = alike(run, SEED) if ENGINES[run.engine].takes_many_seeds else run.id
         configurations.setdefault(key, []).append(run)
+
     most = jobs if device == "cpu" else 1
     return [
         [seeds[i] for i in part]
@@ -197,6 +203,7 @@ class _Scheduler:
                 run = left.pop(event.run) if event.is_last else left[event.run]
                 self.events.put(Event("held", runs=[run]) if event.kind == "held" else event)
             self.events.put(Event("ended", runs=runs))
+
         return list(left.values())
 
     def _handle(self, event: Event | _Future) -> None:
@@ -229,6 +236,7 @@ class _Scheduler:
             how = "each is tried again in a process of its own" if alone else "they are tried again"
             self.report(Event("note", text=f"The process of {_named(runs)} died; {how}."))
             return
+
         reason = f"its process died without a message, {deaths} times"
         for run in runs:
             record_failure(run, self.results, reason)
@@ -243,6 +251,7 @@ class _Scheduler:
             sentence = f"Another process is training {_named(new)}; {verb} {then}."
             self.report(Event("note", text=sentence))
             self.elsewhere.update(run.id for run in new)
+
         if self.wait:
             self._submit([runs])
 

@@ -50,6 +50,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise RequestError(f"render_mode is rgb_array or None, not {render_mode!r}.")
+
         robot_task = find_task(task)
         self._given = task, render_mode, camera, width, height, augment
         self.task = task
@@ -65,6 +66,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = gymnasium.spaces.Box(-1, 1, (robot_task.action_size,), np.float32)
         if robot_task.control_timestep:
             self.metadata = {**self.metadata, "render_fps": round(1 / robot_task.control_timestep)}
+
         self._camera = None if render_mode is None else self._find_camera(camera)
 
     @property
@@ -105,6 +107,7 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             )
         if self._elapsed is None or self._elapsed == self._worlds.episode_steps:
             raise ResetNeeded("Call reset before step.")
+
         observations, rewards = self._worlds.step(np.asarray(action)[None])
         self._worlds.check()
         self._elapsed += 1

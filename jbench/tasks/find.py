@@ -58,6 +58,7 @@ def find_task(name: str) -> Task:
     if name in (points := installed_tasks()):
         factory = plugins.load("task", points[name])
         return _made_by(name, factory, source_files(points[name].module))
+
     raise unknown_task(name)
 
 
@@ -87,6 +88,7 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
     fields = [n for n in names if getattr(now, n, None) != getattr(recorded, n, None)]
     if not fields:
         return
+
     raise RequestError(
         f"The task {name} has changed since it was recorded: its {in_prose(fields, 'and')} differ; "
         "use the task's code of then, or train again."
@@ -112,9 +114,11 @@ def unknown_task(name: str) -> RequestError:
     if close is None:  # a domain, such as cartpole or HalfCheetah-v5
         domains = {task.removeprefix(SUITE).partition("-")[0]: task for task in SUITE_TASKS[::-1]}
         close = next((task for domain, task in domains.items() if domain in name.lower()), None)
+
     hint = f"did you mean {close}? Choose" if close else "choose"
     if re.search(r"-v\d+$", name):
         hint = f"did you mean {GYM}{name}? Choose"
+
     return RequestError(
         f"Unknown task {name!r}; {hint} {', '.join(TASKS)}, a task that jbench tasks lists, or "
         f"MODULE:NAME."
@@ -127,12 +131,14 @@ def _suite_task(name: str) -> DmTask:
             f"{name} needs dm-control, which pip can't install on Python 3.13 and later (labmaze "
             "has no wheel there); use Python 3.11 or 3.12, or a task of the Jitterbug."
         )
+
     from dm_control import suite
 
     logging.getLogger("absl").setLevel(logging.ERROR)  # of attributes that MuJoCo ignores
     domain, _, task = name.removeprefix(SUITE).partition("-")
     if (domain, task) not in suite.ALL_TASKS or "jitterbug" in domain:
         raise unknown_task(name)
+
     return DmTask(name, lambda seed: suite.load(domain, task, task_kwargs={"random": seed}))
 
 
@@ -146,15 +152,18 @@ def _gym_task(name: str) -> DmTask:
                 f"{name}: {option!r} is no argument of gymnasium.make; type NAME=VALUE after the "
                 "comma."
             )
+
         try:
             arguments[key] = json.loads(value)
         except ValueError:
             arguments[key] = value
+
     try:
         gymnasium.spec(id)
     except (gymnasium.error.Error, ImportError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise RequestError(f"Gymnasium has no environment {id}: {reason}.") from None
+
     return DmTask(name, lambda seed: gymnasium.make(id, **arguments))
 
 
@@ -164,6 +173,7 @@ def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
             f"{name} is of type {type(factory).__name__}; name a function that returns a "
             "dm_env.Environment or a gymnasium.Env."
         )
+
     takes_random = "random" in inspect.signature(factory).parameters
     return DmTask(
         name,

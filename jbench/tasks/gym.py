@@ -64,11 +64,13 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         for value, known in ((task, TASKS), (camera, CAMERAS), (render_mode, modes)):
             if value not in known:
                 raise ValueError(f"{value!r} is not one of {', '.join(map(str, known))}")
+
         if not all(isinstance(side, int | np.integer) and side > 0 for side in (width, height)):
             raise RequestError(
                 "width and height must be whole numbers of pixels of at least 1, not "
                 f"{width!r} and {height!r}."
             )
+
         self.task = task
         self.render_mode = render_mode
         size = features.observation_size(task)
@@ -110,6 +112,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.show_target(self._target)
         if self.render_mode == "human":
             self.render()
+
         observation, _, info = self._outcome()
         return observation, info
 
@@ -123,10 +126,12 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise RequestError(
                 f"The action must be a number, of shape (1,), not {action!r}."
             ) from None
+
         mujoco.mj_step(self.model, self.data, nstep=PHYSICS_STEPS)
         observation, reward, info = self._outcome()
         if self.render_mode == "human":
             self.render()
+
         return observation, reward, False, False, info
 
     def show_target(self, target: Target) -> None:

@@ -45,6 +45,7 @@ class Artist:
         """
         if self._renderer is None:
             self._renderer = self._make(mode)
+
         # Positions of bodies and cameras are those before the last physics step.
         mujoco.mj_forward(self._model, self._data)
         # Another robot may have made its own context current.
@@ -69,6 +70,7 @@ class Artist:
                 )
         elif os.environ.get("MUJOCO_GL", "").strip().lower() in ("", *opengl.OFF):
             opengl.choose_backend()
+
         # Deferred, since this import looks for a window system.
         from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 

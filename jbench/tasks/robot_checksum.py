@@ -66,6 +66,7 @@ def physical_fields(model: Any) -> Iterator[tuple[str, NDArray[np.float64]]]:
             numbers = _numbers(getattr(holder, name))
             if numbers is not None and numbers.any():
                 yield f"{prefix}{name}", numbers
+
     # A rangefinder does not see what is transparent.
     yield "invisible geoms", np.flatnonzero(_alpha(model) == 0).astype(np.float64)
     if _has_camera_sensor(model):

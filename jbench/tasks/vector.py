@@ -69,6 +69,7 @@ class JitterbugVectorEnv(
                 f"render_mode {settings['render_mode']!r} is not one of {in_prose(modes)}; "
                 "gymnasium.make has more."
             )
+
         limit = task_specs.EPISODE_STEPS if max_episode_steps is None else max_episode_steps
         threads = cores() if threads is None else threads
         numbers = (num_envs, limit, threads)
@@ -78,6 +79,7 @@ class JitterbugVectorEnv(
                 "num_envs, max_episode_steps and threads must be whole numbers of at least 1, not "
                 f"{in_prose(map(str, numbers), 'and')}."
             )
+
         # Never stepped: it has the model and the spaces, and draws.
         self._single = JitterbugEnv(task, **settings)
         self.num_envs = num_envs
@@ -132,16 +134,20 @@ class JitterbugVectorEnv(
             )
         if partial is not None and not self._started:
             raise ResetNeeded("Call reset without reset_mask first.")
+
         chosen = resets.option_target(self._task, given, self.num_envs)
         count = self.num_envs
         if isinstance(seed, (int, np.integer)):
             seed = [int(seed) + index for index in range(count)]
+
         seeds = [None] * count if seed is None else seed
         if np.asarray(seeds, np.object_).shape != (count,):
             raise RequestError(f"seed is a whole number or a list of {count}, not {seed!r}.")
+
         for index in np.flatnonzero(mask).tolist():
             if seeds[index] is not None:
                 self._random[index] = seeding.np_random(seeds[index])
+
         state = self._restart(mask, chosen)
         observations, _, info = outcome(self._task, state, self._targets)
         self._started = True
@@ -163,18 +169,22 @@ class JitterbugVectorEnv(
             raise ResetNeeded(
                 'Episodes have ended: call reset(options={"reset_mask": truncations}) before step.'
             )
+
         try:
             commands = np.asarray(actions, np.float64)
         except (TypeError, ValueError):
             commands = np.empty(0)
+
         if commands.shape != (self.num_envs, 1):
             shape = f"({self.num_envs}, 1)"
             raise RequestError(f"actions must be numbers of shape {shape}, not {actions!r}.")
+
         restarted = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
         state = self._robots.step(commands[:, 0])
         self._elapsed += 1
         if restarted.any():
             state = self._restart(restarted)
+
         observations, rewards, info = outcome(self._task, state, self._targets)
         rewards[restarted] = 0
         truncations = self._ended
@@ -188,6 +198,7 @@ class JitterbugVectorEnv(
                 infos[f"_{key}"] = truncations.copy()
             state = self._restart(truncations)
             observations, _, info = outcome(self._task, state, self._targets)
+
         every = np.ones(self.num_envs, np.bool_)
         return observations, rewards, ~every, truncations, infos | _infos(info, every)
 

@@ -169,6 +169,7 @@ class DynamicModes(Linear, Fitted):
         later_white = _whitening(partial[size:, size:])
         _, correlations, rotation = np.linalg.svd(later_white @ partial[size:, :size] @ white.T)
         directions = scaling.with_positive_largest(rotation @ white)[:latents]
+
         return {
             "directions": directions,
             "mean": moments.mean[:size],

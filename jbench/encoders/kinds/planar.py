@@ -92,8 +92,10 @@ class PlanarReduction(Fitted):
         elif "away" in TASK_SPECS[task].rewards:
             way = geometry.rotated_in_plane(cosine, -sine, -position[..., 0], -position[..., 1])
             numbers |= _by_axis("target", way)
+
         if "angle_to_target" in by_name:
             numbers["angle"] = by_name["angle_to_target"][..., 0]
+
         return numbers
 
     def reduce(self, task: str, physical: Array) -> Array:
@@ -113,6 +115,7 @@ class PlanarReduction(Fitted):
         numbers = defaultdict[str, Array](lambda: zero)
         for i, name in enumerate(self.columns(task)):
             numbers[name] = latents[..., i]
+
         way = [numbers["target_x"], numbers["target_y"]]
         home = [zero, zero] if "x" in TASK_SPECS[task].drawn else [-part for part in way]
         place = [numbers.get(axis, part) for axis, part in zip("xy", home, strict=True)]

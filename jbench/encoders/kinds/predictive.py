@@ -75,11 +75,13 @@ class ForwardModel(Predictive):
         for batch in state_pairs(states.learn(), self.horizon, with_actions=True):
             changes.append(Moments.of(state_changes(batch, periods).cpu().numpy()))
             rewards.append(Moments.of(batch.rewards.mean(1, True).cpu().numpy()))
+
         constants = {"change.turn": periods}
         for name, parts in (("change.scale", changes), ("reward.scale", rewards)):
             sd = np.sqrt(np.diag(reduce(Moments.merged, parts).covariance))
             scale = inverse(np.where(sd > 1e-9, sd, 0))  # 0 for a constant column
             constants[name] = torch.from_numpy(scale.astype(np.float32)).to(states.device)
+
         return constants
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:

@@ -53,4 +53,5 @@ def _names(ours: Configuration, baselines: dict[str, Configuration]) -> list[str
         others = (FULL,)
     elif kind == RAW:
         others = BASELINES
+
     return [name for name in others if name in baselines]

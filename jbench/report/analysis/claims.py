@@ -134,6 +134,7 @@ def examine(
     for pair in reduced:
         for claim in "abc":
             yield _on_pair(claim, pair, kind_in(pair.theirs.representation))
+
     for harder, easier in product(reduced, repeat=2):
         if _differ_in_task(harder, easier):
             yield _on_gain(harder, easier)
@@ -212,6 +213,7 @@ def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
         effect = sample.estimate(0.9)
         low = -MARGIN
         high = MARGIN
+
     decided = decide(effect, pair.seeds, low, high, outer=outer, logarithmic=claim in _RATIOS)
 
     compared = f"{pair.ours.name} against {baseline}"
@@ -234,9 +236,11 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
         reason = f"of the agents alone: {interval if np.isfinite(value) else 'unknown'}"
         decided = replace(decided, verdict="undecided")
         remark = "; ".join(filter(None, (reason, remark)))
+
     if finding.claim == "b":
         opposite = {"supported": "contradicted", "contradicted": "supported"}
         decided = replace(decided, verdict=opposite.get(decided.verdict, decided.verdict))
+
     ours, theirs = (side.deviation_by_episodes for side in pair.scores)
     by_episodes = ours / theirs if theirs > 0 else np.nan
     return replace(finding, decided=decided, remark=remark, by_episodes=by_episodes)
@@ -253,6 +257,7 @@ def _on_gain(harder: Pair, easier: Pair) -> Finding:
     words = ", ".join(filter(None, (harder.ours.algo, harder.ours.words)))
     returns, source, _, remark = _common(*harder.sides)
     *_, other = _common(*easier.sides)
+
     return Finding(
         claim="d",
         compared=f"{words}: {_HARDER} against {_EASIER}",

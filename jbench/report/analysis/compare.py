@@ -66,9 +66,11 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
         family = [_compared(pairs, known) for pairs in chosen]
         judge(family)
         rows += [comparison.row() for comparison in family]
+
     for row in rows:
         if row["verdict"] in WORDS["a"]:
             row["text"] = f"{row['a']} {row['text']}"
+
     return pd.DataFrame(rows, columns=COMPARISONS)
 
 
@@ -92,6 +94,7 @@ def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
     samples = dict(zip(_NUMBERS, st.samples([*_NUMBERS], first, other), strict=True))
     for statistic, columns in _NUMBERS.items():
         names |= zip(columns, samples[statistic].estimate(), strict=False)
+
     difference = samples[IQM_DIFFERENCE]
     return Comparison(
         "a",
@@ -119,6 +122,7 @@ def across(ours: Configurations, theirs: Configurations, names: Collection[str])
     by_settings: dict[str, list[Configuration]] = {}
     for other in theirs:
         by_settings.setdefault(comparable(other.settings, *names), []).append(other)
+
     return [
         Pair(first, other)
         for first in ours
@@ -146,7 +150,9 @@ def left_out(ours: Configurations, theirs: Configurations, pairs: Sequence[Pair]
                 labels = variant_labels({"a": first.settings, "b": other.settings})
                 mine, their = (labels[key].removesuffix(f" ({key})") for key in "ab")
                 reason = f"{first.source} has {mine}; {other.source} has {their}"
+
             notes.append(f"{' '.join(named)} is not compared: {reason}.")
+
     return notes
 
 
@@ -178,6 +184,7 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
         for a, b, *numbers in both:
             labels = a.task, a.kind, a.configuration, b.configuration, a.label, b.label
             rows.append((*labels, *numbers, decided, int(a.longest)))
+
     return pd.DataFrame(rows, columns=PAIRS)
 
 

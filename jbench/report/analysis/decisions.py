@@ -74,6 +74,7 @@ def planned_comparisons(
                 for one in comparisons
             ]
             found.append(matched)
+
     return found
 
 
@@ -95,6 +96,7 @@ def _by_key(configurations: Iterable[Configuration]) -> dict[str, ByKind]:
         by_kind = {config.kind: config for config in configs}
         if len(by_kind) == len(configs):
             by_key[key] = by_kind
+
     return by_key
 
 
@@ -147,4 +149,5 @@ def _returns(by_kind: ByKind, arm: Arm, claim: str) -> dict[int, float | None]:
             usable = config.finished & (config.steps == arm.run.steps)
             for seed in config.seeds[usable].tolist():
                 returns[seed] = known.get(seed)
+
     return returns

@@ -99,11 +99,13 @@ def decide(
     if logarithmic and effect.value > 0:
         distance = float(np.log(effect.value / low))
         error = error / effect.value
+
     needed = seeds_to_decide(distance, error, seeds)
     if needed is None:
         return Decided()
     if seeds < st.DECIDING_SEEDS and needed <= st.DECIDING_SEEDS:
         return Decided(seeds_needed=st.DECIDING_SEEDS, seeds_needed_by="six-seed rule")
+
     return Decided(seeds_needed=needed, seeds_needed_by="80% power")
 
 

@@ -129,12 +129,14 @@ class Comparison:
         if by == _TOO_FEW or not np.isfinite([low, high]).any():
             reason = "the sequential test needs more" if by == SEQUENTIAL else "too few"
             return f"{signed(value)}, {reason} seeds"
+
         if low > 0:
             text = f"higher by {whole(low)} to {whole(high)}"
         elif high < 0:
             text = f"lower by {whole(-high)} to {whole(-low)}"
         else:
             text = f"{signed(low)} to {signed(high)}"
+
         return _NUMBERS[self.claim] + text
 
 

@@ -139,6 +139,7 @@ def ranges(configurations: Iterable[Configuration]) -> dict[str, Range]:
         lowest, highest = possible
         low, high = known.get(config.task, (lowest, highest))
         known[config.task] = (min(low, lowest), max(high, highest))
+
     return known
 
 
@@ -163,6 +164,7 @@ def on_all_tasks(configurations: Iterable[Configuration]) -> list[list[Configura
         # A file has one curve of a method on a task, of any length.
         steps = 0 if config.source == FILE else int(config.steps.max())
         groups.setdefault((config.label, steps), {}).setdefault(config.task, config)
+
     tasks = in_order(config.task for config in known)
     whole = [group for group in groups.values() if len(group) == len(tasks) > 1]
     return [[group[task] for task in tasks] for group in whole]
@@ -202,6 +204,7 @@ def profile_frame(configurations: Sequence[Configuration]) -> pd.DataFrame:
             "share": st.performance_profile(scores, thresholds),
         }
         parts.append((names, numbers))
+
     return long_frame(parts, PROFILES)
 
 
@@ -229,5 +232,6 @@ def with_file_means(frame: pd.DataFrame, configurations: Sequence[Configuration]
             "steps": max(ends),
         }
         rows.append(row)
+
     more = pd.DataFrame(rows, columns=frame.columns).astype({"reached": "Int64"})
     return pd.concat([frame, more], ignore_index=True) if rows else frame

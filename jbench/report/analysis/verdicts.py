@@ -64,9 +64,11 @@ def verdict_frame(
             decided = listed.get(tuple(names[key] for key in _KEYS))
             if decided is not None:
                 comparison.conclude(decided["verdict"], decided["low"], decided["high"], SEQUENTIAL)
+
         for claim in WORDS:
             judge([one for one in asked if one.claim == claim and one.judgment is None])
         every += asked
+
     return pd.DataFrame([comparison.row() for comparison in every], columns=VERDICTS)
 
 
@@ -86,5 +88,6 @@ def _comparison(claim: str, pair: Pair) -> Comparison:
             return low, high
 
         return Comparison(claim, names, estimate, interval, pair.decidable)
+
     sample = pair.sample(IQM_DIFFERENCE, "final" if claim == "a" else "area")
     return Comparison(claim, names, sample.estimate(), sample.interval, pair.decidable)

@@ -47,6 +47,7 @@ def divergence(recorded: str | None) -> tuple[float, str]:
     """Returns when a run diverged, in control steps and in words; NaN: never. It is untrusted."""
     if not isinstance(recorded, str):
         return np.nan, ""
+
     values: Any = json.loads(recorded)
     steps, update = (
         value if isinstance(value, int) and 0 <= value < 1 << 62 else None
@@ -55,6 +56,7 @@ def divergence(recorded: str | None) -> tuple[float, str]:
     words = [f"after {steps or 0:,} control steps", "" if update is None else f"update {update:,}"]
     if isinstance(values.get("what"), str):
         words.append(values["what"])
+
     return steps or 0, ", ".join(filter(None, words))
 
 
@@ -102,6 +104,7 @@ def build(
             same = same.sort_values(_ORDER, ascending=_ASCENDING)
             parts = words[same["settings_variant"].iloc[0]], codes[same.index[0]]
             built += _build(same, points, source, ", ".join(filter(None, parts)))
+
     built.sort(key=lambda config: (*paper_order(config), config.words))
     note_changes(built, dict(zip(runs["run"], runs["code"], strict=True)), begun)
     # Recorded settings may differ in nothing that has a name: then a hash tells them apart.
@@ -109,6 +112,7 @@ def build(
     for config in built:
         if known_names.setdefault(config.configuration, config.variant) != config.variant:
             config.set_words(", ".join(filter(None, (config.words, config.variant))))
+
     return built, notes
 
 
@@ -137,6 +141,7 @@ def _build(same: pd.DataFrame, points: ByKind, source: str, words: str) -> Itera
             length = used["typed"].iloc[0].episode_steps
             at = used["diverged"].to_numpy(float)
             stacks = count_divergence(stacks, at, longest, kind, length)
+
         config = Configuration(kind, used, stacks, source, words)
         config.notes = (*notes, *_notes_on_points(config, absent.sum(axis=1)))
         yield config
@@ -149,12 +154,14 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
     if len(chosen) < MIN_SEEDS:
         few = f"only {counted(len(chosen), 'seed')}"
         notes.append(f"{few}: too few for a band and for quantiles")
+
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
     for seed, recorded in same.drop(chosen.index).groupby("seed")["recorded"]:
         notes.append(
             f"seed {seed} has {len(recorded) + 1} runs: the longest is used, of {lengths[seed]} "
             f"{point}s, not that of {', '.join(map(str, recorded))}"
         )
+
     others, diverged = chosen[chosen["diverged"].isna()], chosen[chosen["diverged"].notna()]
     if len(diverged):
         which = ", ".join("seed " + diverged["seed"].astype(str) + " " + diverged["divergence"])
@@ -162,11 +169,14 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
             f"{len(diverged)} of {len(chosen)} diverged ({which}): from its divergence on, a seed "
             "counts with return 0, the minimum"
         )
+
     for ended in ("failed", "unfinished"):
         for seed in others["seed"][others["status"] == ended]:
             notes.append(f"seed {seed} {ended} after {counted(lengths[seed], point)}")
+
     if (different := others["recorded"]).nunique() > 1:
         notes.append(f"seeds of unequal length, {different.min()} to {different.max()} {point}s")
+
     return notes
 
 
@@ -185,15 +195,18 @@ def _notes_on_steps(config: Configuration) -> list[str]:
     common = config.common
     if common.interpolated and not len(common.control_steps):
         return ["its seeds have no control step in common, so it has no curve"]
+
     notes = []
     if common.interpolated:
         notes.append(
             "its seeds were logged at different control steps: each is interpolated linearly "
             "between its own points"
         )
+
     if len(common.control_steps) and (end := common.control_steps[-1]) < config.longest:
         of = "" if config.source == FILE else f" of {config.kind} returns"
         notes.append(
             f"its curve{of} ends at {end:,.0f} control steps, the last that every seed has reached"
         )
+
     return notes

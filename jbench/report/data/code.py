@@ -44,12 +44,14 @@ def split_by_code(runs: pd.DataFrame, alike: "pd.Series[str]") -> "pd.Series[str
                     break
             else:
                 clusters.append((dict(code), [index]))
+
         if len(clusters) < 2:
             continue
         dates = [str(runs.loc[members[0], "created"])[:DATE] for _, members in clusters]
         for number, (date, (_, members)) in enumerate(zip(dates, clusters, strict=True), 1):
             more = f", {number}" if dates.count(date) > 1 else ""
             names[members] = f"code of {date}{more}"
+
     return names
 
 
@@ -66,6 +68,7 @@ def note_changes(
     for config in configurations:
         settings = comparable(without_code(config.settings))
         families[config.task, config.algo, config.representation, settings].append(config)
+
     for family in families.values():
         for config in family:
             others = {c.variant: c for c in family if c.variant != config.variant}

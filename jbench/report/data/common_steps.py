@@ -60,6 +60,7 @@ def at_common_steps(
     if not seeds:
         nothing = np.empty((0, 0))
         return CommonPoints(np.empty(0), nothing, nothing, known, False)
+
     first = max(steps[0] for steps, _, _ in seeds)
     last = min(steps[-1] for steps, _, _ in seeds)
     inside = [(steps >= first) & (steps <= last) for steps, _, _ in seeds]
@@ -77,6 +78,7 @@ def at_common_steps(
         grid = np.linspace(first, last, max(2, *map(len, logged)))
     else:
         grid = np.unique(np.concatenate(logged))
+
     values = np.array([interpolated(distinct(steps, v), grid) for steps, v, _ in seeds])
     seconds = np.array([interpolated(distinct(steps, s), grid) for steps, _, s in seeds])
     return CommonPoints(grid, values, seconds, known, True)
@@ -115,6 +117,7 @@ def means_over_run(
     mine = [(place, points) for place, points in enumerate(seeds) if len(points[0])]
     if not mine:
         return means
+
     theirs = [steps for group in beside for steps, _ in group if len(steps)]
     ours = [steps for _, (steps, _) in mine]
     if _are_alike([*ours, *theirs]) and len({len(steps) for steps in ours}) == 1:
@@ -130,6 +133,7 @@ def means_over_run(
         steps, _ = points
         ends = (first, last) if first <= last else (steps[0], steps[-1])
         means[place] = interpolated(points, np.linspace(*ends, _FINE)).mean()
+
     return means
 
 

@@ -115,6 +115,7 @@ class Configuration:
         if self.diverged.any() and not self.diverged.all():
             longest = self.steps[~self.diverged].max()
             self.steps[self.diverged] = np.maximum(self.steps[self.diverged], longest)
+
         self.robots = 0 if self.settings.augment is None else self.settings.robots
         episodes = max(int(planned.max()) // self.settings.episode_steps, self.returns.shape[1])
         self.robot_episodes = -(-episodes // self.robots) if self.robots else 0
@@ -136,6 +137,7 @@ class Configuration:
             algo = self.shown
         elif self.shown is not None:
             shown, kind = self.shown, self.shown
+
         label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), words)))
         prefix = "" if source in (OWN, FILE) else f"{source}: "
         self.label = f"{prefix}{label}"
@@ -253,11 +255,13 @@ def rename(
             raise RequestError(
                 f"--names {old}={new}: the report has no {old}; it has {', '.join(known)}."
             )
+
     for config in every:
         old = config.identity[config.named_by]
         if old in chosen:
             config.shown = chosen[old]
             config.set_words(config.words)
+
     return chosen
 
 

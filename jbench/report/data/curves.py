@@ -68,11 +68,13 @@ def learning_curve(
     if not points:
         nothing = np.empty((len(QUANTILES), 0))
         return Curve(order, 1, control_steps, len(returns), nothing, np.empty(0, np.int64))
+
     window = _window(points, window)
     if order == "quantile-first":
         quantiles = sliding_average(quantiles_across_seeds(returns), window)
     else:
         quantiles = quantiles_across_seeds(sliding_average(returns, window))
+
     middles = centers(control_steps, window)
     return Curve(order, window, middles, len(returns), quantiles, _widths(points, window))
 
@@ -165,6 +167,7 @@ def final_returns(
         means = (mean_over_run(values) for values in (achieved, steps))
         mean, middle = (np.nan if mean is None else mean for mean in means)
         rows.append((mean, middle, deviation, len(finite)))
+
     return np.array(rows, float).T
 
 
@@ -201,10 +204,12 @@ def best_median(
     """
     for column, name in zip(CURVE[1:], names, strict=True):
         published = published[published[column] == name]
+
     medians = []
     for figure, curve in published.groupby("figure"):
         steps, median = curve[["steps", "median"]].to_numpy().T
         within = steps[0] - EPISODE_STEPS <= control_steps <= steps[-1] + EPISODE_STEPS
         if within and sequence == (figure == SEQUENCE):
             medians.append((float(np.interp(control_steps, steps, median)), str(figure)))
+
     return max(medians, default=None)

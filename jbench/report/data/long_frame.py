@@ -15,6 +15,7 @@ def long_frame(parts: Iterable[Part], columns: Sequence[str]) -> pd.DataFrame:
     pairs = [(names, arrays) for names, arrays in parts if len(next(iter(arrays.values())))]
     if not pairs:
         return pd.DataFrame(columns=[*columns])
+
     names = pd.DataFrame([names for names, _ in pairs])
     sizes = [len(next(iter(arrays.values()))) for _, arrays in pairs]
     # Texts are repeated once for all parts, which is much faster than a frame for each.

@@ -31,6 +31,7 @@ def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
     columns = ["run", "steps", "episode_return", *_POSES]
     if paths is None or not paths.num_rows:  # older versions recorded none
         return pd.DataFrame(columns=columns)
+
     keys = ["run", "evaluation"]
     points: pd.DataFrame = paths.to_pandas(use_threads=False).astype({"run": str})
     numbers = points[["evaluation", "control_steps", "x", "y", "heading"]].to_numpy(float)
@@ -61,9 +62,11 @@ def run_points(table: pa.Table, kind: ReturnsName) -> dict[str, FloatArray]:
         points = grouped[["control_steps", "processor_time"]].max()
         points = points.assign(returns=group.mean(), deviations=group.std(), counts=group.count())
         points = points.reset_index()
+
     order = points[number].to_numpy()
     numbers = points[FIELDS].to_numpy(float)
     numbers[~np.isfinite(numbers)] = np.nan
+
     return {
         str(run): numbers[places[np.argsort(order[places], kind="stable")]]
         for run, places in points.groupby("run", observed=True).indices.items()
@@ -80,10 +83,12 @@ def stacked(runs: Sequence[FloatArray], kind: ReturnsName) -> dict[str, FloatArr
         at = [run[:, FIELDS.index("control_steps")] for run in runs]
         grid = np.unique(np.concatenate(at))
         columns = [np.searchsorted(grid, steps) for steps in at]
+
     shape = len(runs), max(int(column[-1]) + 1 if len(column) else 0 for column in columns)
     stacked = np.full((len(FIELDS), *shape), np.nan)
     for row, (run, column) in enumerate(zip(runs, columns, strict=True)):
         stacked[:, row, column] = run.T
+
     return dict(zip(FIELDS, stacked, strict=True))
 
 
@@ -103,6 +108,7 @@ def count_divergence(
             more = max(0, max(1, -(-planned // episode_steps)) - steps.shape[1])
         pad = ((0, 0), (0, more))
         points = {name: np.pad(f, pad, constant_values=np.nan) for name, f in points.items()}
+
     returns, control_steps = points["returns"], points["control_steps"]
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
@@ -118,4 +124,5 @@ def count_divergence(
         points["counts"][row, late] = 1.0
         if kind == EVALUATION:
             points["deviations"][row, zero] = 0.0
+
     return dict(points)

@@ -82,6 +82,7 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
     source = _source(query.Tables(runs, problems + unusable), request, name, strict=False)
     if source.configurations:
         source.notes += notes
+
     _compare_over_run(source.configurations)
     return source
 
@@ -132,6 +133,7 @@ def check_baseline(baseline: str, configurations: Sequence[Configuration]) -> No
         reason = "there are no other curves to draw it beside; leave it out."
     else:
         return
+
     raise NothingYetError(f"--baseline {baseline}: {reason}")
 
 
@@ -164,6 +166,7 @@ def _source(
     runs, unusable = usable_runs(read.tables["runs"])
     if chosen:
         runs = runs[_have_settings(chosen, runs["settings"])]
+
     runs, notes = _filtered(runs, request, strict)
     evaluations = with_added_episodes(read.tables["evaluations"], runs, tables)
     # Imported curves have no paths.
@@ -194,6 +197,7 @@ def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
     for run in map(parse_run, recorded):
         values = {path: value_text(value) for path, value in flatten(run).items()}
         flat.append({(n, v) for path, v in values.items() for n in (path[-1], ".".join(path))})
+
     have = np.ones(len(flat), bool)
     for part in settings_typed(text):
         name, value = setting(part)
@@ -202,6 +206,7 @@ def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
                 f"--compare {text}: there is no such directory; type two results directories, or "
                 "settings such as engine=sb3 engine=batched."
             )
+
         known = {shown for run in flat for key, shown in run if key == name}
         if not known:
             names = sorted({key for run in flat for key, _ in run})
@@ -210,6 +215,7 @@ def _have_settings(text: str, recorded: pd.Series) -> BoolArray:
         if not meant:
             raise RequestError(f"No run has {part}; there are {', '.join(sorted(known))}.")
         have &= [not meant.isdisjoint(run) for run in flat]
+
     return have
 
 
@@ -233,6 +239,7 @@ def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.Da
             if strict and earlier == len(runs):
                 raise NothingYetError(f"No run was begun since {request.since}. {notes[0]}")
             runs = runs[created >= since]
+
     wanted = {n: v for n in ("task", "algo") if (v := getattr(request, n)) is not None}
     matches = (runs[[*wanted]] == pd.Series(wanted, dtype=object)).all(axis=1)
     if strict and len(runs) and not matches.any():
@@ -240,4 +247,5 @@ def _filtered(runs: pd.DataFrame, request: Request, strict: bool) -> tuple[pd.Da
         existing = "; ".join(f"{task} with {', '.join(sorted(a))}" for task, a in algos.items())
         asked = " and ".join(f"{name} {value!r}" for name, value in wanted.items())
         raise NothingYetError(f"There are no runs of {asked}; there are runs of {existing}.")
+
     return runs[matches], notes

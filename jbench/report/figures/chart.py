@@ -54,6 +54,7 @@ class Chart:
         if width < 4:
             # Words and names beside panels leave no room for a second one, unless there are many.
             across = 2 if self.minimum < 300 or (self.alike and len(self.panels) > 4) else 1
+
         down = -(-len(self.panels) // across)
         usual = 0.68 * min(width / across, 4)
         sizes = [panel.size[1] if panel.size[1] > 3 else usual for panel in self.panels]
@@ -71,6 +72,7 @@ class Chart:
                 if self.alike and i + across < len(self.panels):
                     axes.set_xlabel("")
                 marks.leave_out_empty(axes)
+
             for axes in grid.flat[len(self.panels) :]:
                 axes.remove()
             if self.legend:
@@ -87,11 +89,14 @@ class Chart:
                     columnspacing=1.2,
                     borderaxespad=0,
                 )
+
             # Placed once, or each format would place it and draw it twice.
             ConstrainedLayoutEngine().execute(figure)
+
         # Tips are for the page.
         for collection in figure.findobj(mpl.collections.Collection):
             collection.set_urls([None])
+
         return figure
 
 

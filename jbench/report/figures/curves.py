@@ -72,6 +72,7 @@ def by_processor_time(frames: Frames) -> Chart | None:
     rows = frames.processor
     if rows["configuration"].nunique() < 2:
         return None
+
     longest = float(rows["seconds"].max())
     size, unit = next((size, unit) for least, size, unit in _UNITS if longest >= least)
     rows = rows.assign(series=rows["label"], steps=rows["seconds"] / size, q10=np.nan, q90=np.nan)
@@ -99,12 +100,14 @@ def _chart(
 ) -> Chart | None:
     if curves.empty:
         return None
+
     kinds = _kinds(curves, frames.returns)
     ends = curves.groupby(["task", "configuration"])["steps"].max().groupby("task")
     scales = ["linear", "log"]
     nearest = published["steps"].min() / curves["steps"].max() if len(published) else 0
     if (ends.max() / ends.min()).max() > _UNEQUAL or nearest > 1:
         scales.reverse()
+
     panels = []
     sources = set[str]()
     groups = curves.groupby(by, sort=False)
@@ -123,8 +126,10 @@ def _chart(
             first, other = (f"{kind} {scale}" if len(shown) > 1 else scale for scale in scales)
             versions[first] = partial(draw, mine, scale=scales[0], y=what)
             versions[other] = partial(marks.set_axes, rows=mine, scale=scales[1])
+
         words = [str(word) for word in key if word and word != OWN]
         panels.append(Panel(", ".join(words), versions, size))
+
     beside = " and ".join(name for source, name in _BESIDE.items() if source in sources)
     dotted = Look(style.SOFT, style.PUBLISHED_DASH, "", len(looks))
     legend = {**looks, **({beside: dotted} if beside else {})}
@@ -134,6 +139,7 @@ def _chart(
         note += "; seeds logged at different steps are interpolated between their points"
     if len(_beyond(frames.run_curves, curves)):
         note += "; thin: single seeds after the last step that every seed has reached"
+
     switches = [pair for pair in (kinds, scales) if len(pair) > 1]
     return Chart(name, title, note, panels, legend, switches, data="curves")
 
@@ -162,6 +168,7 @@ def _beside(published: pd.DataFrame, rows: pd.DataFrame, name: str) -> pd.DataFr
         old = old[old["series"].isin(rows["series"])]
     if old.empty:
         return old
+
     # Of several of the paper's figures, the first has representations, the last all algorithms.
     figure = old.groupby("algo")["figure"].transform("min" if name == "representations" else "max")
     old = old[old["figure"] == figure]
@@ -187,6 +194,7 @@ def draw_curves(
     """
     if axes.has_data():  # of another kind of return
         axes.clear()
+
     alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
     for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
         look = looks[str(name)]
@@ -201,8 +209,10 @@ def draw_curves(
             thin = {"alpha": 0.5, "linewidth": mpl.rcParams["lines.linewidth"] / 2} | look.ink
             for _, seed in mine.groupby("run", sort=False):
                 axes.plot(seed["steps"], seed["value"], **thin)
+
     if published is not None:
         _draw_published(axes, published[published["task"].isin(rows["task"])], looks)
+
     policies = frames.baselines if frames else None
     levels = () if policies is None else policies["median"][policies["task"].isin(rows["task"])]
     marks.set_axes(axes, rows, scale, [*levels])

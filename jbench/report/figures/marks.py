@@ -49,6 +49,7 @@ def add_line(
     axes.plot(x, y, linestyle=look.line, drawstyle=drawstyle, zorder=2.5, **look.ink)
     if band and np.isfinite(band[0]).any():
         axes.fill_between(x, band[0], band[1], step=step, alpha=alpha, linewidth=0, **look.ink)
+
     shown = thinned(len(x), _TIPS)
     drawn = UNSEEN if step or len(x) > _TIPS else {}
     texts = [tips[int(i)] for i in shown]
@@ -70,11 +71,13 @@ def add_rows(axes: Axes, rows: pd.DataFrame, looks: Looks, value: str) -> None:
             line: Any = {"linewidth": 2.2, "solid_capstyle": "butt"} | look.ink
             end = high if np.isfinite(high) else 1e6
             axes.plot([low, end], [place, place], **line)
+
         tip = f"{row['name']}: {interval_text(row[value], low, high)}"
         if "seeds" in row:
             tip += f", n = {row['seeds']}"
         mark = look._replace(hollow=row.get("hollow", False))
         add_points(axes, [row[value]], [place], [tip], mark, 7.5)
+
     name_rows(axes, rows["name"])
 
 
@@ -131,6 +134,7 @@ def set_axes(axes: Axes, rows: pd.DataFrame, scale: str, levels: Sequence[float]
     else:
         axes.set_xlim(left=0)
         axes.xaxis.set_major_locator(ticker.MaxNLocator(4 if narrow(axes) else 6))
+
     axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
 
 
@@ -149,6 +153,7 @@ def add_levels(axes: Axes, rows: pd.DataFrame, baselines: pd.DataFrame | None) -
     if baselines is not None:
         mine = baselines[baselines["task"].isin(rows["task"])]
         levels |= dict(zip(mine["policy"], mine["median"], strict=True))
+
     low, high = axes.get_ylim()
     place = -np.inf
     for name, level in sorted(levels.items(), key=lambda item: item[1]):
@@ -183,10 +188,12 @@ def shortened(names: Iterable[str]) -> list[str]:
             for name in group:
                 kept = name[max(0, start - _BEFORE) : len(name) - max(0, end - _AFTER)]
                 chosen[name] = _cut(f"{cut[:_BEFORE]}…{kept}{'…' if end > _AFTER else ''}")
+
     for cut, group in _by_value(chosen).items():
         if len(group) > 1:
             for i, name in enumerate(group, 1):
                 chosen[name] = f"{i}. {cut}"
+
     return [chosen[name] for name in every]
 
 

@@ -27,6 +27,7 @@ def forest(frames: Frames) -> Chart | None:
     rows = frames.lead(frames.configurations).query("seeds > 0")
     if len(rows) < 2:
         return None
+
     # The paper has only training returns.
     published = frames.configurations.groupby("configuration")["published"].max()
     rows = rows.assign(published=rows["configuration"].map(published), name=rows["label"])
@@ -47,6 +48,7 @@ def forest(frames: Frames) -> Chart | None:
             draw = partial(_draw_variability, known, looks=looks)
             height = 0.55 + marks.ROW * len(known)
             panels.append(Panel(f"{task}: variability", {"": draw}, (5.2, height)))
+
     note = "large mark: interquartile mean, 95% interval; dots: seeds"
     if seeds["episode_sd"].notna().any():
         note += " ± 2 standard errors"
@@ -56,6 +58,7 @@ def forest(frames: Frames) -> Chart | None:
         note += "; diamonds: 10 to 90% of episodes"
     if rows["beside"].any():
         note += "; hollow s: may be 0"
+
     return Chart("returns", "Final returns", note, panels, looks, data="configurations", **ROWS)
 
 
@@ -79,6 +82,7 @@ def _draw_forest(
             tip = f"{row['name']}, the paper's training return: {row['published']:.0f}"
             look = look._replace(marker="|")
             marks.add_points(axes, [row["published"]], [place], [tip], look, 11)
+
     marks.add_rows(axes, rows, looks, "iqm")
     names = [_POLICIES.get(name, name) for name in policies["policy"]]
     apart = Look(style.SOFT, (), "D", len(looks), hollow=True)
@@ -87,6 +91,7 @@ def _draw_forest(
         numbers = marks.interval_text(row["median"], row["q10"], row["q90"])
         tip = f"{names[place - len(rows)]}: median {numbers}"
         marks.add_points(axes, [row["median"]], [place], [tip], apart, 5.5)
+
     marks.add_solved(axes, rows)
     marks.name_rows(axes, [*rows["name"], *names])
     errors = 2 * seeds["episode_sd"].fillna(0) / np.sqrt(seeds["episodes"])
@@ -111,12 +116,14 @@ def comparisons(frames: Frames) -> Chart | None:
     rows = frames.lead(frames.comparisons)
     if len(rows) < 2 or (frames.request.curves and rows["task"].value_counts().max() > _MOST):
         return None
+
     words = [f", {words}" if words else "" for words in rows["words"]]
     rows = rows.assign(name=rows["algo"] + " " + rows["representation"] + words)
     note = "final return with {} minus that with {}; 95% interval".format(*rows[["a", "b"]].iloc[0])
     if frames.request.curves is not None:
         rows = rows.assign(name=rows["a"] + " minus " + rows["b"], algo=rows["a"])
         note = "difference of the interquartile means of final returns; 95% interval"
+
     rows = rows.assign(look=rows["algo"], difference_low=rows["low"], difference_high=rows["high"])
     looks = style.looks(rows, "algo", "algo")
 
@@ -133,6 +140,7 @@ def errors(frames: Frames) -> Chart | None:
     rows = frames.encoders
     if len(rows) < 2:
         return None
+
     names = (rows["representation"] + " " + rows["settings"].fillna("")).str.strip()
     unsized = names.str.replace(r"^([^ ]*?[a-z])\d+", r"\1", n=1, regex=True)
     rows = rows.assign(series=unsized, name=names)
@@ -155,6 +163,7 @@ def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
     """Draws the unexplained variance of encoders, in rows or against the number of latents."""
     if by_size := rows["by_size"].all():
         rows = rows.sort_values("latents")
+
     places = dict(zip(rows["name"], range(len(rows)), strict=False))
     # The filled mark is the smaller one, so that both are seen where errors are equal.
     for column, hollow in (("heuristic", True), ("test", False)):
@@ -172,13 +181,16 @@ def _draw_errors(rows: pd.DataFrame, axes: Axes, *, looks: Looks) -> None:
                 size = 5
                 width = 0.8 if hollow else 1.6
                 axes.plot(x, y, linestyle=look.line, linewidth=width, **look.ink)
+
             marks.add_points(axes, x, y, tips, look, size)
+
     if by_size:
         axes.set(xlabel="latents", ylabel="variance not explained")
         axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
     else:
         marks.name_rows(axes, rows["name"])
         axes.set(xlabel="fraction of the variance not explained")
+
     marks.set_logarithmic(axes, "y" if by_size else "x")
 
 
@@ -196,6 +208,7 @@ def predictions(frames: Frames) -> Chart:
                 axes.plot([at, at], [row["low"], row["high"]], **look.ink)
             tip = f"{row['label']}: {row['iqm']:.0f}, R² {ratio(row['r2'])}"
             marks.add_points(axes, [at], [row["iqm"]], [tip], look, 6)
+
         axes.set(xlabel=f"R² of the {rows['quantity'].iloc[0]}", ylabel="final return")
         axes.set_xlim(-0.03, 1.03)
         marks.set_returns(axes, rows, 0.0, float(np.nanmax(rows[["iqm", "high"]].to_numpy(float))))

@@ -48,6 +48,7 @@ def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
         weight = "bold" if row["decided"] else "normal"
         text = f"{100 * row['p']:.0f}"
         axes.text(*at, text, ha="center", va="center", color=_DARK, weight=weight, size=size)
+
     middles = np.arange(len(names)) + 0.5
     numbered = [f"{i}. {name}" for i, name in enumerate(marks.shortened(names), 1)]
     axes.set_yticks(middles, numbered)
@@ -75,6 +76,7 @@ def profiles(frames: Frames) -> Chart:
             points = points[np.append(True, changes) | np.append(changes, True)]
             tips = [f"{name}: {100 * y:.0f}% above {at:g}" for at, y in points[:, :2].tolist()]
             marks.add_line(axes, points, tips, looks[str(name)], step="post")
+
         marks.add_solved(axes, every if ALL_TASKS in {*rows["task"]} else rows)
         axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
         axes.set_xlim(left=float(rows["final_return"].min()))
@@ -100,6 +102,7 @@ def motor(frames: Frames) -> Chart:
             ]
             xy = np.column_stack([line["velocity"], density])
             marks.add_line(axes, xy, tips, looks[str(name)], step="mid")
+
         axes.set(xlabel="motor velocity as observed (1: 180 rad/s)", ylabel="density")
         marks.set_logarithmic(axes, "y")
 
@@ -129,5 +132,6 @@ def _draw_positions(rows: pd.DataFrame, axes: Axes) -> None:
         x, y = reach * np.cos(yaw), reach * np.sin(yaw)
         arrow = {"arrowstyle": "->", "color": _TARGET}
         axes.annotate("", (0.85 * x, 0.85 * y), (0.55 * x, 0.55 * y), arrowprops=arrow)
+
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x (m)", ylabel="y (m)")
     axes.set_aspect("equal")

@@ -230,6 +230,7 @@ class OffPolicySettings(AlgorithmSettings):
                 f"{self.train_freq} control steps: type a number of environments that divides "
                 f"{self.train_freq}."
             )
+
         return steps, updates
 
 

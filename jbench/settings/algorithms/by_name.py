@@ -55,5 +55,7 @@ def algorithm_settings(
             )
         elif base == "figure8":
             why += ", and --set normalize=running for standardized inputs"
+
         raise RequestError(f"{why}.")
+
     return settings_with(kind, algo, {**kind.bases[base], **(overrides or {})})

@@ -53,6 +53,7 @@ def read_motion(task: str, observation: NDArray[np.floating]) -> Motion:
     up = geometry.rotation_matrix(position[..., 3:7])[..., 2, :]
     none = np.zeros_like(mass)
     target = observed.get("target_in_jitterbug_frame", np.zeros((*none.shape, 3)))
+
     return Motion(
         mass=mass,
         mass_rate=mass_rate,

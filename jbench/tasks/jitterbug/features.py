@@ -171,6 +171,7 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
     if task == "move_in_direction":
         speed = 100 * by_name["speed_in_target_frame"][0]
         return f"{padded(f'{speed:.1f}', 5)} cm/s as the target points"
+
     words = []
     if "target_in_jitterbug_frame" in by_name:
         words.append(f"target {_centimeters(by_name['target_in_jitterbug_frame'])} away")
@@ -178,6 +179,7 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
         angle = math.degrees(by_name["angle_to_target"][0])
         side = "left" if angle > 0 else "right"
         words.append(f"turn {padded(f'{abs(angle):.0f}', 3)}° {side}")
+
     return ", ".join(words)
 
 

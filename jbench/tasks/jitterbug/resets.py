@@ -48,6 +48,7 @@ def draw_target(task: str, random: Random) -> Target:
         radius = random.uniform(*_TARGET_RADIUS)
     if "yaw" in drawn:
         yaw = random.uniform(0, 2 * math.pi)
+
     position = np.array([radius * math.cos(bearing), radius * math.sin(bearing), TARGET_HEIGHT])
     return Target(position, np.float64(yaw))
 
@@ -82,20 +83,25 @@ def option_target(
         raise RequestError(f"reset has no option {', '.join(unknown)}; it has target.")
     if not options:
         return None
+
     numbers = options["target"]
     names = TASK_SPECS[task].drawn
     if not names:
         raise RequestError(f"{task} has no target to choose: leave out the option target.")
+
     shapes = [(len(names),)] if count is None else [(len(names),), (count, len(names))]
+
     try:
         chosen = np.atleast_1d(np.array(numbers, np.float64))
     except (TypeError, ValueError):
         chosen = np.empty(0)
+
     if chosen.shape not in shapes or not np.isfinite(chosen).all():
         raise RequestError(
             f"The target of {task} is an array ({', '.join(names)}) of finite numbers, of shape "
             f"{in_prose(map(str, shapes))}, not {numbers!r}."
         )
+
     position = np.zeros((*shapes[-1][:-1], 3))
     position[..., _drawn(task)] = chosen
     yaw = np.array(position[..., 2])

@@ -95,9 +95,11 @@ def _plain() -> mujoco.MjModel:
     floor, *parts = [geom for geom in spec.geoms if geom.contype]
     for geom in (floor, *parts):
         geom.contype = geom.conaffinity = 0
+
     neighbors = [pair.split() for pair in _NEIGHBORS.split(",")]
     for first, second in (*([floor.name, part.name] for part in parts), *neighbors):
         spec.add_pair(geomname1=first, geomname2=second)
+
     return spec.compile()
 
 
@@ -111,6 +113,7 @@ def draw(seed: int, *, vary_masses: bool = False) -> Morphology:
     """
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise RequestError(f"An augmented robot has no seed {seed!r}: use 0 or more.")
+
     source = np.random.SeedSequence(seed)
     for redraws in range(_MAX_REDRAWS + 1):
         random = np.random.default_rng(*source.spawn(1))
@@ -123,6 +126,7 @@ def draw(seed: int, *, vary_masses: bool = False) -> Morphology:
         morphology = Morphology(seed, redraws, knees, feet, mass, semi_axes, *more)
         if is_usable(morphology):
             return morphology
+
     raise WorkError(f"None of {_MAX_REDRAWS + 1} draws of seed {seed} stands: use another.")
 
 
@@ -140,6 +144,7 @@ def build(morphology: Morphology) -> mujoco.MjModel:
             part.pos = part.pos + knee_shift
         foot.pos = foot.pos + foot_shift
         shoulder.axis = elbow.axis = hinge_axis(leg, knee.pos)
+
     mass = spec.geom("mass")
     mass.pos = mass.pos + morphology.mass
     mass.size = mass.size + morphology.mass_semi_axes
@@ -148,6 +153,7 @@ def build(morphology: Morphology) -> mujoco.MjModel:
     for geom in spec.geoms:
         if geom.density == steel:
             geom.density = steel + morphology.default_density
+
     spec.geom("torso_upper").density += morphology.torso_upper_density
     spec.geom("torso_lower").density += morphology.torso_lower_density
     motor = spec.actuator("motor")

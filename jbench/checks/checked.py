@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from jbench.errors import sentence_of_failure
 
-State = Literal["ok", "note", "fails"]
+CheckState = Literal["ok", "note", "fails"]
 """`note`: it works, but some command can do less; `fails`: commands will fail."""
 
 
@@ -13,7 +13,7 @@ class Checked(NamedTuple):
     """What was looked at, how it is, and one sentence on it."""
 
     name: str
-    state: State
+    state: CheckState
     text: str
 
 

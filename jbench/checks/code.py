@@ -25,7 +25,7 @@ from jbench.tasks.find import installed_tasks
 What = Literal["task", "agent", "rule", "encoder", "policy"]
 WHATS: tuple[What, ...] = get_args(What)
 
-Check = tuple[str, Callable[[], str]]
+NamedCheck = tuple[str, Callable[[], str]]
 """A name, and a function that returns a sentence, or raises an error that is one."""
 
 
@@ -38,7 +38,7 @@ _ENVIRONMENT = ("reset", "step", "observation_spec", "action_spec")
 
 
 @dataclass(frozen=True)
-class Request:
+class CheckRequest:
     """What to check, and on which task with which settings."""
 
     name: str
@@ -47,7 +47,7 @@ class Request:
     latents: int | None = None
 
 
-def check_code(what: What, request: Request) -> Iterator[Checked]:
+def check_code(what: What, request: CheckRequest) -> Iterator[Checked]:
     """Yields a line for each check."""
     with one_thread():
         for name, check in _checks(what, request):
@@ -57,7 +57,7 @@ def check_code(what: What, request: Request) -> Iterator[Checked]:
                 return
 
 
-def _checks(what: What, request: Request) -> Iterator[Check]:
+def _checks(what: What, request: CheckRequest) -> Iterator[NamedCheck]:
     """Returns the checks of a kind of code."""
     name, task, settings = request.name, request.task, request.settings
     if what == "task":

@@ -56,10 +56,10 @@ def check(
     It runs short episodes, in seconds, and writes nothing. A line for each check says what is
     missing; the exit code is 1 if something is.
     """
-    from jbench.checks.code import WHATS, Request, check_code, find_what
+    from jbench.checks.code import WHATS, CheckRequest, check_code, find_what
 
     kind = find_what(name) if what is None else names.known("kind of code", what, WHATS)
-    request = Request(name, task, parsing.parse_overrides(set_), latents)
+    request = CheckRequest(name, task, parsing.parse_overrides(set_), latents)
     output.say(f"{name} is checked as {'an' if kind[0] in 'ae' else 'a'} {kind}.")
     _show(check_code(kind, request), {"name": name, "what": kind})
 

@@ -109,7 +109,7 @@ def _line(task: Task) -> dict[str, str]:
     left = task.time_remaining
     is_measured = speed is not None and left is not None
     running = is_measured and not task.finished and not task.fields.get("warming_up")
-    returns: Returns = task.fields.get("returns") or Returns()
+    returns: LastReturns = task.fields.get("returns") or LastReturns()
     return {
         "name": task.description,
         "done": f"{task.completed:,.0f} of {total:,.0f} {task.fields['unit']}",
@@ -134,7 +134,7 @@ def _width(lines: Sequence[dict[str, str]], parts: Sequence[str]) -> int:
     return width
 
 
-class Returns(NamedTuple):
+class LastReturns(NamedTuple):
     """The texts on the newest returns of a process."""
 
     curve: str = ""
@@ -233,11 +233,11 @@ class _Process:
         if not self._alike:
             self.name = f"{run.algo} {len(runs)} runs of {configurations} configurations"
 
-    def learned(self, steps: int) -> Returns:
+    def learned(self, steps: int) -> LastReturns:
         """Returns a sparkline, the newest returns, and the published one at as many steps."""
         values = list(self.returns.values())
         if not values:
-            return Returns()
+            return LastReturns()
 
         mean = f"{fmean(values):.0f}"
         text = " ".join(f"{value:.0f}" for value in values)
@@ -248,7 +248,7 @@ class _Process:
         published = published_median(self.runs[0], at) if self._alike else None
         lowest, highest = self._range
 
-        return Returns(
+        return LastReturns(
             sparkline(self.curve, highest, lowest),
             f"training return {text}",
             f"return {mean}" if len(values) == 1 else f"mean return {mean}",

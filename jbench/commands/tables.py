@@ -73,7 +73,7 @@ class _Column:
 
 
 @dataclass
-class Layout:
+class TableLayout:
     """What is printed of a table."""
 
     columns: list[_Column]
@@ -106,7 +106,7 @@ def print_table(
     cells = list(zip(*rows, strict=True)) or [()] * len(header)
     columns = [_Column(name, list(column)) for name, column in zip(header, cells, strict=True)]
     if width is None:
-        layout = Layout(columns, gap=_GAP)
+        layout = TableLayout(columns, gap=_GAP)
         width = max(_PIPE, _least(columns, gap=_GAP))
     else:
         layout = fitted(columns, width, spare, below)
@@ -122,11 +122,11 @@ def print_table(
 
 def fitted(
     columns: list[_Column], width: int, spare: Sequence[str], below: Sequence[str]
-) -> Layout:
+) -> TableLayout:
     """Returns the first layout that fits; see this module for their order."""
     for gap in (_GAP, _NARROW_GAP):
         if _least(columns, gap=gap) <= width:
-            return Layout(columns, gap=gap)
+            return TableLayout(columns, gap=gap)
 
     beneath = [column for column in columns if column.name in below]
     beside = [column for column in columns if column.name not in below]
@@ -143,9 +143,9 @@ def fitted(
                         left_out = others
 
                 kept = _without(beside, left_out)
-                return Layout(_shortened_to_fit(kept, width, shortest), beneath, left_out)
+                return TableLayout(_shortened_to_fit(kept, width, shortest), beneath, left_out)
 
-    return Layout(columns, is_list=True)
+    return TableLayout(columns, is_list=True)
 
 
 def _without(columns: list[_Column], names: Sequence[str]) -> list[_Column]:
@@ -211,7 +211,7 @@ def _margins(columns: int, gap: int = _NARROW_GAP) -> int:
     return gap * max(columns - 1, 0) + 2
 
 
-def _widths(layout: Layout, width: int) -> list[int]:
+def _widths(layout: TableLayout, width: int) -> list[int]:
     """Returns the width of each column: texts that need more lines get more of what is left."""
     widths = [column.least for column in layout.columns]
     for _ in range(width - _least(layout.columns, gap=layout.gap)):
@@ -223,7 +223,7 @@ def _widths(layout: Layout, width: int) -> list[int]:
     return widths
 
 
-def _grid(layout: Layout, width: int) -> Table:
+def _grid(layout: TableLayout, width: int) -> Table:
     padding = (0, 1, 0, layout.gap - _NARROW_GAP)
     grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=padding)
     for column, wide in zip(layout.columns, _widths(layout, width), strict=True):
@@ -237,7 +237,7 @@ def _grid(layout: Layout, width: int) -> Table:
     return grid
 
 
-def _list(layout: Layout, width: int) -> Table:
+def _list(layout: TableLayout, width: int) -> Table:
     """Returns a table of names and values, with an empty line after each row."""
     names = max(max(map(cell_len, column.name.split()), default=0) for column in layout.columns)
     natural = max(cell_len(column.name) for column in layout.columns)
@@ -258,7 +258,7 @@ def _list(layout: Layout, width: int) -> Table:
     return grid
 
 
-def _print_below(console: Console, layout: Layout) -> None:
+def _print_below(console: Console, layout: TableLayout) -> None:
     first = layout.columns[0]
     for column in layout.below:
         for name, cell in zip(first.cells, column.cells, strict=True):

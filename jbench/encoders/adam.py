@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 
-class Adam:
+class FusedAdam:
     """The moments of some values, and the kernel of `torch.optim.Adam(fused=True)`.
 
     Source: Kingma and Ba (2015), Algorithm 1, with their beta and epsilon.

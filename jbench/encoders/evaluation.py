@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.encoders.adam import Adam
+from jbench.encoders.adam import FusedAdam
 from jbench.encoders.kind import Fitted, Kind, Weights
 from jbench.encoders.kinds.linear import PrincipalComponents, RandomProjection
 from jbench.encoders.kinds.planar import SIGNS, PlanarReduction
@@ -257,7 +257,7 @@ def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
     network = torch.nn.Sequential(linear[0], relu, linear[1], relu, linear[2])
     steps = _EPOCHS * -(-len(inputs) // _BATCH)
     parameters = list(network.parameters())
-    adam = Adam(parameters, _RATE)
+    adam = FusedAdam(parameters, _RATE)
     step = 0
     for _ in range(_EPOCHS):
         order = torch.randperm(len(inputs), generator=random)

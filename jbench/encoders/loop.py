@@ -20,7 +20,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.encoders.adam import Adam
+from jbench.encoders.adam import FusedAdam
 from jbench.encoders.kind import Learned
 from jbench.encoders.registry import sentence_about
 from jbench.encoders.saved import SavedEncoder
@@ -61,7 +61,7 @@ class EncoderLearner:
         self.weights = {name: value.requires_grad_() for name, value in trained.items()}
         self.weights |= kind.constants(states)  # not trained
         self.gradients = _parts(self._gradient, initial)
-        self._adam = Adam([self._flat], kind.learning_rate)
+        self._adam = FusedAdam([self._flat], kind.learning_rate)
 
     def arrays(self) -> WeightArrays:
         """Returns the weights as numpy arrays."""

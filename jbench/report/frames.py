@@ -10,7 +10,7 @@ import pandas as pd
 
 from jbench.report import policies
 from jbench.report.analysis import compare, scores
-from jbench.report.analysis.decisions import Planned, decision_frame, planned_comparisons
+from jbench.report.analysis.decisions import StudyComparison, decision_frame, planned_comparisons
 from jbench.report.analysis.verdicts import verdict_frame
 from jbench.report.configurations import (
     Curves,
@@ -103,7 +103,7 @@ class Frames:
         return {config.task for config in self._every if config.source != FILE}
 
     @cached_property
-    def _planned(self) -> Sequence[Sequence[Planned]]:
+    def _planned(self) -> Sequence[Sequence[StudyComparison]]:
         return planned_comparisons(self._trained)
 
     @cached_property

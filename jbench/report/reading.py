@@ -8,7 +8,7 @@ from jbench.errors import NothingYetError, RequestError, WorkError
 from jbench.report import policies
 from jbench.report.analysis import compare
 from jbench.report.analysis.claims import claim_frame, examine, published_findings
-from jbench.report.analysis.decisions import Planned
+from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.scores import Pair
 from jbench.report.data import sources
 from jbench.report.data.configuration import Configuration, with_returns
@@ -89,7 +89,7 @@ def _compared(ours: Source, theirs: Source, request: Request) -> tuple[Source, P
 
 def tested_claims(
     trained: Sequence[Configuration],
-    planned: Sequence[Sequence[Planned]],
+    planned: Sequence[Sequence[StudyComparison]],
     source: Source,
     request: Request,
     results: Results | None,

@@ -21,7 +21,7 @@ from jbench.store.verify import Progress, examine, no_progress
 TIMES = ("wall_time", "processor_time")
 """Columns that may differ between two computations of the same record."""
 
-Outcome = Literal["copied", "replaced", "same", "kept", "refused"]
+MergeOutcome = Literal["copied", "replaced", "same", "kept", "refused"]
 """Outcome for a record: copied; replaced an unfinished one, which was set aside; the same except
 for times; kept because the existing record is more complete; or refused."""
 
@@ -30,7 +30,7 @@ class Merged(NamedTuple):
     """Outcome for a record of a source, by kind and id, and the sentence that refuses it."""
 
     record: str
-    outcome: Outcome
+    outcome: MergeOutcome
     reason: str = ""
 
 
@@ -72,7 +72,9 @@ def merge(
     return merged
 
 
-def _merged(results: Results, source: Results, folder: Folder, quarantine: Quarantine) -> Outcome:
+def _merged(
+    results: Results, source: Results, folder: Folder, quarantine: Quarantine
+) -> MergeOutcome:
     kind, id = folder.kind, folder.id
     other, flaws = examine(source, kind, id)
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
@@ -80,7 +82,7 @@ def _merged(results: Results, source: Results, folder: Folder, quarantine: Quara
         raise WorkError(str(faults[0]) if faults else f"{folder.path} has disappeared.")
 
     target = results.folder(kind, id)
-    outcome: Outcome = "copied"
+    outcome: MergeOutcome = "copied"
     with results.locked(kind, id) as existing:
         if existing is not None:
             outcome = other.reading(partial(_choose, existing, other))
@@ -92,7 +94,7 @@ def _merged(results: Results, source: Results, folder: Folder, quarantine: Quara
     return outcome
 
 
-def _choose(mine: Record, other: Record) -> Outcome:
+def _choose(mine: Record, other: Record) -> MergeOutcome:
     """Returns the outcome for a record that exists already; raises a WorkError if they conflict."""
     finished = [record.status == "finished" for record in (mine, other)]
     if finished[0] != finished[1]:
@@ -141,7 +143,7 @@ def _other_files(mine: Record, other: Record) -> str | None:
     return f"in {', '.join(sorted(names))}" if names else None
 
 
-def _with_policy(mine: Record, other: Record) -> Outcome:
+def _with_policy(mine: Record, other: Record) -> MergeOutcome:
     """Returns the outcome for equal rows, of which one copy may lack the policy."""
     if _has_policy(mine) == _has_policy(other):
         return "same"

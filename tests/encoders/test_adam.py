@@ -2,7 +2,7 @@
 
 import torch
 
-from jbench.encoders.adam import Adam
+from jbench.encoders.adam import FusedAdam
 
 
 def test_steps_equal_those_of_pytorch_with_a_rate_that_falls():
@@ -12,7 +12,7 @@ def test_steps_equal_those_of_pytorch_with_a_rate_that_falls():
     ours = [value.detach().clone() for value in theirs]
     reference = torch.optim.Adam(theirs, lr=3e-3, fused=True)
     scheduler = torch.optim.lr_scheduler.LinearLR(reference, 1, last, total_iters=steps)
-    adam = Adam(ours, 3e-3)
+    adam = FusedAdam(ours, 3e-3)
     for step in range(steps):
         gradients = [torch.randn(shape, generator=random) for shape in shapes]
         for value, gradient in zip(theirs, gradients, strict=True):

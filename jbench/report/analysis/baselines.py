@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Sequence
 
 from jbench.names import FULL, features_in, kind_in
-from jbench.report.analysis.decisions import Planned
+from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.scores import Pair
 from jbench.report.data.configuration import Configuration, differing_in
 from jbench.studies.study import BASELINES, RAW, SCALED
 
 
 def with_baselines(
-    configurations: Sequence[Configuration], planned: Sequence[Sequence[Planned]] = ()
+    configurations: Sequence[Configuration], planned: Sequence[Sequence[StudyComparison]] = ()
 ) -> Iterator[Pair]:
     """Yields the pairs of each representation with each of its baselines.
 

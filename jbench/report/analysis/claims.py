@@ -16,7 +16,7 @@ import pandas as pd
 
 from jbench.names import FULL, REPRESENTATION, kind_in
 from jbench.report.analysis.baselines import with_baselines
-from jbench.report.analysis.decisions import Planned
+from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.findings import Decided, Finding, decide, decide_solved
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, Scores, seed_scores
 from jbench.report.data.configuration import Configuration, differing_in
@@ -116,7 +116,7 @@ def published_findings(task: str | None, algo: str | None) -> list[dict[Any, Any
 
 
 def examine(
-    configurations: Sequence[Configuration], planned: Sequence[Sequence[Planned]] = ()
+    configurations: Sequence[Configuration], planned: Sequence[Sequence[StudyComparison]] = ()
 ) -> Iterator[Finding]:
     """Yields findings on the claims (a) to (g), from configurations of one kind of return.
 

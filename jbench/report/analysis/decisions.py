@@ -34,7 +34,7 @@ ByKind = Mapping[ReturnsName, Configuration]
 
 
 @dataclass(frozen=True)
-class Planned:
+class StudyComparison:
     """A comparison that a study plans, with the configurations of its arms.
 
     Attributes:
@@ -59,7 +59,7 @@ class Planned:
 def planned_comparisons(
     configurations: Sequence[Configuration],
     studies: Mapping[str, Sequence[PlannedComparison]] | None = None,
-) -> list[list[Planned]]:
+) -> list[list[StudyComparison]]:
     """Returns the comparisons of studies by name, once for each source of runs.
 
     Without studies, they are the shipped ones.
@@ -70,7 +70,9 @@ def planned_comparisons(
         by_key = _by_key([config for config in configurations if config.source == source])
         for study, comparisons in studies.items():
             matched = [
-                Planned(study, one, by_key.get(one.first.key, {}), by_key.get(one.second.key, {}))
+                StudyComparison(
+                    study, one, by_key.get(one.first.key, {}), by_key.get(one.second.key, {})
+                )
                 for one in comparisons
             ]
             found.append(matched)
@@ -100,7 +102,7 @@ def _by_key(configurations: Iterable[Configuration]) -> dict[str, ByKind]:
     return by_key
 
 
-def decision_frame(planned: Sequence[Sequence[Planned]]) -> pd.DataFrame:
+def decision_frame(planned: Sequence[Sequence[StudyComparison]]) -> pd.DataFrame:
     """Returns the decisions of the group-sequential test on the comparisons of studies.
 
     These are the comparisons of `jbench sweep STUDY --until-decided` that have a block of seeds.
@@ -112,7 +114,7 @@ def decision_frame(planned: Sequence[Sequence[Planned]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=DECISIONS)
 
 
-def _decided(study: Sequence[Planned]) -> Iterator[dict[str, Any]]:
+def _decided(study: Sequence[StudyComparison]) -> Iterator[dict[str, Any]]:
     """Yields a row for each comparison of a study that has a block of seeds."""
     comparisons = [planned.comparison for planned in study]
     returns = [

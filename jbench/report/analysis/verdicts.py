@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from jbench.report.analysis.baselines import with_baselines
-from jbench.report.analysis.decisions import Planned
+from jbench.report.analysis.decisions import StudyComparison
 from jbench.report.analysis.judging import SEQUENTIAL, Comparison, judge
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair
 from jbench.report.data.configuration import ID, Configuration, with_returns
@@ -43,7 +43,7 @@ _KEYS = ["configuration", "baseline", "claim", "returns"]
 def verdict_frame(
     configurations: Sequence[Configuration],
     decisions: pd.DataFrame,
-    planned: Sequence[Sequence[Planned]] = (),
+    planned: Sequence[Sequence[StudyComparison]] = (),
 ) -> pd.DataFrame:
     """Returns the verdicts on each reduced representation, and on `scaled`, the effect of scaling.
 

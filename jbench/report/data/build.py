@@ -27,7 +27,7 @@ _ORDER = ["seed", "recorded", "steps", "run"]
 _ASCENDING = [True, False, False, True]
 _NAMES = {TRAINING: ("episode", "return"), EVALUATION: ("evaluation", "evaluation")}
 
-ByKind = Mapping[ReturnsName, Mapping[str, FloatArray]]
+PointsByKind = Mapping[ReturnsName, Mapping[str, FloatArray]]
 """Points by kind of return and run; see `run_points`."""
 
 
@@ -116,7 +116,9 @@ def build(
     return built, notes
 
 
-def _build(same: pd.DataFrame, points: ByKind, source: str, words: str) -> Iterator[Configuration]:
+def _build(
+    same: pd.DataFrame, points: PointsByKind, source: str, words: str
+) -> Iterator[Configuration]:
     """Yields a configuration for each kind of return of runs, the longest of each seed first."""
     chosen = same.drop_duplicates("seed")
     diverged = chosen["diverged"].notna()

@@ -48,12 +48,7 @@ def agent_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[
         robots = Environments(task, seeds, environments, episode_steps=EPISODE)
         return PluginEngine(name, kind, values, robots)
 
-    yield "settings", partial(_settings, name)
-    yield "made", partial(_made, make, task)
-    yield "actions", partial(_actions, make)
-    yield "learning", partial(_trains, make)
-    yield "environments", partial(_trains, make, environments=2)
-    yield "seeds", partial(_seeds, make)
+    yield from _checks_of_both(name, make, task)
     yield "evaluation", partial(_evaluation, make)
     yield "state", partial(_state, make)
     yield "policy", partial(_policy, make)
@@ -69,14 +64,19 @@ def rule_checks(name: str, task: str, settings: Mapping[str, Any]) -> Iterator[_
         robots = Environments(task, seeds, environments, episode_steps=EPISODE)
         return make_engine(kind, values, robots)
 
+    yield from _checks_of_both(name, make, task)
+    yield "side by side", partial(_side_by_side, make)
+    yield "policy", partial(_policy, make)
+
+
+def _checks_of_both(name: str, make: _Make, task: str) -> Iterator[_Check]:
+    """Yields the checks that agents and update rules share."""
     yield "settings", partial(_settings, name)
     yield "made", partial(_made, make, task)
     yield "actions", partial(_actions, make)
     yield "learning", partial(_trains, make)
     yield "environments", partial(_trains, make, environments=2)
     yield "seeds", partial(_seeds, make)
-    yield "side by side", partial(_side_by_side, make)
-    yield "policy", partial(_policy, make)
 
 
 def _agent_class(name: str, settings: Mapping[str, Any]) -> str:
@@ -143,13 +143,13 @@ def _trains(make: _Make, environments: int = 1) -> str:
 
 def _seeds(make: _Make) -> str:
     first, again, other = (_trace(make, [seed]) for seed in (0, 0, 1))
-    if not np.array_equal(first, again, equal_nan=True):
-        raise WorkError(
-            "training again with the same seed gives other numbers: draw all random numbers from "
-            "generators that the seed seeds, and depend on no time, no memory address and no "
-            "order of a set."
-        )
-
+    _check_equal(
+        first,
+        again,
+        "training again with the same seed gives other numbers: draw all random numbers from "
+        "generators that the seed seeds, and depend on no time, no memory address and no "
+        "order of a set.",
+    )
     if np.array_equal(first, other, equal_nan=True):
         raise NotableError("another seed gives the same numbers; jbench compares different seeds")
 
@@ -157,21 +157,21 @@ def _seeds(make: _Make) -> str:
 
 
 def _side_by_side(make: _Make) -> str:
-    alone = _trace(make, [0])
-    together = _trace(make, [0, 1])
-    if not np.array_equal(alone, together, equal_nan=True):
-        raise WorkError("a seed's numbers depend on the other seeds, or on an update before.")
+    _check_equal(
+        _trace(make, [0]),
+        _trace(make, [0, 1]),
+        "a seed's numbers depend on the other seeds, or on an update before.",
+    )
     return "a seed's numbers do not depend on the other seeds"
 
 
 def _evaluation(make: _Make) -> str:
-    plain = _trace(make, [0])
-    evaluated = _trace(make, [0], evaluate=True)
-    if not np.array_equal(plain, evaluated, equal_nan=True):
-        raise WorkError(
-            "evaluating between two steps changes the training: act and policy must change nothing "
-            "that explore or learn use."
-        )
+    _check_equal(
+        _trace(make, [0]),
+        _trace(make, [0], evaluate=True),
+        "evaluating between two steps changes the training: act and policy must change nothing "
+        "that explore or learn use.",
+    )
     return "act and policy change nothing in training"
 
 
@@ -192,12 +192,12 @@ def _state(make: _Make) -> str:
         engine.restore([copy])
         resumed = _numbers(engine)
 
-    if not np.array_equal(whole, resumed, equal_nan=True):
-        raise WorkError(
-            "training that is resumed gives other numbers than training that goes on: state must "
-            "return everything that changes, and restore must set it again."
-        )
-
+    _check_equal(
+        whole,
+        resumed,
+        "training that is resumed gives other numbers than training that goes on: state must "
+        "return everything that changes, and restore must set it again.",
+    )
     return "a resumed run goes on with the same numbers"
 
 
@@ -218,6 +218,12 @@ def _policy(make: _Make) -> str:
         )
 
     return f"saved, and acts as act does, within {difference.max():.1g}"
+
+
+def _check_equal(first: np.ndarray, second: np.ndarray, fault: str) -> None:
+    """Raises a WorkError with the fault unless both trainings saw the same numbers."""
+    if not np.array_equal(first, second, equal_nan=True):
+        raise WorkError(fault)
 
 
 def _check_finite(engine: Engine) -> None:

@@ -7,20 +7,7 @@ import torch
 from jbench.agents import sb3
 from jbench.agents.batched.on_policy import estimate
 from jbench.agents.batched.ppo import split_minibatch
-from tests.agents.batched_oracle import (
-    PRECISION,
-    SIZE,
-    build_learner,
-    build_oracle,
-    build_settings,
-    copy_initial_parameters,
-    fill,
-    largest_difference,
-    mean_losses,
-    next_batch,
-    parameters,
-    transitions,
-)
+from tests.agents import batched_oracle as oracle
 from tests.agents.test_batched_engine import slow
 
 OFF_POLICY = ("ddpg", "td3", "sac")
@@ -29,10 +16,10 @@ LARGE_NOISE = {"target_policy_noise": 0.9, "target_noise_clip": 0.8}
 
 def update_both(agent, learner, tensors, settings, updates):
     """Updates agent and learner on the same batches; yields after each update."""
-    dtype, data = tensors.dtype, transitions(learner.action_size)
-    fill(agent, data)
+    dtype, data = tensors.dtype, oracle.transitions(learner.action_size)
+    oracle.fill(agent, data)
     for update in range(1, updates + 1):
-        batch = next_batch(data, settings, learner.noise_per_transition, dtype, update)
+        batch = oracle.next_batch(data, settings, learner.noise_per_transition, dtype, update)
         agent.train(gradient_steps=1, batch_size=settings.batch_size)
         delayed = learner.is_delayed_update(update, 0)
         learner.reset_losses([delayed])
@@ -58,25 +45,27 @@ def test_off_policy_updates_equal_stable_baselines3(
 ):
     # In both, the target entropy of SAC is minus the size of an action.
     automatic = {"target_entropy": "auto"} if algo == "sac" else {}
-    settings = build_settings(algo, **automatic, **changes)
-    agent = build_oracle(algo, settings, dtype, monkeypatch, actions)
-    tensors, learner = build_learner(algo, settings, dtype, action_size=actions)
-    copy_initial_parameters(algo, agent, learner)
+    settings = oracle.build_settings(algo, **automatic, **changes)
+    agent = oracle.build_oracle(algo, settings, dtype, monkeypatch, actions)
+    tensors, learner = oracle.build_learner(algo, settings, dtype, action_size=actions)
+    oracle.copy_initial_parameters(algo, agent, learner)
     for update in update_both(agent, learner, tensors, settings, updates):
         if update in (1, 10, 100):
-            pairs = parameters(algo, agent, learner).values()
-            assert largest_difference(pairs) < PRECISION[dtype]
-    assert mean_losses(learner, tensors) == pytest.approx(sb3.losses(agent), rel=1e-5)
+            pairs = oracle.parameters(algo, agent, learner).values()
+            assert oracle.largest_difference(pairs) < oracle.PRECISION[dtype]
+    assert oracle.mean_losses(learner, tensors) == pytest.approx(sb3.losses(agent), rel=1e-5)
 
 
 def test_sac_target_update_interval_counts_from_each_learning_phase():
-    settings = build_settings("sac", target_update_interval=3, gradient_steps=5)
-    tensors, learner = build_learner("sac", settings, torch.float64)
+    settings = oracle.build_settings("sac", target_update_interval=3, gradient_steps=5)
+    tensors, learner = oracle.build_learner("sac", settings, torch.float64)
     delayed = [learner.is_delayed_update(7 + i, i) for i in range(5)]
     assert delayed == [True, False, False, True, False]
     learner.initialize(torch.Generator().manual_seed(0))
     first = {name: saved.clone() for name, saved in tensors.saved.items()}
-    learner.update(next_batch(transitions(), settings, 2, torch.float64, 1), delayed=False)
+    learner.update(
+        oracle.next_batch(oracle.transitions(), settings, 2, torch.float64, 1), delayed=False
+    )
     kept = {name for name, saved in tensors.saved.items() if torch.equal(saved, first[name])}
     assert kept == {"critic1_target", "critic2_target"}
 
@@ -87,7 +76,7 @@ def fill_rollout(agent, settings, data):
     shape = (settings.n_steps, settings.n_envs)
     buffer.reset()
     observations, actions, rewards, *_ = (part[: shape[0] * shape[1]] for part in data)
-    buffer.observations = observations.reshape(*shape, SIZE)
+    buffer.observations = observations.reshape(*shape, oracle.SIZE)
     buffer.actions = actions.reshape(*shape, -1)
     buffer.rewards = rewards.reshape(shape)
     buffer.values = random.normal(size=shape).astype(np.float32)
@@ -107,7 +96,7 @@ def fill_rollout(agent, settings, data):
 
 
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch")
-@pytest.mark.parametrize("dtype", PRECISION, ids=str)
+@pytest.mark.parametrize("dtype", oracle.PRECISION, ids=str)
 @pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize(
     ("epochs", "batch_size", "changes"),
@@ -125,11 +114,11 @@ def test_ppo_updates_equal_stable_baselines3(
     epochs, batch_size, changes, actions, dtype, monkeypatch
 ):
     changes = {"n_envs": 2, "n_steps": 60, "n_epochs": epochs, "batch_size": batch_size} | changes
-    settings = build_settings("ppo", **changes)
-    agent = build_oracle("ppo", settings, dtype, monkeypatch, actions)
-    tensors, learner = build_learner("ppo", settings, dtype, action_size=actions)
-    copy_initial_parameters("ppo", agent, learner)
-    rollout = fill_rollout(agent, settings, transitions(actions))
+    settings = oracle.build_settings("ppo", **changes)
+    agent = oracle.build_oracle("ppo", settings, dtype, monkeypatch, actions)
+    tensors, learner = oracle.build_learner("ppo", settings, dtype, action_size=actions)
+    oracle.copy_initial_parameters("ppo", agent, learner)
+    rollout = fill_rollout(agent, settings, oracle.transitions(actions))
     rows = rollout.flatten(0, 2).to(dtype)
     np.random.seed(3)
     agent.train()
@@ -138,15 +127,17 @@ def test_ppo_updates_equal_stable_baselines3(
         order = torch.from_numpy(np.random.permutation(120))
         for indices in order.split(batch_size):
             learner.update(split_minibatch(rows[indices], actions))
-    pairs = parameters("ppo", agent, learner).values()
-    assert largest_difference(pairs) < PRECISION[dtype]
-    assert mean_losses(learner, tensors) == pytest.approx(sb3.losses(agent), rel=1e-4, abs=1e-7)
+    pairs = oracle.parameters("ppo", agent, learner).values()
+    assert oracle.largest_difference(pairs) < oracle.PRECISION[dtype]
+    assert oracle.mean_losses(learner, tensors) == pytest.approx(
+        sb3.losses(agent), rel=1e-4, abs=1e-7
+    )
 
 
 def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
-    settings = build_settings("ppo", n_envs=2, n_steps=200, batch_size=100, gae_lambda=0.8)
-    agent = build_oracle("ppo", settings, torch.float32, monkeypatch)
-    rollout = fill_rollout(agent, settings, transitions())
+    settings = oracle.build_settings("ppo", n_envs=2, n_steps=200, batch_size=100, gae_lambda=0.8)
+    agent = oracle.build_oracle("ppo", settings, torch.float32, monkeypatch)
+    rollout = fill_rollout(agent, settings, oracle.transitions())
     buffer = agent.rollout_buffer
     for column, expected in ((-3, buffer.advantages), (-2, buffer.returns)):
         np.testing.assert_array_equal(rollout[0, :, :, column].numpy().T, expected)
@@ -155,11 +146,11 @@ def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
 @pytest.mark.parametrize("actions", [1, 6])
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
 def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
-    settings = build_settings(algo, **({"n_envs": 1} if algo == "ppo" else {}))
-    agent = build_oracle(algo, settings, torch.float64, monkeypatch, actions)
-    _, learner = build_learner(algo, settings, torch.float64, action_size=actions)
-    copy_initial_parameters(algo, agent, learner)
-    observations = torch.from_numpy(transitions()[0][:40]).double()
+    settings = oracle.build_settings(algo, **({"n_envs": 1} if algo == "ppo" else {}))
+    agent = oracle.build_oracle(algo, settings, torch.float64, monkeypatch, actions)
+    _, learner = oracle.build_learner(algo, settings, torch.float64, action_size=actions)
+    oracle.copy_initial_parameters(algo, agent, learner)
+    observations = torch.from_numpy(oracle.transitions()[0][:40]).double()
     acting = agent.policy if algo == "ppo" else agent.actor
     expected = acting._predict(observations, deterministic=True).detach()
     torch.testing.assert_close(learner.act(observations), expected.clamp(-1, 1))
@@ -179,11 +170,11 @@ def test_actions_equal_stable_baselines3(algo, actions, monkeypatch):
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
 def test_initial_weights_are_distributed_as_in_stable_baselines3(algo, monkeypatch):
-    settings = build_settings(algo, hidden_layers=[200, 100])
-    agent = build_oracle(algo, settings, torch.float32, monkeypatch)
-    _, learner = build_learner(algo, settings)
+    settings = oracle.build_settings(algo, hidden_layers=[200, 100])
+    agent = oracle.build_oracle(algo, settings, torch.float32, monkeypatch)
+    _, learner = oracle.build_learner(algo, settings)
     learner.initialize(torch.Generator().manual_seed(0))
-    pairs = parameters(algo, agent, learner)
+    pairs = oracle.parameters(algo, agent, learner)
     for ours, theirs in pairs.values():
         if theirs.numel() > 90:
             assert ours.std().item() == pytest.approx(theirs.std().item(), rel=0.2)

@@ -52,6 +52,25 @@ def encoded(encoder, observations, actions, rewards):
     return torch.cat([inputs, actions, rewards], 1)
 
 
+def update_on_images(algo, plain, settings, both, drawn):
+    """Updates a plain rule with minibatches in which 7 of 15 transitions are mirror images.
+
+    `both` are the rows and their images, `drawn` the places of transitions and of the next ones in
+    each minibatch, and the noise.
+    """
+    rows, images = both
+    for update, (sampled, following, noise) in enumerate(zip(*drawn, strict=True), 1):
+        now, later = (
+            torch.cat([images[indices[:7]], rows[indices[7:]]]) for indices in (sampled, following)
+        )
+        discounts = torch.full((15, 1), settings.gamma, dtype=torch.float64)
+        batch = Batch(now, later, discounts, torch.from_numpy(noise).double())
+        if algo == "td3":
+            plain.update(batch, update % settings.policy_delay == 0)
+        else:
+            plain.update(batch)
+
+
 @pytest.mark.parametrize("encoder", [None, PLANAR], ids=["full", "planar"])
 @pytest.mark.parametrize("algo", PLAIN)
 def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
@@ -66,16 +85,7 @@ def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
         updates.prepare(1, UPDATES)
         sampled, following, _ = engine.replay.sample(random, UPDATES, 15)
         noise = random.standard_normal((UPDATES, 15, learner.noise_per_transition), np.float32)
-        for i in range(UPDATES):
-            # The first 7 of 15 transitions.
-            now, later = (
-                torch.cat([images[indices[:7]], rows[indices[7:]]])
-                for indices in (sampled[i], following[i])
-            )
-            discounts = torch.full((15, 1), settings.gamma, dtype=torch.float64)
-            batch = Batch(now, later, discounts, torch.from_numpy(noise[i]).double())
-            delayed = [(i + 1) % settings.policy_delay == 0] if algo == "td3" else []
-            plain.update(batch, *delayed)
+        update_on_images(algo, plain, settings, (rows, images), (sampled, following, noise))
         updates.run()
         assert_equal_parameters(paired_layers(algo, learner, plain))
 

@@ -10,7 +10,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from jbench.agents.batched.normalize import RunningStatistics, Standardization
 from jbench.agents.batched.ppo import split_minibatch
-from jbench.agents.batched.replay import Batch
 from jbench.errors import RequestError
 from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import SavedNetwork, TrainedAgent
@@ -42,7 +41,13 @@ from tests.agents.test_batched_engine import (
     slow,
 )
 from tests.agents.test_batched_updates import OFF_POLICY, fill_rollout
-from tests.agents.test_mirrored_minibatches import ROWS, UPDATES, encoded, replay_rows
+from tests.agents.test_mirrored_minibatches import (
+    ROWS,
+    UPDATES,
+    encoded,
+    replay_rows,
+    update_on_images,
+)
 from tests.agents.test_plain_updates import (
     PLAIN,
     assert_equal_parameters,
@@ -214,15 +219,7 @@ def test_minibatches_are_mirrored_and_then_standardized_by_the_newest_statistics
         deviation = (state["variance"] + 1e-8).sqrt()
         for seen in (rows, images):
             seen[:, :16] = ((seen[:, :16] - state["mean"]) / deviation).clamp(-5, 5)
-        for i in range(UPDATES):
-            now, later = (
-                torch.cat([images[indices[:7]], rows[indices[7:]]])
-                for indices in (sampled[i], following[i])
-            )
-            discounts = torch.full((15, 1), settings.gamma, dtype=torch.float64)
-            batch = Batch(now, later, discounts, torch.from_numpy(noise[i]).double())
-            delayed = [(i + 1) % settings.policy_delay == 0] if algo == "td3" else []
-            plain.update(batch, *delayed)
+        update_on_images(algo, plain, settings, (rows, images), (sampled, following, noise))
         updates.run()
         assert_equal_parameters(paired_layers(algo, learner, plain))
 

@@ -41,6 +41,7 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
+    """Imports a public name when it is first used."""
     if name == "__all__":
         return sorted(_exports())
     if name not in _exports():
@@ -50,11 +51,13 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
+    """Lists the public names that were not imported yet, too."""
     return sorted({*globals(), *_exports()})
 
 
 @cache
 def _exports() -> dict[str, tuple[str, str]]:
+    """Returns the module and the name of each public name, as the imports above say."""
     import ast
 
     return {
@@ -67,6 +70,7 @@ def _exports() -> dict[str, tuple[str, str]]:
 
 
 def _register_environments() -> None:
+    """Registers the environments with Gymnasium."""
     # Only the ids: the environments are imported when they are made.
     importlib.import_module("jbench.registration").register_environments()
 

@@ -92,6 +92,7 @@ app = typer.Typer(
 
 
 def _version(wanted: bool) -> None:
+    """Prints the version, with the git revision of a clone, and exits."""
     if wanted:
         from jbench.revision import git_revision
 
@@ -130,6 +131,7 @@ _INTERRUPTED = 128 + signal.SIGINT  # as shells call it
 
 
 def _run(arguments: Sequence[str]) -> int:
+    """Runs a verb; returns its exit code without raising."""
     # Most commands render nothing; without this, a machine without a display gets a warning.
     os.environ.setdefault("MUJOCO_GL", "disable")
     output.begin(arguments)

@@ -85,6 +85,7 @@ def imported(what: str, name: str) -> Any:
 
 
 def _find_working_directory() -> None:
+    """Makes modules of the working directory importable, as `python -m` does."""
     if (here := os.getcwd()) not in sys.path and "" not in sys.path:
         sys.path.insert(0, here)
 
@@ -135,6 +136,7 @@ def files_at_hand(name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]
 
 
 def _where_from(module: str) -> dict[str, str | None]:
+    """Returns the version of the package of a module, or the checksum of its file."""
     if packages := sources.installed_packages().get(module.partition(".")[0]):
         return made_with(packages[0])
     file = getattr(sys.modules[module], "__file__", None)
@@ -142,6 +144,7 @@ def _where_from(module: str) -> dict[str, str | None]:
 
 
 def _attempt(load_it: Callable[[], Any], subject: str, where: str) -> Any:
+    """Loads code of others; what it raises is a WorkError."""
     try:
         return load_it()
     except Exception as error:

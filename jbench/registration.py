@@ -32,6 +32,7 @@ def _gymnasium_name(task: str) -> str:
 
 
 def _register(id: str, entry_point: str, kwargs: dict[str, Any], **more: Any) -> None:
+    """Registers an environment, unless its id is taken."""
     # Imported here, since jbench registers as soon as Gymnasium is imported.
     from gymnasium.envs.registration import register, registry
 

@@ -48,6 +48,7 @@ def installed_packages() -> Mapping[str, list[str]]:
 
 @cache
 def _installed_packages(_search_path: tuple[str, ...]) -> Mapping[str, list[str]]:
+    """Returns the distributions of each installed package; the search path is the cache's key."""
     return packages_distributions()
 
 
@@ -109,6 +110,7 @@ def module_file(module_name: str) -> Path | None:
 
 
 def _read(module_name: str, path: Path | None) -> dict[str, str]:
+    """Returns the checksums of the files of a module of the user, by name."""
     top = module_name.partition(".")[0]
     if path is None or not path.is_file() or top in sys.stdlib_module_names or top == _OURS:
         return {}
@@ -140,12 +142,14 @@ def _is_library(package: str) -> bool:
 
 
 def _of_same_distribution(package: str) -> set[str]:
+    """Returns the packages that were installed together with one."""
     installed = installed_packages()
     mine = set(installed.get(package, ()))
     return {package, *(name for name, owners in installed.items() if mine.intersection(owners))}
 
 
 def _is_local(found: Distribution) -> bool:
+    """Returns whether a distribution was installed from a folder of this machine."""
     try:
         url = json.loads(found.read_text("direct_url.json") or "{}").get("url", "")
     except (ValueError, AttributeError):
@@ -180,6 +184,7 @@ class _Code:
             self._add_data(path, tree)
 
     def _imported(self, path: Path, tree: ast.AST) -> Iterator[Path]:
+        """Yields the files that a module imports, also inside functions."""
         for node in ast.walk(tree):
             if isinstance(node, ast.Import):
                 for alias in node.names:
@@ -217,6 +222,7 @@ class _Code:
                 return
 
     def _packages_above(self, path: Path) -> Iterator[Path]:
+        """Yields the `__init__.py` of the packages around a file."""
         for directory in path.parents:
             if directory == self._root or not directory.is_relative_to(self._root):
                 return
@@ -224,6 +230,7 @@ class _Code:
                 yield package
 
     def _add_data(self, path: Path, tree: ast.AST) -> None:
+        """Adds the files that code names, such as a model in XML."""
         for text in named_files(tree):
             for directory in (path.parent, Path.cwd()):
                 file = directory / text
@@ -236,4 +243,5 @@ class _Code:
 
 
 def _exists(directory: Path, name: str) -> bool:
+    """Returns whether a directory has a module or package of a name."""
     return (directory / f"{name}.py").is_file() or (directory / name).is_dir()

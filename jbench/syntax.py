@@ -90,6 +90,7 @@ def named_files(tree: ast.AST) -> list[str]:
 
 
 def _joined(node: ast.AST) -> str:
+    """Returns the path that constants joined by `/` make."""
     parts = list[str]()
     while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
         if isinstance(node.right, ast.Constant) and isinstance(node.right.value, str):
@@ -99,6 +100,7 @@ def _joined(node: ast.AST) -> str:
 
 
 def _is_writing(call: ast.Call) -> bool:
+    """Returns whether a call writes a file, by its name and mode."""
     function = call.func
     name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
     if name == "open":

@@ -18,11 +18,13 @@ class _Clock:
     """Measures wall time in s by part, each without the parts inside it."""
 
     def __init__(self) -> None:
+        """Has measured nothing yet."""
         self.spent: dict[str, float] = defaultdict(float)
         self._inside = [0.0]
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
+        """Adds the time of a block to its part, without that of the parts inside it."""
         self._inside.append(0.0)
         began = time.perf_counter()
         try:

@@ -32,6 +32,7 @@ def json_text(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
+    """Returns a value as JSON has it; numbers that are not finite are null."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):

@@ -229,11 +229,13 @@ def algorithm_provenance(algo: str) -> dict[str, Any]:
 
 
 def _offered() -> list[EntryPoint]:
+    """Returns the entry points of installed algorithms, by name."""
     points = [p for group in _GROUPS for p in plugins.offered(group, _NAME, SETTINGS).values()]
     return sorted(points, key=lambda point: point.name)
 
 
 def _entry_point(name: str) -> EntryPoint:
+    """Returns the entry point of an algorithm; a RequestError says what was meant."""
     points = [point for point in _offered() if point.name == name]
     if not points and name.lower() in _ELSEWHERE:
         raise RequestError(f"Unknown algorithm {name!r}; {_ELSEWHERE[name.lower()]}.")

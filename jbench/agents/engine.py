@@ -177,6 +177,7 @@ class Engine(AbstractContextManager["Engine"]):
         """
 
     def _record_divergence(self, seed: int, what: str) -> None:
+        """Notes when a seed diverged and by what; later ones change nothing."""
         self.diverged.setdefault(seed, DivergedError(self.updates, self.control_steps, what))
 
     def _checked_actions(self, actions: NDArray[np.floating]) -> NDArray[np.floating]:

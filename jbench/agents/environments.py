@@ -29,6 +29,7 @@ class Generators:
     """
 
     def __init__(self, seed: int, environments: int) -> None:
+        """Spawns independent generators from one seed, one for each use."""
         self.seed = seed
         weights, actions, updates, *others = SeedSequence(seed).spawn(3 + environments)
         self._weights = weights
@@ -180,6 +181,7 @@ class Environments:
             generator.bit_generator.state = saved
 
     def _begin_episodes(self) -> None:
+        """Starts an episode in every world, on the robot of its number."""
         self._switch_robot(self.episodes)
         self._returns = np.zeros(self._shape)
         self.steps = 0
@@ -188,10 +190,12 @@ class Environments:
         self._note_failures()
 
     def _note_failures(self) -> None:
+        """Notes the first error of the worlds of each seed."""
         for world, error in self._worlds.failures.items():
             self.failures.setdefault(world // self._shape[1], error)
 
     def _switch_robot(self, episode: int) -> None:
+        """Makes the worlds again if the episode is on another robot of the sequence."""
         robot = self._augment(episode)
         if robot != self._robot:
             self._worlds.close()
@@ -199,6 +203,7 @@ class Environments:
             self._worlds = self._new_worlds()
 
     def _new_worlds(self) -> Worlds:
+        """Returns worlds of the present robot, as many as all seeds have environments."""
         return self._task.worlds(self._shape[0] * self._shape[1], self.threads, self._robot)
 
     def _inputs(self, observations: NDArray[np.float32]) -> Tensor:
@@ -208,4 +213,5 @@ class Environments:
         return self.encode(seen)
 
     def _robots(self, seed: int) -> slice:
+        """Returns the places of a seed's worlds."""
         return slice(seed * self._shape[1], (seed + 1) * self._shape[1])

@@ -104,13 +104,16 @@ class PluginEngine(Engine):
         _restore_generators(unpack(scalars["generators"], tensors), self._device)
 
     def _act(self, inputs: Tensor) -> NDArray[np.floating]:
+        """See `Engine._act`; the agent's generators are as they were afterwards."""
         with torch.no_grad(), _kept_generators(self._device):
             return self._checked_actions(self._actions(self._agent.act, inputs[0].numpy()))
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
+        """Returns the agent's actions with exploration (environments, action_size)."""
         return self._actions(self._agent.explore, observations[0].numpy().copy())
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: StepResult) -> None:
+        """Hands the transition to the agent, and lets it learn."""
         if self.diverged:
             return
 
@@ -149,6 +152,7 @@ class PluginEngine(Engine):
             return module
 
     def _call(self, method: Callable[..., Any], *arguments: object) -> Any:
+        """Calls a method of the agent; its errors are WorkErrors that name the method."""
         try:
             return method(*arguments)
         except (RequestError, WorkError):
@@ -162,6 +166,7 @@ class PluginEngine(Engine):
     def _actions(
         self, method: Callable[..., Any], observations: NDArray[np.float32]
     ) -> NDArray[np.float64]:
+        """Returns actions of the agent as an array, of which the shape is checked."""
         wanted = (len(observations), self.environments.action_size)
         actions = self._call(method, observations)
         if isinstance(actions, Tensor):
@@ -178,6 +183,7 @@ class PluginEngine(Engine):
 
 
 def _name(method: Callable[..., Any]) -> str:
+    """Returns the name of a method in errors."""
     return getattr(method, "__name__", type(method).__name__)
 
 
@@ -190,6 +196,7 @@ def _kept_generators(device: torch.device) -> Iterator[None]:
 
 
 def _generators(device: torch.device) -> dict[str, Any]:
+    """Returns the states of all global generators of random numbers."""
     legacy = np.random.get_state(legacy=False)  # noqa: NPY002
     states = {"torch": torch.get_rng_state(), "numpy": legacy, "python": random.getstate()}
     if device.type == "cuda":
@@ -198,6 +205,7 @@ def _generators(device: torch.device) -> dict[str, Any]:
 
 
 def _restore_generators(states: Mapping[str, Any], device: torch.device) -> None:
+    """Sets the states that `_generators` returned."""
     torch.set_rng_state(states["torch"])
     if device.type == "cuda" and "cuda" in states:  # the run may have been on a CPU
         torch.cuda.set_rng_state(states["cuda"], device)

@@ -36,6 +36,7 @@ class _DDPGWithPolicyWarmup(DDPG):
     def _sample_action(
         self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
     ) -> tuple[np.ndarray, np.ndarray]:
+        """Samples by the policy and its noise from the first step on."""
         return super()._sample_action(0, action_noise, n_envs)
 
 
@@ -116,6 +117,7 @@ def build(algo: str, settings: Algorithm, env: VecEnv, seed: int) -> BaseAlgorit
 
 
 def _ours(algo: str, settings: AlgorithmSettings, shape: Any) -> tuple[Any, dict[str, Any]]:
+    """Returns the class of an algorithm of jbench's own, and its arguments in the words of sb3."""
     # Divergence is detected by actions and losses. Torch's validation would raise its own error in
     # the middle of an update.
     torch.distributions.Distribution.set_default_validate_args(False)
@@ -203,6 +205,7 @@ class Spaces(gymnasium.Env[Any, Any]):
     """An environment of which only the spaces are used."""
 
     def __init__(self, observation_size: int, action_size: int) -> None:
+        """Has the spaces of an environment of these sizes, and never steps."""
         shape = (observation_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.action_space = gymnasium.spaces.Box(-1, 1, (action_size,), np.float32)

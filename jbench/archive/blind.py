@@ -119,6 +119,7 @@ class Blinder:
         return content
 
     def _rows(self, record: Record, entry: FileEntry, content: bytes) -> bytes:
+        """Returns the content of a table's file with the numbers of ids in place of their names."""
         if not self._ids:
             return content
 
@@ -134,6 +135,7 @@ class Blinder:
         return content if changed.equals(rows) else listed.to_bytes(changed)
 
     def _number(self, what: str, name: object, letters: str = "") -> None:
+        """Gives a name a number, or a letter, of its kind, so that the archive does not have it."""
         if not isinstance(name, str):
             return
 
@@ -148,6 +150,7 @@ class Blinder:
             known.setdefault(short, known[name])
 
     def _value(self, value: Any) -> Any:
+        """Returns a value of JSON without names, whatever it is nested in."""
         if isinstance(value, Mapping):
             return {name: self._value(item) for name, item in value.items()}
         if isinstance(value, list | tuple):
@@ -155,6 +158,7 @@ class Blinder:
         return self._text(value) if isinstance(value, str) else value
 
     def _text(self, text: str) -> str:
+        """Returns a text without names: with numbers, or left out if it still says something."""
         if text in self._ids:
             return self._ids[text]
 
@@ -172,6 +176,7 @@ class Blinder:
         return LEFT_OUT if self._has_a_word(text) else text
 
     def _has_a_word(self, text: str) -> bool:
+        """Returns whether a text has a word that tells who made it, or is the path of a file."""
         return any(found_in(word, text) for word in self.words) or text.startswith(("/", "~"))
 
 
@@ -190,6 +195,7 @@ def _without_texts(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _is_plain(name: str, value: Any) -> bool:
+    """Returns whether a part of a summary tells nothing of a place: `what` is jbench's own word."""
     return name == "what" or not isinstance(value, str)
 
 
@@ -227,6 +233,7 @@ def words_of_this_machine(*places: Path) -> set[str]:
 
 
 def _quietly(read: Callable[[], str]) -> str:
+    """Returns what a function reads of this machine, or nothing if it can't."""
     try:
         return read()
     except (OSError, KeyError):
@@ -234,6 +241,7 @@ def _quietly(read: Callable[[], str]) -> str:
 
 
 def _git(*arguments: str) -> str:
+    """Returns what git prints, or nothing without git or a repository."""
     command = ["git", *arguments]
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=10).stdout.strip()

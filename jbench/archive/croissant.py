@@ -71,6 +71,7 @@ def write_croissant(results: Results, out: Path, dataset: Record | None = None) 
 
 
 def _tables_of(results: Results) -> dict[str, pa.Table]:
+    """Returns the tables of results that have rows; a record that can't be read is a WorkError."""
     tables, problems = load(results)
     if problems:
         raise WorkError(problems[0])
@@ -78,6 +79,7 @@ def _tables_of(results: Results) -> dict[str, pa.Table]:
 
 
 def _tables_of_dataset(dataset: Record) -> dict[str, pa.Table]:
+    """Returns all rows of the tables of a dataset."""
     names = dict.fromkeys(entry.table for entry in dataset.manifest.files if entry.table)
     return {name: pa.concat_tables(_parts(dataset, name)) for name in names}
 
@@ -120,6 +122,7 @@ def _metadata(name: str, tables: dict[str, pa.Table], paths: dict[str, Path]) ->
 
 
 def _record_set(table: str, rows: pa.Table, croissant: Any) -> Any:
+    """Returns the description of a table: its columns with their units and types."""
     fields = []
     for column in rows.schema:
         unit = (column.metadata or {}).get(b"unit", b"").decode()
@@ -141,6 +144,7 @@ def _record_set(table: str, rows: pa.Table, croissant: Any) -> Any:
 
 
 def _data_type(kind: pa.DataType, croissant: Any) -> Any:
+    """Returns the type of a column in the words of schema.org."""
     if pa.types.is_boolean(kind):
         return croissant.DataType.BOOL
     if pa.types.is_integer(kind):

@@ -40,6 +40,7 @@ def matrix(runs: Iterable[Record], encoders: Mapping[str, Record]) -> str:
 
 
 def _part(group: Sequence[RunSettings], encoders: Mapping[str, Record]) -> str:
+    """Returns the part of a matrix file that trains a group of runs again."""
     run = group[0]
     keys: dict[str, Any] = {
         "tasks": [run.task],

@@ -103,6 +103,7 @@ def _chosen(results: Results) -> tuple[list[Record], list[str]]:
 
 
 def _has_claims(records: list[Record]) -> bool:
+    """Returns whether there are runs, without which no claim can be tested."""
     return any(record.kind == "run" for record in records)
 
 
@@ -131,6 +132,7 @@ def _copy(record: Record, target: Results, blinder: Blinder | None) -> None:
 
 
 def _write_texts(root: Path, target: Results, left_out: list[str]) -> None:
+    """Writes the README, the matrix that trains the runs again, and the versions of packages."""
     from jbench import __version__
 
     runs = target.scan("run")[0]

@@ -80,11 +80,13 @@ def _checks_of_both(name: str, make: _Make, task: str) -> Iterator[_Check]:
 
 
 def _agent_class(name: str, settings: Mapping[str, Any]) -> str:
+    """Finds the class and says which engine trains it."""
     fields = algorithm_fields(name, overrides=settings)
     return f"{name} is trained by the engine {fields['engine']}"
 
 
 def _settings(name: str) -> str:
+    """Checks that each setting has a description."""
     described = describe_settings(name)
     silent = [each["name"] for each in described if not each["description"]]
     if silent:
@@ -96,12 +98,14 @@ def _settings(name: str) -> str:
 
 
 def _made(make: _Make, task: str) -> str:
+    """Makes an agent on the task."""
     with make([0]) as engine:
         size, actions = engine.environments.size, engine.environments.action_size
     return f"on {task}, with observations of {size} and actions of {actions}"
 
 
 def _actions(make: _Make) -> str:
+    """Checks that actions are deterministic, and their shape for any number of robots."""
     with make([0]) as engine:
         size, action_size = engine.environments.size, engine.environments.action_size
         for count in (1, 7):
@@ -122,6 +126,7 @@ def _actions(make: _Make) -> str:
 
 
 def _trains(make: _Make, environments: int = 1) -> str:
+    """Trains some short episodes; losses and weights must be finite."""
     with make([0], environments) as engine:
         _train(engine)
         losses = engine.losses(0)
@@ -142,6 +147,7 @@ def _trains(make: _Make, environments: int = 1) -> str:
 
 
 def _seeds(make: _Make) -> str:
+    """Checks that the seed, and only the seed, decides the numbers of a training."""
     first, again, other = (_trace(make, [seed]) for seed in (0, 0, 1))
     _check_equal(
         first,
@@ -157,6 +163,7 @@ def _seeds(make: _Make) -> str:
 
 
 def _side_by_side(make: _Make) -> str:
+    """Checks that a seed's numbers are the same beside another seed."""
     _check_equal(
         _trace(make, [0]),
         _trace(make, [0, 1]),
@@ -166,6 +173,7 @@ def _side_by_side(make: _Make) -> str:
 
 
 def _evaluation(make: _Make) -> str:
+    """Checks that evaluating changes nothing in training."""
     _check_equal(
         _trace(make, [0]),
         _trace(make, [0], evaluate=True),
@@ -176,6 +184,7 @@ def _evaluation(make: _Make) -> str:
 
 
 def _state(make: _Make) -> str:
+    """Checks that a training goes on with the same numbers from its saved state."""
     with make([0]) as engine:
         _train(engine, episodes=1)
         saved = engine.state(0)
@@ -202,6 +211,7 @@ def _state(make: _Make) -> str:
 
 
 def _policy(make: _Make) -> str:
+    """Checks that the saved policy acts as the agent does."""
     with make([0]) as engine:
         _train(engine)
         saved = engine.policy(0)
@@ -227,11 +237,13 @@ def _check_equal(first: np.ndarray, second: np.ndarray, fault: str) -> None:
 
 
 def _check_finite(engine: Engine) -> None:
+    """Raises the error of a seed that diverged."""
     for error in engine.diverged.values():
         raise error
 
 
 def _train(engine: Engine, episodes: int = _EPISODES) -> None:
+    """Trains the agent for some short episodes."""
     made = engine.control_steps
     for _ in engine.learn(made + episodes * EPISODE * engine.environments.observations.shape[1]):
         pass
@@ -245,6 +257,7 @@ def _numbers(engine: Engine) -> np.ndarray:
 
 
 def _trace(make: _Make, seeds: list[int], evaluate: bool = False) -> np.ndarray:
+    """Returns the observations (steps, environments, size) of the first seed in a new training."""
     with make(seeds) as engine:
         observations = np.zeros((len(seeds), 3, engine.environments.size), np.float32)
         seen = []

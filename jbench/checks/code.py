@@ -103,6 +103,7 @@ def _is_factory(found: Callable[..., Any]) -> bool:
 
 
 def _installed(name: str) -> What:
+    """Returns what an installed name is: a task, an agent, a rule or an encoder."""
     points = installed()
     by_what: dict[What, list[str]] = {
         "agent": [each for each, point in points.items() if point.group == "jbench.agents"],

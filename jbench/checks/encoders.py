@@ -43,6 +43,7 @@ def checks(
 
 
 def _class(name: str, task: str, options: Mapping[str, Any]) -> str:
+    """Makes the kind with its options and says how many latents it can have."""
     base = "Learned" if issubclass(find_kind(name), Learned) else "Fitted"
     make_kind(name, options)
     sizes = latent_sizes(name, task, options)
@@ -61,6 +62,7 @@ class _Trial:
         latents: int | None,
         folder: Path,
     ) -> None:
+        """Encoders are trained in folders of their own below `folder`."""
         self._name = name
         self._task = task
         self._folder = folder
@@ -71,6 +73,7 @@ class _Trial:
         self._trained = cache(self._train)
 
     def options_described(self) -> str:
+        """Checks that each option has a description."""
         fields = find_kind(self._name).model_fields
         silent = [name for name, field in fields.items() if not field.description]
         if silent:
@@ -81,12 +84,14 @@ class _Trial:
         return f"{', '.join(fields)}"
 
     def training(self) -> str:
+        """Trains an encoder on a small dataset."""
         record = self._trained("first", 0)
         summary = record.manifest.summary
         explained = summary.get("test_explained")
         return f"{self._latents} latents of {_STEPS:,} control steps explain {explained:.2f}"
 
     def seeds(self) -> str:
+        """Checks that training again with the same seed gives the same weights."""
         first, again = (
             safetensors.numpy.load(self._trained(place, 0).read_file(WEIGHTS))
             for place in ("first", "again")
@@ -101,6 +106,7 @@ class _Trial:
         return "the same seed gives the same weights"
 
     def shapes(self) -> str:
+        """Checks the shapes of latents for any leading axes of states."""
         encoder = self._encoder()
         size = find_task(self._task).observation_size
         for shape in ((), (4,), (2, 3)):
@@ -114,6 +120,7 @@ class _Trial:
         return f"(..., {size}) to (..., {self._latents})"
 
     def array_types(self) -> str:
+        """Checks that NumPy and PyTorch give the same latents, each in its own type."""
         encoder = self._encoder()
         size = find_task(self._task).observation_size
         states = np.random.default_rng(0).normal(size=(5, size)).astype(np.float32)
@@ -129,10 +136,12 @@ class _Trial:
         return f"the same latents within {difference:.1g}"
 
     def _encoder(self) -> Any:
+        """Returns the first trained encoder as agents load it."""
         record = self._trained("first", 0)
         return load_encoder(Results(self._folder / "first"), record.id)[0]
 
     def _train(self, place: str, seed: int) -> Record:
+        """Collects a small dataset in a place of its own and trains an encoder on it."""
         results = Results(self._folder / place)
         robot = dataset_robot(find_task(self._task))
         collect(DatasetSettings(steps=_STEPS, **robot), results, 1)

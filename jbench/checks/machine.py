@@ -55,6 +55,7 @@ def check_machine(results: Results) -> Iterator[Checked]:
 
 
 def _versions() -> Checked:
+    """Says which versions of jbench, Python and the main packages there are."""
     names = ("mujoco", "dm-control", "gymnasium", "numpy", "torch", "stable-baselines3", "duckdb")
     there = {name: _version(name) for name in names}
     listed = ", ".join(f"{name} {version}" for name, version in there.items() if version)
@@ -64,6 +65,7 @@ def _versions() -> Checked:
 
 
 def _version(name: str) -> str | None:
+    """Returns the version of a package, or None."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -71,6 +73,7 @@ def _version(name: str) -> str | None:
 
 
 def _dependencies() -> Checked:
+    """Says which required packages are missing or have another version."""
     wrong = []
     for text in importlib.metadata.requires("jbench") or []:
         requirement = Requirement(text)
@@ -89,6 +92,7 @@ def _dependencies() -> Checked:
 
 
 def _cores() -> Checked:
+    """Says how many cores jbench may use, and how busy they are."""
     usable = cores()
     whole = os.cpu_count() or 1
     limited = "" if usable == whole else f" of {whole}: affinity or a quota leaves no more"
@@ -97,6 +101,7 @@ def _cores() -> Checked:
 
 
 def _threads() -> Checked:
+    """Says how many threads matrix products use, and what limits them."""
     configuration = np.show_config(mode="dicts")
     built = configuration["Build Dependencies"] if isinstance(configuration, dict) else {}
     blas = built.get("blas", {}).get("name", "unknown")
@@ -107,6 +112,7 @@ def _threads() -> Checked:
 
 
 def _gpu() -> Checked:
+    """Says which GPUs torch can use, after it has computed on one."""
     if not torch.cuda.is_available():
         built = "for CPUs only" if torch.version.cuda is None else f"for CUDA {torch.version.cuda}"
         return Checked("GPU", "ok", f"none that torch can use (torch is built {built})")
@@ -122,6 +128,7 @@ def _gpu() -> Checked:
 
 
 def _ffmpeg() -> Checked:
+    """Says which ffmpeg writes videos."""
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         return Checked("ffmpeg", "note", "no videos: type pip install 'jbench[render]'")
 
@@ -136,6 +143,7 @@ def _ffmpeg() -> Checked:
 
 
 def _directory(results: Results) -> Checked:
+    """Says whether results can be written and locked, and how much room is left."""
     place = _existing(results.path)
     name = "results"
     if results.path.resolve() == SHIPPED_RESULTS.resolve():
@@ -161,11 +169,13 @@ def _directory(results: Results) -> Checked:
 
 
 def _existing(path: Path) -> Path:
+    """Returns the nearest directory above a path that exists."""
     path = path.absolute()
     return next(parent for parent in (path, *path.parents) if parent.is_dir())
 
 
 def _locks(results: Results) -> Checked:
+    """Says which records are being written now."""
     held = [
         f"{record.kind} {record.id}"
         for kind in KINDS
@@ -177,6 +187,7 @@ def _locks(results: Results) -> Checked:
 
 
 def _physics() -> Checked:
+    """Measures a step of the physics, beside the time that the documentation has."""
     microseconds = physics_step()
     ratio = microseconds / DOCUMENTED_STEP
     text = (
@@ -204,6 +215,7 @@ def physics_step() -> float:
 
 
 def _opengl() -> Checked:
+    """Says which backends of MuJoCo can draw pictures."""
     tried = [backend for backend in BACKENDS if backend != "glfw" or has_display()]
     working = [backend for backend in tried if draws(backend)]
     if not working:

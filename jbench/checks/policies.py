@@ -21,10 +21,12 @@ def checks(name: str, task: str) -> Iterator[tuple[str, Callable[[], str]]]:
 
 
 def _find(name: str, task: str) -> ActingPolicy:
+    """Finds the policy anew, without what an episode left in it."""
     return find_policy(Results("results"), name, task)
 
 
 def _acts(name: str, task: str) -> str:
+    """Checks the shape of actions for any number of robots."""
     policy = _find(name, task)
     size = find_task(task)
     for count in (1, 5):
@@ -36,6 +38,7 @@ def _acts(name: str, task: str) -> str:
 
 
 def _episodes(name: str, task: str) -> str:
+    """Checks that the same initial states give the same returns."""
     returns, again = _returns(name, task), _returns(name, task)
     if not np.array_equal(returns, again):
         raise NotableError(
@@ -46,6 +49,7 @@ def _episodes(name: str, task: str) -> str:
 
 
 def _returns(name: str, task: str, steps: int = 100) -> np.ndarray:
+    """Returns the returns of short episodes, scaled to 1000 control steps."""
     policy = _find(name, task)
     made = find_task(task)
     generators = [np.random.default_rng(seed) for seed in range(_EPISODES)]

@@ -25,11 +25,13 @@ def checks(name: str) -> Iterator[tuple[str, Callable[[], str]]]:
 
 
 def _made(name: str) -> str:
+    """Makes the task and says its sizes."""
     task = find_task(name)
     return f"observations of {task.observation_size} and actions of {task.action_size}"
 
 
 def _episode(name: str) -> str:
+    """Steps a whole episode, as jbench does before each training."""
     checked_task(name)
     return "an episode of random actions has its length, its sizes and rewards in [0, 1]"
 
@@ -49,6 +51,7 @@ def _seen(name: str, seed: int, count: int = 1) -> np.ndarray:
 
 
 def _seeds(name: str) -> str:
+    """Checks that the seed, and only the seed, decides an episode."""
     first, again, other = (_seen(name, seed) for seed in (0, 0, 1))
     if not np.array_equal(first, again):
         raise WorkError(
@@ -63,6 +66,7 @@ def _seeds(name: str) -> str:
 
 
 def _side_by_side(name: str) -> str:
+    """Checks that environments do not depend on each other."""
     if not np.array_equal(_seen(name, 0), _seen(name, 0, count=3)):
         raise WorkError("an environment's numbers depend on others that are stepped beside it.")
     return "environments side by side do not depend on each other"
@@ -81,6 +85,7 @@ def _again(name: str) -> str:
 
 
 def _speed(name: str) -> str:
+    """Measures a control step."""
     task = find_task(name)
     with task.worlds(1) as worlds:
         worlds.reset([np.random.default_rng(0)])

@@ -199,6 +199,7 @@ def _list(
 
 
 def _cell(value: Any) -> Any:
+    """Returns a value as the table shows it; settings with their defaults."""
     is_settings = isinstance(value, list)
     return ", ".join(f"{s['name']}={_text(s['default'])}" for s in value) if is_settings else value
 

@@ -221,6 +221,7 @@ def _reason(code: Sequence[str], changed: Mapping[str, object]) -> str:
 
 
 def _sentence(part: "Repeated | None") -> str:
+    """Returns what a run that was trained again has shown."""
     if part is None or part.verdict != "equal":
         return f"{part.verdict}. {part.reason}" if part else ""
     returns = f"returns of {counted(len(part.recorded), 'episode')}"

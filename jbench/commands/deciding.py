@@ -91,11 +91,13 @@ def _show_outcomes(reached: Sequence[deciding.Outcome], tried: Container[str]) -
 
 
 def _verdict(outcome: deciding.Outcome) -> str:
+    """Returns the decision in the words of the report."""
     word = decided_word(outcome.decision.verdict, outcome.comparison.claim)
     return f"{word}, within {MARGIN:g}" if word == "similar" else word
 
 
 def _described(outcome: deciding.Outcome) -> dict[str, Any]:
+    """Returns an outcome for JSON."""
     comparison = outcome.comparison
     first = comparison.first
     second = comparison.second

@@ -137,6 +137,7 @@ def _with_recorded_code(
 def _train_one(
     settings: "EncoderSettings", states: "States", database: "Results", device: "torch.device"
 ) -> "Record":
+    """Trains one encoder, with its progress; one that is finished is returned as it is."""
     from jbench.encoders.kind import Learned
     from jbench.encoders.kinds.predictive import Predictive
     from jbench.encoders.loop import CHECKPOINT
@@ -253,6 +254,7 @@ _ERRORS = {
 
 
 def _show_errors(record: "Record") -> None:
+    """Prints what an encoder loses of each feature, and how it learned."""
     for name, title in _ERRORS.items():
         frame = record.read(name).to_pandas().drop(columns=["encoder", "index"], errors="ignore")
         if len(frame):

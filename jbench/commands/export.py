@@ -90,6 +90,7 @@ def export(
 
 
 def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: Path) -> None:
+    """Writes the learning curves of all configurations to a file."""
     import pandas as pd
 
     from jbench.importing.curves import to_json
@@ -128,6 +129,7 @@ def _curves(file: Path, returns: names.ReturnsName, task: str | None, results: P
 def _policy(
     run: str, inputs: str | None, out: Path | None, results: Path, accept_changed: bool
 ) -> None:
+    """Writes the policy of a run for ONNX Runtime."""
     for package in ("onnx", "onnxscript"):
         if importlib.util.find_spec(package) is None:
             raise RequestError(f"--format onnx needs {package}: type pip install 'jbench[onnx]'.")
@@ -158,6 +160,7 @@ def _policy(
 
 
 def _croissant(dataset: str | None, out: Path | None, results: Path) -> None:
+    """Writes the metadata of results, or of a dataset."""
     if importlib.util.find_spec("mlcroissant") is None:
         raise RequestError(
             "--format croissant needs mlcroissant: type pip install 'jbench[croissant]'."
@@ -179,6 +182,7 @@ def _croissant(dataset: str | None, out: Path | None, results: Path) -> None:
 
 
 def _dataset(dataset: str | None, task: str | None, out: Path | None, results: Path) -> None:
+    """Writes a dataset for offline reinforcement learning (Minari)."""
     from jbench.datasets import find_dataset
     from jbench.datasets.export import export_minari
     from jbench.settings.records import JITTERBUG

@@ -51,6 +51,7 @@ def with_settings(
 
 
 def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
+    """Returns the option of a setting: its flag, help, unit and default."""
     default = typed_default(field)
     help = str(field.description)
     type_ = _plain(field.annotation)
@@ -99,11 +100,13 @@ def complete_encoders(context: Context, incomplete: str) -> list[str]:
 
 
 def _directories(incomplete: str) -> list[str]:
+    """Returns what completes the name of a results directory."""
     directories = (name for name in glob(f"{escape(incomplete)}*") if Path(name).is_dir())
     return [names.REFERENCE, *sorted(directories)]
 
 
 def _hyperparameters(context: Context) -> list[str]:
+    """Returns what completes --set: the settings of the algorithm that was typed."""
     settings = SETTINGS.get(context.params.get("algo") or "ddpg")
     return [f"{name}=" for name in getattr(settings, "model_fields", ())]
 

@@ -190,6 +190,7 @@ def printable(text: str) -> str:
 
 
 def _short(cell: object) -> str:
+    """Returns a cell as text, numbers with six digits."""
     if not isinstance(cell, float):
         return "" if cell is None else str(cell)
     return f"{cell:.0f}" if cell.is_integer() and abs(cell) < 1e15 else f"{cell:.6g}"

@@ -155,6 +155,7 @@ def view(
 
 
 def _mark(accepted: str | None) -> str:
+    """Returns what stands beside the results of code that has changed."""
     return "" if accepted is None else ", with changed code"
 
 

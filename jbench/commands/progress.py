@@ -43,6 +43,7 @@ class Meters(Progress):
     _alone = True
 
     def __init__(self) -> None:
+        """Draws on standard error, and only on a terminal."""
         self._printed = time.monotonic()
         super().__init__(
             console=Console(stderr=True),
@@ -83,6 +84,7 @@ class _Lines:
     has_bar: bool
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Draws the lines with as many of their parts as the terminal has room for."""
         width = options.max_width
         lines = [_line(task) for task in self.tasks]
         parts = [part for part in _PARTS if part != "bar" or self.has_bar]
@@ -120,6 +122,7 @@ def _line(task: Task) -> dict[str, str]:
 
 
 def _per_second(speed: float) -> str:
+    """Returns a speed as text."""
     return f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s"
 
 
@@ -150,6 +153,7 @@ class TrainingView(Meters):
     _alone = False
 
     def __init__(self) -> None:
+        """Shows nothing until the first event."""
         super().__init__()
         self._making: dict[str, TaskID] = {}
         self._processes: dict[str, _Process] = {}
@@ -184,9 +188,11 @@ class TrainingView(Meters):
             self._update(event)
 
     def _count_ended(self) -> str:
+        """Returns how many runs have ended, in words."""
         return f"{len(self._ended)} of {counted(len(self._runs), 'run')} ended"
 
     def _update(self, event: Event) -> None:
+        """Draws what an event tells of one run."""
         run = self._runs[event.run]
         process = self._processes.get(event.run)
         if event.is_last:
@@ -220,6 +226,7 @@ class _Process:
     task: TaskID
 
     def __init__(self, runs: Sequence[RunSettings]) -> None:
+        """Has a line of its own, for the runs that are trained together."""
         self.runs = runs
         self.returns = dict[str, float]()
         self.curve = list[float]()
@@ -285,6 +292,7 @@ def published_median(run: RunSettings, control_steps: float) -> float | None:
 
 @cache
 def _published_curves() -> "pd.DataFrame":
+    """Returns the paper's curves, which are read once."""
     from jbench.report.data.curves import read_published
     from jbench.store import query
 

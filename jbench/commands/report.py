@@ -169,6 +169,7 @@ SPARE = {
 
 
 def _report(database: "Results", out: Path, request: Request) -> None:
+    """Writes a report and prints what it says first: verdicts, tables and notes."""
     from jbench.report.page import verdict_matrix
     from jbench.report.report import write_report
     from jbench.report.tables import OBSERVED, tables

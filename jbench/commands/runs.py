@@ -142,6 +142,7 @@ def tail(
 
 
 def _last(rows: list[tuple[str, "Row"]], episodes: int) -> list[tuple[str, "Row"]]:
+    """Returns the rows from the last episodes on."""
     starts = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
     if episodes == 0:
         return []
@@ -186,6 +187,7 @@ def _text_lines(change: "Change") -> Iterator[str]:
 
 
 def _mean(values: list[float | None], format: str) -> str:
+    """Returns the mean of returns as text; not finite if one is missing."""
     known = [value for value in values if value is not None]
     if len(known) < len(values):
         return "not finite"

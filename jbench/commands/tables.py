@@ -45,6 +45,7 @@ class _Column:
 
     @cached_property
     def is_number(self) -> bool:
+        """Whether all cells are numbers or intervals, which are aligned to the right."""
         return all(map(_INTERVAL.fullmatch, self.cells))
 
     @cached_property
@@ -149,6 +150,7 @@ def fitted(
 
 
 def _without(columns: list[_Column], names: Sequence[str]) -> list[_Column]:
+    """Returns the columns that have other names."""
     return [column for column in columns if column.name not in names]
 
 
@@ -208,6 +210,7 @@ def shortened(word: str, limit: int) -> str:
 
 
 def _margins(columns: int, gap: int = _NARROW_GAP) -> int:
+    """Returns how much of a line the gaps between columns take."""
     return gap * max(columns - 1, 0) + 2
 
 
@@ -224,6 +227,7 @@ def _widths(layout: TableLayout, width: int) -> list[int]:
 
 
 def _grid(layout: TableLayout, width: int) -> Table:
+    """Returns a table with a line for each row."""
     padding = (0, 1, 0, layout.gap - _NARROW_GAP)
     grid = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=padding)
     for column, wide in zip(layout.columns, _widths(layout, width), strict=True):
@@ -259,6 +263,7 @@ def _list(layout: TableLayout, width: int) -> Table:
 
 
 def _print_below(console: Console, layout: TableLayout) -> None:
+    """Prints what had no room in a table below it."""
     first = layout.columns[0]
     for column in layout.below:
         for name, cell in zip(first.cells, column.cells, strict=True):

@@ -96,6 +96,7 @@ class Verbs(TyperGroup):
     verbs: ClassVar[Mapping[str, Verb]] = {}
 
     def __init__(self, **options: Any) -> None:
+        """Makes no command yet."""
         super().__init__(**options)
         self.commands = _Commands(self.verbs)
         self._is_listed = False
@@ -126,6 +127,7 @@ class Verbs(TyperGroup):
 
     @contextmanager
     def _listing(self) -> Iterator[None]:
+        """While it lasts, commands are listed without being imported."""
         self._is_listed = True
         try:
             yield
@@ -137,6 +139,7 @@ class _Commands(UserDict[str, Any]):
     """The commands of verbs by name, each made when it is read."""
 
     def __getitem__(self, name: str) -> Any:
+        """Imports the command of a verb."""
         return super().__getitem__(name).command
 
 

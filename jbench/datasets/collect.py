@@ -132,6 +132,7 @@ def _in_order(
 
 @contextmanager
 def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
+    """Yields a function that simulates some episodes of the Jitterbug, side by side."""
     model = load_model(settings.augment)
     ended = Event()
 
@@ -176,6 +177,7 @@ def _jitterbug(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
 
 @contextmanager
 def _other_robot(settings: DatasetSettings, threads: int) -> Iterator[_Simulate]:
+    """Yields a function that simulates some episodes of another robot, one after the other."""
     check_specs(settings.robot, settings.specs)
     task = find_task(settings.robot)
 

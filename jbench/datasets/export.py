@@ -101,6 +101,7 @@ def _remove(directory: Path) -> None:
 
 
 def _write(dataset: Dataset, task: str, id: str, to: Path, progress: Callable[[int], None]) -> None:
+    """Writes the episodes of a dataset to Minari's files."""
     # An optional dependency, slow to import.
     import minari
     from minari.data_collector.episode_buffer import EpisodeBuffer

@@ -43,6 +43,7 @@ class Dataset:
     """
 
     def __init__(self, record: Record) -> None:
+        """Reads the settings of a dataset and counts its episodes; rows are read later."""
         self.record = record
         self.id = record.id
         self.settings = validated(
@@ -88,6 +89,7 @@ class Dataset:
             check_specs(task, self.settings.specs)
 
     def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
+        """Returns the episodes of one file, with the observations of a task."""
         is_jitterbug = self.robot == JITTERBUG
         columns = schema.STEPS, schema.DATASET_EPISODES
         if not is_jitterbug:

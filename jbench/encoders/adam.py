@@ -24,6 +24,7 @@ class FusedAdam:
     """
 
     def __init__(self, values: Sequence[Tensor], learning_rate: float) -> None:
+        """Begins without moments; the values are changed in place."""
         self.values = [value.detach() for value in values]
         self.learning_rate = learning_rate
         self.first = [torch.zeros_like(value) for value in self.values]

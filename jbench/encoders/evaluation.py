@@ -246,6 +246,7 @@ def _r2(
 
 
 def _trained(inputs: Tensor, targets: Tensor) -> torch.nn.Module:
+    """Returns a network that was trained to predict targets (rows, columns) of inputs."""
     random = torch.Generator().manual_seed(_SEED)
     sizes = (inputs.shape[1], _HIDDEN, _HIDDEN, targets.shape[1])
     linear = [torch.nn.Linear(*pair) for pair in itertools.pairwise(sizes)]

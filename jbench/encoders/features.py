@@ -122,6 +122,7 @@ def _columns_of_parts(task: str) -> dict[str, list[int]]:
 
 
 def _unknown(task: str, name: str) -> RequestError:
+    """Returns the refusal of a feature that a task does not have, with those that it has."""
     found = find_task(task)
     close = closest(name, [*found.parts, *found.labels])
     hint = f"did you mean {close}? It" if close else "it"

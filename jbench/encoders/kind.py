@@ -249,11 +249,13 @@ class _Tanh(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, values: Tensor) -> Tensor:
+        """Computes tanh by NumPy, so that it has the bits of an encoder that acts."""
         tangents = torch.from_numpy(np.tanh(values.detach().numpy()))
         ctx.save_for_backward(tangents)
         return tangents
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        """Returns the gradient from the values of the forward pass."""
         tangents: Tensor = ctx.saved_tensors[0]
         return gradient * (1 - tangents.square())

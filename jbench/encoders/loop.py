@@ -117,6 +117,7 @@ class EncoderLearner:
         return {"exp_avg": adam.first[0], "exp_avg_sq": adam.second[0], "step": adam.steps[0]}
 
     def _prepared(self) -> Iterator[StatePairs]:
+        """Yields the batches of an epoch in a random order, prepared by the kind."""
         kind = self.kind
         ahead = self.kind.steps_ahead
         for shard in self.states.learn(self.random):
@@ -189,6 +190,7 @@ def encoder_tables(id: str, rows: Mapping[str, list[dict[str, Any]]]) -> dict[st
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Returns views of a flat tensor in the shapes of named ones."""
     parts = flat.detach().split([value.numel() for value in like.values()])
     return {name: part.view(like[name].shape) for name, part in zip(like, parts, strict=True)}
 

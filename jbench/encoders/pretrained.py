@@ -68,9 +68,11 @@ class _Latents(torch.nn.Module):
     """The function `latents` of a kind, as a module whose parameters can be replaced."""
 
     def __init__(self, kind: TorchEncoder) -> None:
+        """Has the module of a kind, ready to act."""
         super().__init__()
         self._kind = kind
         self.module = kind.module().eval()
 
     def forward(self, scaled: Tensor) -> Tensor:
+        """Returns the latents of scaled states."""
         return self._kind.latents(self.module, scaled)

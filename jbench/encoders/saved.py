@@ -93,6 +93,7 @@ class SavedEncoder:
         return self._kind.action_signs(*self._scaled(batch))
 
     def _scaled(self, batch: Array) -> tuple[Weights, Array]:
+        """Returns the weights in the type of a batch, and the scaled batch."""
         weights: Weights = self._weights
         if isinstance(batch, Tensor):
             kept = self._tensors

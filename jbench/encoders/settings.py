@@ -275,6 +275,7 @@ def _options_in_name(options: Mapping[str, Any]) -> str:
 
 
 def _in_name(value: Any) -> str:
+    """Returns a value as a part of a name, or its hash if it has other letters."""
     text = _typed(value)
     return text if re.fullmatch(r"[A-Za-z0-9_.]+", text) else settings_hash({"value": value})
 

@@ -200,6 +200,7 @@ class States:
         return observations[..., self.columns] * gain + offset
 
     def _read_all(self) -> None:
+        """Reads all files once: the extremes for the scaling, and the episodes that are kept."""
         kept: dict[str, list[Block]] = {name: [] for name in self._episodes}
         moments = dict.fromkeys(self._episodes, Moments.of(np.empty((0, self.size))))
         extremes: list[Scaling] = []
@@ -259,6 +260,7 @@ class States:
             yield self._shard(gathered)
 
     def _shard(self, gathered: list[Block]) -> Shard:
+        """Returns episodes as tensors on the device, their states scaled."""
         states, *others = (np.concatenate(part) for part in zip(*gathered, strict=True))
         gain, offset = self.scaling.gain_and_offset()
         states *= gain
@@ -273,4 +275,5 @@ def _chosen(block: Block, part: range, episodes: NDArray[np.intp]) -> Block:
 
 
 def _count(blocks: Iterable[Block]) -> int:
+    """Returns how many episodes blocks have."""
     return sum(len(block.rewards) for block in blocks)

@@ -154,6 +154,7 @@ def _fitted(settings: EncoderSettings, kind: Kind, states: States) -> WeightArra
 
 
 def _check_horizon(kind: Kind, states: States) -> None:
+    """Raises a RequestError if a kind looks beyond the end of an episode."""
     length = states.dataset.settings.episode_steps
     if kind.steps_ahead >= length:
         raise RequestError(
@@ -163,12 +164,14 @@ def _check_horizon(kind: Kind, states: States) -> None:
 
 
 def _float32(weights: Mapping[str, NDArray[Any]]) -> WeightArrays:
+    """Returns weights as they are saved."""
     return {name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}
 
 
 def _finish(
     settings: EncoderSettings, kind: Kind, record: Record, states: States, weights: WeightArrays
 ) -> None:
+    """Writes the weights, the description and the errors of an encoder, which is then finished."""
     description = {
         **{name: getattr(settings, name) for name in ("kind", "options", "task", "latents")},
         "features": states.labels,

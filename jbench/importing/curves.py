@@ -66,6 +66,7 @@ def as_runs(
 
 
 def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
+    """Returns what a report says of imported curves: that they are not verified, and more."""
     if frame.empty:
         return []
 

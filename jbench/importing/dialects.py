@@ -4,7 +4,7 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,60 +12,20 @@ from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from jbench.errors import RequestError
 from jbench.importing import tables
+from jbench.importing.named_columns import read_named_columns
 from jbench.importing.readers import read_evaluations, read_monitor
-from jbench.importing.request import RETURN, STEPS, TAGS, parse_seed
-from jbench.names import ReturnsName, in_prose
+from jbench.importing.request import parse_seed
+from jbench.names import ReturnsName
 from jbench.wording import counted
 
 _RUN = ["task", "method", "seed"]
 _COLUMNS = [*_RUN, "steps", "return"]
-
-_MORE_STEPS = (
-    "env_step",
-    "env_steps",
-    "environment_steps",
-    "total_steps",
-    "total_timesteps",
-    "timestep",
-    "frames",
-)
-_MILLIONS = "million_steps"
-_MORE_RETURNS = (
-    "avg_return",
-    "mean_return",
-    "episode_reward",
-    "mean_reward",
-    "eval/mean_reward",
-    *TAGS,
-    "score",
-)
-
-_NAMES = {
-    "method": ("method", "algo", "algorithm", "agent", "exp_name", "experiment"),
-    "task": ("task", "env", "env_name", "env_id", "environment", "game"),
-    "seed": ("seed", "random_seed"),
-    # A `step` beside one of them counts something else, such as updates.
-    "steps": ("steps", *STEPS[:-1], *_MORE_STEPS, _MILLIONS, STEPS[-1]),
-    "return": ("return", *RETURN, *_MORE_RETURNS),
-}
-"""Names of the columns of a CSV file, of which the first that it has is used."""
-
-_METRIC = ("metric", "metrics", "tag", "key")
-_VALUE = "value"
-"""Columns of a file that has a row for each value of each metric."""
 
 _MOST = 1e15
 """Largest return; differences and sums of larger ones are no longer exact numbers."""
 
 _RL_ZOO = re.compile(r"(.+)_(\d+)")
 """Folder of a run of RL Baselines3 Zoo: the environment, and the number of the run."""
-
-
-class CurveFile(NamedTuple):
-    """The points of a file, and what a reader has to know of how it was read."""
-
-    points: pd.DataFrame  # task, method, seed, steps and return, in this order
-    notes: list[str]  # sentences
 
 
 class _Curve(BaseModel):
@@ -79,7 +39,7 @@ _JSON = '{task: {method: {"seed_0": {"million_steps": [...], "return": [...]}}}}
 _CURVES = TypeAdapter(dict[str, dict[str, dict[str, _Curve]]])
 
 
-def read_curves(path: Path, returns: ReturnsName = "evaluation") -> CurveFile:
+def read_curves(path: Path, returns: ReturnsName = "evaluation") -> tables.CurveFile:
     """Reads a file of curves, or all files in a folder.
 
     A file is CSV with a row for each point, whose columns have any of the usual names, the JSON of
@@ -96,10 +56,11 @@ def read_curves(path: Path, returns: ReturnsName = "evaluation") -> CurveFile:
         points["steps"] = points.groupby(_RUN)["length"].cumsum()
     points = points[_COLUMNS]
     notes = list(dict.fromkeys(note for part in parts for note in part.notes))
-    return CurveFile(_checked(points, path), notes)
+    return tables.CurveFile(_checked(points, path), notes)
 
 
 def _files(path: Path, returns: ReturnsName) -> Sequence[Path]:
+    """Returns the files of a folder that have curves, of the kind of return that is asked for."""
     if not path.is_dir():
         return [path]
 
@@ -117,15 +78,16 @@ def _files(path: Path, returns: ReturnsName) -> Sequence[Path]:
     raise RequestError(f"{path} is a directory without a .csv, .json or .npz file; name a file.")
 
 
-def _read(file: tables.ImportedFile) -> CurveFile:
+def _read(file: tables.ImportedFile) -> tables.CurveFile:
+    """Reads a file by its first bytes, whatever its name is."""
     start = file.content.removeprefix(BOM_UTF8).lstrip()
     if start.startswith(b"{"):
-        return CurveFile(_from_json(file), [])
+        return tables.CurveFile(_from_json(file), [])
     if start.startswith(b"#{"):
         return _from_monitor(file)
     if start.startswith(b"PK"):
         return _from_evaluations(file)
-    return _from_csv(file)
+    return read_named_columns(file)
 
 
 def _checked(points: pd.DataFrame, path: Path) -> pd.DataFrame:
@@ -141,6 +103,7 @@ def _checked(points: pd.DataFrame, path: Path) -> pd.DataFrame:
         for text in points[name].unique():
             if not (text.strip() and text.isprintable()):
                 raise RequestError(f"{path}: {text[:40]!r} is no name of a {name}; rename it.")
+
     is_count = points["steps"].between(0, tables.MAX_STEPS) & (points["steps"] % 1 == 0)
     check(is_count, "{steps:g} is no number of steps")
     check(
@@ -158,76 +121,7 @@ def _checked(points: pd.DataFrame, path: Path) -> pd.DataFrame:
     return points
 
 
-def _from_csv(file: tables.ImportedFile) -> CurveFile:
-    # Spreadsheets end the last line without a line break.
-    table = tables.read_table(file, ends_line=False)
-    notes = []
-    named = {_usual(column): column for column in reversed(list(map(str, table)))}
-    columns = {
-        role: next((named[name] for name in names if name in named), None)
-        for role, names in _NAMES.items()
-    }
-    metric = next((named[name] for name in _METRIC if name in named), None)
-    if columns["return"] is None and metric is not None and _VALUE in named:
-        columns["return"] = named[_VALUE]
-        table, kept = _of_returns(table, metric, file)
-        notes += kept
-    for role in ("seed", "steps", "return"):
-        if columns[role] is None:
-            raise RequestError(
-                f"{file.path} has no column {role!r}; it needs {', '.join(_NAMES)} (or names such "
-                f"as {in_prose(_NAMES[role][1:4] or _NAMES[role])}), but has "
-                f"{', '.join(map(str, table))}."
-            )
-
-    numeric = {role: str(columns[role]) for role in ("steps", "return")}
-    # A logger leaves the returns of rows without one empty.
-    table = table[table[numeric["return"]].str.strip() != ""]
-    if table.empty:
-        raise RequestError(f"{file.path} has no value of {numeric['return']}; leave it out.")
-    points = tables.numbers(table, numeric, file)
-    if _usual(numeric["steps"]) == _MILLIONS:
-        points["steps"] = (points["steps"] * 1e6).round()
-    points["seed"] = tables.seeds(table, str(columns["seed"]), file)
-    stem = file.path.stem
-    folder = file.path.resolve().parent.name
-    instead = {"task": stem, "method": folder if columns["task"] is None else stem}
-    for role in ("task", "method"):
-        column = columns[role]
-        if column is not None:
-            points[role] = table[column]
-        else:
-            points[role] = instead[role] or role
-            where = "folder" if instead[role] == folder else "file"
-            notes.append(
-                f"{file.path.name} has no column with the {role}; it is called "
-                f"{points[role].iloc[0]}, as the {where}."
-            )
-    return CurveFile(points, notes)
-
-
-def _usual(column: str) -> str:
-    return column.strip().lower().replace(" ", "_").replace("-", "_")
-
-
-def _of_returns(
-    table: pd.DataFrame, metric: str, file: tables.ImportedFile
-) -> tuple[pd.DataFrame, list[str]]:
-    """Returns the rows of the only metric that is a return, and a note on the others."""
-    metrics = [str(name) for name in table[metric].unique()]
-    known = [name for name in metrics if _usual(name) in _NAMES["return"]]
-    chosen = metrics if len(metrics) == 1 else known
-    if len(chosen) != 1:
-        raise RequestError(
-            f"{file.path} has the metrics {', '.join(metrics)} in the column {metric!r}, of which "
-            f"not exactly one is a return by its name; keep the rows of one."
-        )
-    others = [name for name in metrics if name != chosen[0]]
-    notes = [f"Of the metrics in {file.path.name}, {chosen[0]} is shown."] if others else []
-    return table[table[metric] == chosen[0]], notes
-
-
-def _from_evaluations(file: tables.ImportedFile) -> CurveFile:
+def _from_evaluations(file: tables.ImportedFile) -> tables.CurveFile:
     """Reads the evaluations of a run of stable-baselines3, whose names are those of folders."""
     points = read_evaluations(file)
     points = points.assign(steps=points["control_steps"])
@@ -237,11 +131,12 @@ def _from_evaluations(file: tables.ImportedFile) -> CurveFile:
     if len(bad):
         number = bad["point"].iloc[0] + 1
         raise RequestError(f"{file.path}, evaluation {number}: not a finite number.")
+
     names, notes = _names_in_path(file.path)
-    return CurveFile(means.assign(**names), notes)
+    return tables.CurveFile(means.assign(**names), notes)
 
 
-def _from_monitor(file: tables.ImportedFile) -> CurveFile:
+def _from_monitor(file: tables.ImportedFile) -> tables.CurveFile:
     """Reads the training episodes of a run, of which a later part may have been appended."""
     monitor = read_monitor(file)
     names, notes = _names_in_path(file.path, monitor.env_id)
@@ -250,8 +145,9 @@ def _from_monitor(file: tables.ImportedFile) -> CurveFile:
             f"The time goes back {counted(len(monitor.restarts), 'time')} in {file.path.name}: it "
             "is read as one training that was resumed."
         )
+
     points = monitor.points.rename(columns={"control_steps": "steps", "episode_return": "return"})
-    return CurveFile(points.assign(**names), notes)
+    return tables.CurveFile(points.assign(**names), notes)
 
 
 def _names_in_path(path: Path, env_id: str = "") -> tuple[dict[str, Any], list[str]]:
@@ -272,6 +168,7 @@ def _names_in_path(path: Path, env_id: str = "") -> tuple[dict[str, Any], list[s
 
 
 def _from_json(file: tables.ImportedFile) -> pd.DataFrame:
+    """Reads the JSON of HumanoidBench, which has the curves of all seeds."""
     try:
         curves = _CURVES.validate_json(file.content.removeprefix(BOM_UTF8))
     except ValidationError as error:
@@ -280,6 +177,7 @@ def _from_json(file: tables.ImportedFile) -> pd.DataFrame:
         raise RequestError(
             f"{file.path} is no JSON file of curves, which is {_JSON}: {where}{first['msg']}."
         ) from None
+
     parts = []
     for task, methods in curves.items():
         for method, curves_by_seed in methods.items():
@@ -290,9 +188,12 @@ def _from_json(file: tables.ImportedFile) -> pd.DataFrame:
                     raise RequestError(
                         f"{where}: million_steps and return must be as many finite numbers."
                     )
+
                 steps = (np.array(curve.million_steps) * 1e6).round()
                 labels = {"task": task, "method": method, "seed": seed}
                 parts.append(pd.DataFrame({**labels, "steps": steps, "return": curve.returns}))
+
     if not parts:
         raise RequestError(f"{file.path} has no curves; leave the file out.")
+
     return pd.concat(parts, ignore_index=True)

@@ -61,6 +61,7 @@ class ImportRequest(Labels):
 
     @model_validator(mode="after")
     def _has_options_of_its_format(self) -> Self:
+        """Raises a RequestError if an option is for another format."""
         for name, formats in _USED_BY.items():
             if getattr(self, name) is not None and self.format not in formats:
                 option = f"--{name.replace('_', '-')}"

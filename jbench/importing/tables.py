@@ -34,6 +34,13 @@ class ImportedFile(NamedTuple):
     sha256: str
 
 
+class CurveFile(NamedTuple):
+    """The points of a file, and what a reader has to know of how it was read."""
+
+    points: pd.DataFrame  # task, method, seed, steps and return, in this order
+    notes: list[str]  # sentences
+
+
 def open_file(path: Path) -> ImportedFile:
     """Returns a file with its content, which must not be empty."""
     try:

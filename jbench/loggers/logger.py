@@ -27,6 +27,7 @@ class Logger(ABC):
     where: str
 
     def __init__(self) -> None:
+        """Begins no log yet."""
         self._logs: dict[str, Any] = {}  # objects of the tracker's library, by run
 
     def copy(self, change: Change) -> None:
@@ -58,6 +59,7 @@ class Logger(ABC):
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None: ...
 
     def _finish(self, log: Any) -> None:
+        """Ends the log of a run."""
         log.finish()
 
 
@@ -65,6 +67,7 @@ class _TensorBoard(Logger):
     """Writes event files to the directory of a run's id below `directory`."""
 
     def __init__(self, directory: Path) -> None:
+        """Imports the library, which is optional."""
         from torch.utils.tensorboard import SummaryWriter
 
         super().__init__()
@@ -73,6 +76,7 @@ class _TensorBoard(Logger):
         self.where = f"tensorboard --logdir {directory} shows the log."
 
     def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
+        """Begins a file of events; points of earlier ones are hidden."""
         # The new file hides the points of earlier files from step 0 on.
         place = str(self._directory / name)
         writer = self._make_writer(place, purge_step=0, flush_secs=int(POLL_SECONDS))
@@ -80,10 +84,12 @@ class _TensorBoard(Logger):
         return writer
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
+        """Adds a point to each curve."""
         for name, value in values.items():
             log.add_scalar(name, value, steps, time)
 
     def _finish(self, log: Any) -> None:
+        """Closes the file."""
         log.close()
 
 
@@ -91,6 +97,7 @@ class _Trackio(Logger):
     """Writes to `directory`, unless TRACKIO_DIR names another one."""
 
     def __init__(self, directory: Path) -> None:
+        """Imports the library, which reads its directory from the environment."""
         # It is read when the library is imported.
         where = os.environ.setdefault("TRACKIO_DIR", str(directory.absolute()))
         import trackio
@@ -100,6 +107,7 @@ class _Trackio(Logger):
         self.where = f"TRACKIO_DIR={where} trackio show --project {_PROJECT} shows the log."
 
     def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
+        """Begins a log in place of an earlier one of the run."""
         with contextlib.suppress(ValueError):  # there is no project yet
             for earlier in self._library.Api().runs(_PROJECT):
                 if earlier.name == name:
@@ -108,6 +116,7 @@ class _Trackio(Logger):
         return self._library.init(project=_PROJECT, name=name, group=group, config=config, **off)
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
+        """Adds a point to each curve."""
         log.log(values, step=steps)
 
 
@@ -115,6 +124,7 @@ class _WeightsAndBiases(Logger):
     """Keeps the local files of W&B in `directory`, which must be called wandb."""
 
     def __init__(self, directory: Path) -> None:
+        """Imports the library, whose own variables choose the account and the project."""
         import wandb
 
         super().__init__()
@@ -131,6 +141,7 @@ class _WeightsAndBiases(Logger):
         self.where = f"The log is the project {project} of Weights & Biases."
 
     def _begin(self, name: str, group: str, config: dict[str, Any]) -> Any:
+        """Begins a log in place of an earlier one of the run."""
         # A run of the same id is overwritten.
         about = {"id": hashlib.sha256(name.encode()).hexdigest()[:16], "name": name}
         log = self._library.init(group=group, config=config, **about, **self._arguments)
@@ -138,6 +149,7 @@ class _WeightsAndBiases(Logger):
         return log
 
     def _add(self, log: Any, steps: int, time: float, values: _Values) -> None:
+        """Adds a point to each curve, over control steps."""
         log.log({"control_steps": steps, **values})
 
 

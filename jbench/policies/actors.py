@@ -33,6 +33,7 @@ class UnsupportedPolicyError(RequestError):
     """A policy is not a sequence of layers that jbench can save."""
 
     def __init__(self, why: str) -> None:
+        """Says why a policy can't be kept, and which can."""
         self.why = why
         super().__init__(
             f"This policy can't be kept: {why}; pass a module that applies Linear, LayerNorm, "
@@ -82,6 +83,7 @@ def acting(actor: Actor, action_size: int) -> Iterator[Act]:
 
 
 def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
+    """Returns what maps observations to actions, deterministically if an actor can do both."""
     # Also a policy of stable-baselines3, a module whose actions are random when it is called.
     predict = getattr(actor, "predict", None)
     if callable(predict) and "deterministic" in inspect.signature(predict).parameters:
@@ -183,6 +185,7 @@ class _Value(Tensor):
 
 
 def _value(layers: list[SavedLayer]) -> _Value:
+    """Returns a traced value that some layers lead to."""
     value = torch.empty(0).as_subclass(_Value)
     value.layers = layers
     return value
@@ -196,6 +199,7 @@ def float32_array(value: Any) -> Float:
 
 
 def _linear(x: _Value, weight: Tensor, bias: Tensor | None = None) -> list[SavedLayer]:
+    """The layer of `nn.functional.linear`."""
     bias = torch.zeros(len(weight)) if bias is None else bias
     return [SavedLayer("linear", weight=float32_array(weight), bias=float32_array(bias))]
 
@@ -203,12 +207,14 @@ def _linear(x: _Value, weight: Tensor, bias: Tensor | None = None) -> list[Saved
 def _layer_norm(
     x: _Value, shape: Sequence[int], weight: Any, bias: Any, eps: float
 ) -> list[SavedLayer]:
+    """The layer of `nn.functional.layer_norm`."""
     weight = float32_array(torch.ones(*shape) if weight is None else weight)
     bias = float32_array(torch.zeros(*shape) if bias is None else bias)
     return [SavedLayer("layer_norm", weight=weight, bias=bias, epsilon=eps)]
 
 
 def _clip(x: _Value, *bounds: Any, **named: Any) -> list[SavedLayer]:
+    """The layer of `clamp` with two numbers."""
     numbers = [*bounds, *named.values()]
     if len(numbers) != 2 or not all(isinstance(number, int | float) for number in numbers):
         raise UnsupportedPolicyError("a clamp has no two numbers as its bounds")

@@ -86,6 +86,7 @@ def evaluate(
 def _episodes(
     settings: EvaluationSettings, episodes: range, worlds: Worlds, act: Act, progress: _Progress
 ) -> dict[str, pa.Table]:
+    """Returns the rows of some episodes that are stepped side by side."""
     generators = [episode_generator(settings.seed, episode) for episode in episodes]
     observations = worlds.reset(generators, settings.target_yaw)
     unknown = [None] * len(episodes)

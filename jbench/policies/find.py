@@ -91,6 +91,7 @@ def find_policy(
 
 
 def _constant(name: str) -> float:
+    """Returns the command of a policy such as `constant:0.5`."""
     text = name.removeprefix(_CONSTANT)
     # Python also reads 0_1 and +1, but the name is part of an evaluation's id.
     if not _NUMBER.fullmatch(text) or not -1 <= float(text) <= 1:

@@ -103,6 +103,8 @@ def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]
 
 
 def _model(agent: TrainedAgent, run: str, in_si_units: bool) -> onnx.ModelProto:
+    """Returns the graph of a policy with its preprocessing."""
+
     class Actor(nn.Module):
         def forward(self, inputs: Tensor) -> Tensor:
             observations = normalize(agent.task, inputs) if in_si_units else inputs

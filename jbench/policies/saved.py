@@ -42,6 +42,7 @@ class SavedLayer:
     """A layer: its kind, one of `LAYERS`, with the arguments of its function."""
 
     def __init__(self, kind: str, **arguments: Float | float) -> None:
+        """Has arrays and numbers by the names of the layer's arguments."""
         self.kind = kind
         self.arrays = dict[str, Float]()
         self.numbers = dict[str, float]()
@@ -53,6 +54,7 @@ class SavedLayer:
 
 
 def _layer_norm(x: Array, weight: Array, bias: Array, epsilon: float) -> Array:
+    """Normalizes over the last axis."""
     centered = x - x.mean(axis=-1, keepdims=True)
     variance = (centered * centered).mean(axis=-1, keepdims=True)
     return centered / namespace(x).sqrt(variance + epsilon) * weight + bias
@@ -185,6 +187,7 @@ def feature_layers(
 
 
 def _layer(described: dict[str, Any], i: int, tensors: Mapping[str, Float]) -> SavedLayer:
+    """Returns a layer from its description and the tensors of a file."""
     kind = described["layer"]
     names = [*inspect.signature(LAYERS[kind]).parameters][1:]
     arguments = {n: described[n] if n in described else tensors[f"{i}.{n}"] for n in names}

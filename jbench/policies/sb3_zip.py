@@ -75,6 +75,7 @@ def read_sb3_zip(path: str, task: str) -> SavedNetwork:
 
 
 def _layers(data: dict[str, Any], weights: dict[str, Float]) -> list[SavedLayer]:
+    """Returns the layers of an actor from a file of sb3's weights."""
     if data.get("use_sde"):
         raise UnsupportedPolicyError("it explores with gSDE")
     if any(part in name for name in weights for part in ("features_extractor.", "shared_net.")):

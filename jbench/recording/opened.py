@@ -59,9 +59,11 @@ class OpenedResults:
     """
 
     def __init__(self, results: Results) -> None:
+        """Reads nothing yet."""
         self._results = results
 
     def __repr__(self) -> str:
+        """The call that opens these results."""
         return f"jbench.open({str(self._results.name)!r})"
 
     def query(self, sql: str) -> pd.DataFrame:
@@ -143,6 +145,7 @@ class OpenedResults:
         return points.merge(named, on=_CURVE, how="left")
 
     def _rows(self, request: Request) -> sources.Source:
+        """Returns the runs that a request means; those that can't be read are warnings."""
         source = sources.own_and_imported(self._results, request)
         for problem in source.problems:
             warnings.warn(problem, stacklevel=3)

@@ -51,6 +51,7 @@ class Recording:
         made_on: Mapping[str, str | None],
         logger: Logger | None = None,
     ) -> None:
+        """Prepares a recording, which begins with its block."""
         self.id = settings.id
         self.finished = False
         self._settings = settings
@@ -63,6 +64,7 @@ class Recording:
         self._writer: RunWriter | None = None
 
     def __repr__(self) -> str:
+        """The id of the run."""
         return f"<jbench.Recording of {self.id}>"
 
     @property
@@ -82,6 +84,7 @@ class Recording:
 
     @contextlib.contextmanager
     def _block(self) -> Iterator[None]:
+        """Holds the lock of the run, and finishes or fails it at the end of the block."""
         with contextlib.ExitStack() as stack:
             existing = stack.enter_context(self._results.locked("run", self.id))
             if self._logger is not None:
@@ -228,9 +231,11 @@ class Recording:
         return RecordingCallback()
 
     def __getstate__(self) -> NoReturn:
+        """Raises a TypeError: the lock of the run belongs to one process."""
         raise TypeError(_ONE_PROCESS)
 
     def _running(self) -> RunWriter:
+        """Returns the writer, or says why nothing can be recorded now."""
         if self.finished:
             raise AlreadyFinishedError(f"The run {self.id} is already finished; it is skipped.")
         if os.getpid() != self._process:
@@ -241,4 +246,5 @@ class Recording:
 
 
 def _note(sentence: str) -> None:
+    """Prints a sentence to standard error."""
     print(sentence, file=sys.stderr, flush=True)

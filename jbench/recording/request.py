@@ -153,6 +153,7 @@ def _plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> 
 
 
 def _plain(value: Any, where: str) -> Any:
+    """Returns a setting as JSON has it; a TypeError says which part can't be."""
     value = _number(value)
     if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
         return {name: _plain(item, f"{where}[{name!r}]") for name, item in value.items()}
@@ -170,4 +171,5 @@ def _plain(value: Any, where: str) -> Any:
 
 
 def _number(value: Any) -> Any:
+    """Returns a NumPy number as one of Python."""
     return value.item() if isinstance(value, np.generic) else value

@@ -30,6 +30,7 @@ class RunWriter:
     """Writes a recorded run; the caller holds the lock of its record."""
 
     def __init__(self, record: Record, settings: ExternalSettings, encoder: Encoder | None) -> None:
+        """Begins a run with no episode."""
         self.control_steps = 0  # over all environments
         self.log = RunLog(record, settings.episode_steps)
         self.losses: dict[str, Any] = {}  # of the next episodes; read when one ends
@@ -87,6 +88,7 @@ class RunWriter:
 
     @property
     def _is_complete(self) -> bool:
+        """Whether nearly all planned control steps were made."""
         return self.control_steps >= _COMPLETE * self._settings.steps
 
     def _finish(self) -> None:
@@ -145,6 +147,7 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], running: Callable[[], RunWriter]) -> None:
+        """Reports each episode of an environment to the run that is being recorded."""
         super().__init__(env)
         self._running = running
         self._has_ended = False

@@ -138,5 +138,6 @@ def write(
 
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
+    """Returns the font that matplotlib ships."""
     path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     return ImageFont.truetype(str(path), size)

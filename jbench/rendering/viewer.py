@@ -68,6 +68,7 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
 
 
 def _open_window(env: JitterbugEnv | SuiteEnv) -> Any:
+    """Opens MuJoCo's viewer, or raises a RequestError without a display."""
     # An error would end the viewer's thread, for which the viewer would wait forever.
     if not open_display():
         raise RequestError("The display can't be opened; jbench render draws without one.")

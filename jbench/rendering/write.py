@@ -33,6 +33,7 @@ def default_size(path: Path) -> tuple[int, int]:
 
 
 def _check(path: Path) -> None:
+    """Raises a RequestError if a picture or video can't be written there."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RequestError(

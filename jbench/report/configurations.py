@@ -125,6 +125,7 @@ def _solved_steps(curves: Sequence[SeedCurve]) -> FloatArray:
 
 
 def _intervals(statistics: Mapping[str, st.Statistic], scores: FloatArray) -> dict[str, float]:
+    """Returns statistics with the ends of their intervals, by the names of columns."""
     samples = st.samples(list(statistics.values()), [scores])
     return {
         f"{name}{end}": number

@@ -78,6 +78,7 @@ class Frames:
 
     @cached_property
     def _curves(self) -> Curves:
+        """The configurations with their learning curves."""
         return [(c, c.curve(self.request.order, self.request.window)) for c in self._every]
 
     @cached_property
@@ -91,10 +92,12 @@ class Frames:
         return [pair for pair in self._drawn if pair[0].robots <= 1]
 
     def _is_baseline(self, config: Configuration) -> bool:
+        """Whether a configuration is the imported one that others are drawn beside."""
         return (config.source, config.algo) == (IMPORTED, self.request.baseline)
 
     @cached_property
     def _trained(self) -> list[Configuration]:
+        """The configurations that jbench trained."""
         return [config for config in self._every if config.source != IMPORTED]
 
     @cached_property
@@ -104,6 +107,7 @@ class Frames:
 
     @cached_property
     def _planned(self) -> Sequence[Sequence[StudyComparison]]:
+        """The comparisons that the shipped studies plan, by study."""
         return planned_comparisons(self._trained)
 
     @cached_property
@@ -114,18 +118,22 @@ class Frames:
 
     @cached_property
     def _figures(self) -> pd.DataFrame:
+        """The paper's curves on single robots."""
         return self._papers[self._papers["figure"] != SEQUENCE]
 
     @cached_property
     def _by_configuration(self) -> pd.DataFrame:
+        """The statistics of all configurations, the baseline included."""
         return configuration_frame(self._curves, self._papers)
 
     @cached_property
     def _behavior(self) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
+        """Where evaluated policies were, how fast their motors, and what is wrong with others."""
         return policies.behavior(self._results, self.request.task)
 
     @cached_property
     def _findings(self) -> tuple[pd.DataFrame, list[str]]:
+        """The tests of the paper's claims, and notes on them."""
         return tested_claims(
             self._trained, self._planned, self._source, self.request, self._results
         )

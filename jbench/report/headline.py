@@ -88,6 +88,7 @@ def _on_sides(comparisons: pd.DataFrame, equally_long: bool) -> str:
 
 
 def _sentence(clauses: Mapping[str, str], verdicts: pd.DataFrame) -> str:
+    """Returns the verdicts in one sentence, which names agents once if all have the same."""
     text = "; ".join(clauses.values())
     if "higher" in clauses:
         text = text.replace(_OUTCOMES["lower"], "lower ones")
@@ -141,6 +142,7 @@ def _outcome(rows: pd.DataFrame) -> str:
 
 
 def _best(configurations: pd.DataFrame) -> str:
+    """Returns sentences on the best configuration of each task, as many as fit."""
     best = configurations.loc[configurations.groupby("task", sort=False)["median"].idxmax()]
     text = ""
     for row in best.to_dict("records"):

@@ -106,6 +106,7 @@ def leaderboard(
 
 
 def _ranked(entries: pd.DataFrame) -> pd.DataFrame:
+    """Returns entries with their ranks; those whose intervals overlap share one."""
     decided = (entries["n"] >= st.DECIDING_SEEDS) & (entries["low"] <= entries["high"])
     ranks: dict[Hashable, int] = {}
     low = np.inf

@@ -78,6 +78,7 @@ def _shown(table: Table) -> tuple[Table, str, list[Column], list[list[tuple[Any,
 
 
 def _title(frames: Frames) -> str:
+    """Returns the title of the page: what is compared, or what the curves are of."""
     if frames.request.compare:
         return " against ".join(map(clean, frames.request.compare))
 

@@ -144,6 +144,7 @@ def _read(record: Record) -> pd.DataFrame:
 
 
 def _motor(states: pd.DataFrame) -> Part:
+    """Returns the density of the motor's velocity in an evaluation."""
     edges = np.linspace(-1.2, 1.2, 121)
     observed = np.clip(states["motor_velocity"].to_numpy() / FULL_SPEED, edges[0], edges[-1])
     density, _ = np.histogram(observed, edges, density=True)

@@ -147,5 +147,6 @@ def _listed(out: Path) -> dict[str, str]:
 
 
 def _listing(files: Mapping[str, str]) -> bytes:
+    """Returns the content of the list of files: the SHA-256 of each."""
     what = "The files of the last report; jbench removes those that the next one does not have."
     return (json.dumps({"what": what, "files": dict(files)}, indent=1) + "\n").encode()

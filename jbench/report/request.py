@@ -108,6 +108,7 @@ class Request(Settings):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
+        """Raises a RequestError if options exclude each other or have impossible values."""
         if self.window < 1:
             raise RequestError(f"A window of {self.window} episodes is invalid; type 1 or more.")
         if self.columns not in (None, 1, 2):

@@ -135,6 +135,7 @@ _LATEX = str.maketrans(
 
 
 def _latex(text: object) -> str:
+    """Returns a text in which no character is a command of LaTeX."""
     return str(text).translate(_LATEX)
 
 

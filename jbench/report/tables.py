@@ -30,6 +30,7 @@ def tables(frames: Frames) -> list[Table]:
 
 
 def _final(frames: Frames) -> str:
+    """Returns the sentence that says what a final return is."""
     if frames.request.curves is None:
         return _FINAL[frames.returns]
     if frames.returns == TRAINING:
@@ -38,10 +39,13 @@ def _final(frames: Frames) -> str:
 
 
 def _agent(frames: Frames) -> Column:
+    """Returns the column of algorithms, which a file calls methods."""
     return _with_source("method" if frames.request.curves else "algorithm", "algo")
 
 
 def _with_source(title: str, key: str) -> Column:
+    """Returns a column of names that says where the runs of others come from."""
+
     def text(row: Row) -> str:
         apart = row["source"] not in (OWN, FILE)
         return f"{row['source']}: {row[key]}" if apart else str(row[key])
@@ -50,6 +54,7 @@ def _with_source(title: str, key: str) -> Column:
 
 
 def _range(row: Row) -> str:
+    """Returns the control steps of the shortest and the longest run, once if they are equal."""
     return "\N{EN DASH}".join(dict.fromkeys((steps(row["steps_min"]), steps(row["steps"]))))
 
 
@@ -65,6 +70,7 @@ _RANGE = Column("steps", "steps", _range, numeric=True)
 
 
 def _final_returns(frames: Frames) -> Table:
+    """Returns the table of final returns: trained agents, then random and hand-written policies."""
     agents = frames.lead(frames.configurations)
     policies = frames.baselines.rename(columns={"low": "median_low", "high": "median_high"})
     names = policies["policy"].replace("random", "random actions")
@@ -132,6 +138,7 @@ def for_paper(table: Table, frames: Frames) -> Table:
 
 
 def _verdicts(frames: Frames) -> Table:
+    """Returns the table of verdicts: each reduced representation against its baselines."""
     rows = frames.lead(frames.verdicts)
     columns = [
         _TASK,
@@ -154,6 +161,8 @@ def _verdicts(frames: Frames) -> Table:
 
 
 def _decisions(frames: Frames) -> Table:
+    """Returns the table of what the sequential test decides on the comparisons of studies."""
+
     def against(row: Row) -> str:
         return ", ".join(filter(None, (row["against"], row["against_words"])))
 
@@ -179,6 +188,7 @@ def _decisions(frames: Frames) -> Table:
 
 
 def _comparisons(frames: Frames) -> Table:
+    """Returns the table of the comparisons that were asked for, of two sides or of methods."""
     columns = [
         _TASK,
         _ALGO,
@@ -203,6 +213,7 @@ def _comparisons(frames: Frames) -> Table:
 
 
 def _claims(frames: Frames) -> Table:
+    """Returns the table of the tests of the paper's claims."""
     needed = "{0[seeds_needed]:,} ({0[seeds_needed_by]})".format
     columns = [
         Column("claim", "claim", "({0[claim]})".format),
@@ -243,6 +254,7 @@ def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
 
 
 def _encoders(frames: Frames) -> Table:
+    """Returns the table of what encoders lose and what their latents predict."""
     numbers = {
         "test": "not explained",
         "pca": "by PCA",
@@ -268,6 +280,8 @@ def _encoders(frames: Frames) -> Table:
 
 
 def _runs(frames: Frames) -> Table:
+    """Returns the table of single runs."""
+
     def status(row: Row) -> str:
         known = "" if row["source"] == FILE else str(row["status"])
         return "diverged" if row["diverged"] else known

@@ -48,6 +48,7 @@ class Settings(BaseModel):
 
 
 def _is_finite(value: Any) -> bool:
+    """Returns whether a value of JSON has no number that is infinite or NaN."""
     if isinstance(value, Mapping | list | tuple):
         return all(map(_is_finite, value.values() if isinstance(value, Mapping) else value))
     return not isinstance(value, float) or math.isfinite(value)

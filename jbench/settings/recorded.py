@@ -72,6 +72,7 @@ class Unreadable(BaseModel):
     @field_validator("*", mode="wrap")
     @classmethod
     def _or_default(cls, value: Any, handler: Handler, info: ValidationInfo) -> Any:
+        """Returns a valid value, or the default in place of one of another version."""
         try:
             return handler(value)
         except ValidationError:
@@ -173,6 +174,7 @@ def flatten(settings: Run | Mapping[str, Any]) -> Flat:
 
 
 def _flat(values: Mapping[str, Any], path: tuple[str, ...]) -> Flat:
+    """Returns the values of nested mappings by their paths."""
     flat: Flat = {}
     for name, value in values.items():
         if isinstance(value, Mapping) and value:

@@ -131,6 +131,7 @@ class DatasetSettings(Settings):
 
     @model_validator(mode="after")
     def _has_whole_episodes(self) -> Self:
+        """Raises a ValueError if the last episode would be cut."""
         length = self.episode_steps
         if self.steps % length:
             up = (self.steps // length + 1) * length
@@ -199,6 +200,7 @@ class Labels(Settings):
     @field_validator("task", "algo", "representation")
     @classmethod
     def _fits_into_an_id(cls, label: str, info: ValidationInfo) -> str:
+        """Raises a ValueError if a label is no name of a directory."""
         is_task = info.field_name == "task"
         if LABEL.fullmatch(in_id(label) if is_task else label):
             return label
@@ -257,6 +259,7 @@ class TrainedSettings(LabeledSettings):
 
     @model_validator(mode="after")
     def _has_the_robot(self) -> Self:
+        """Raises a ValueError if augmented robots are asked for of a robot that has none."""
         if self.specs is not None and self.augment is not None:
             typed = " and ".join(sorted({"augment", "robots"} & self.model_fields_set))
             raise ValueError(f"{self.task} has no augmented robots: leave {typed} out")

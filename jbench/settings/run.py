@@ -72,6 +72,7 @@ class RunSettings(TrainedSettings):
 
     @model_validator(mode="after")
     def _is_possible(self) -> Self:
+        """Raises a ValueError if the algorithm, its engine and the task do not fit each other."""
         algorithm = self.algorithm  # which checks the hyperparameters
         engines = algorithm.engines(self.algo)
         if self.engine not in engines:
@@ -118,6 +119,7 @@ class RunSettings(TrainedSettings):
 
     @model_validator(mode="after")
     def _has_possible_features(self) -> Self:
+        """Raises a ValueError if learned features do not fit the algorithm or their name."""
         name = self.representation
         if self.ofe is None:
             if kind_in(name) == OFE:

@@ -106,6 +106,7 @@ def code_dates(runs: Iterable[tuple[Run, object]]) -> dict[str, str]:
 
 
 def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
+    """Returns a setting in words: of code, its checksum and date; nothing for a default."""
     kind = CODE_WORDS.get(name.rpartition(".")[2])
     if kind is not None and isinstance(value, str):
         date = f" of {dates[value]}" if value in dates else ""
@@ -117,6 +118,7 @@ def _word(name: str, value: Any, dates: Mapping[str, str]) -> str:
 
 
 def _is_named(flat: Flat, path: tuple[str, ...]) -> bool:
+    """Returns whether a setting has a word of its own, such as the name of an engine."""
     # The engine of agents of other packages follows from the algorithm.
     ours = flat.get(("algo",)) in SETTINGS
     return ours and bool(_WORDS.get((path[-1], str(flat.get(path)))))
@@ -221,6 +223,7 @@ def _with_base(flat: Flat, only_recorded: bool) -> Flat:
 
 @cache
 def _bases(algo: str) -> dict[str, Flat]:
+    """Returns the flat hyperparameters of each source that an algorithm has."""
     omitted = SETTINGS[algo].omitted()
     return {
         base: flatten({_TABLE: omitted | algorithm_settings(algo, base).values})
@@ -229,6 +232,7 @@ def _bases(algo: str) -> dict[str, Flat]:
 
 
 def _text(value: Any) -> str:
+    """Returns a value as text, cut in the middle if it is long."""
     if value is ...:
         return "(not set)"
     text = value_text(value)

@@ -193,6 +193,7 @@ def estimate(statistic: Statistic, *groups: Strata, resamples: int = RESAMPLES) 
 
 
 def _pooled(strata: Strata) -> FloatArray:
+    """Returns the scores of all strata together (…, n)."""
     return strata[0] if len(strata) == 1 else np.concatenate(list(strata), axis=-1)
 
 

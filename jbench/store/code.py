@@ -40,6 +40,7 @@ class ChangedCodeError(RequestError):
     """The code behind a record is not the present one; `files` are the names of what changed."""
 
     def __init__(self, sentence: str, files: Sequence[str] = ()) -> None:
+        """Says in a sentence which files have changed."""
         super().__init__(sentence)
         self.files = tuple(files)
 
@@ -141,10 +142,12 @@ def _files(value: object) -> dict[str, str]:
 
 
 def _both(before: Code, now: Code, key: str) -> bool:
+    """Returns whether two provenances have the same checksum: only then can it be compared."""
     return isinstance(before.get(key), str) and isinstance(now.get(key), str)
 
 
 def _same_mujoco(before: Code) -> bool:
+    """Returns whether a record was made by the MuJoCo of today, or does not say by which."""
     versions = before.get("packages")
     then = versions.get("mujoco") if isinstance(versions, Mapping) else None
     return then in (None, package_versions().get("mujoco"))

@@ -49,6 +49,7 @@ def joined_runs(
 
 
 def _last_robot(run: Recorded) -> int | None:
+    """Returns the number of the robot on which a run ended; None for the plain one."""
     first = run.get("augment")
     robots = run.get("robots", 1)
     return first + robots - 1 if isinstance(first, int) and isinstance(robots, int) else None

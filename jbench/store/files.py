@@ -158,6 +158,7 @@ def open_plain(path: Path) -> Iterator[io.BufferedReader]:
 
 
 def _check_plain(mode: int) -> None:
+    """Raises a NotPlainError unless a mode is that of a plain file."""
     if not stat.S_ISREG(mode):
         kinds = {stat.S_IFLNK: "a link to another place", stat.S_IFDIR: "Is a directory"}
         raise NotPlainError(errno.EINVAL, kinds.get(stat.S_IFMT(mode), "not a plain file"))
@@ -201,6 +202,7 @@ def _replace(temporary: str, path: Path) -> None:
 
 
 def _sync_directory(path: Path) -> None:
+    """Makes the names in a directory durable, where the system can."""
     # Windows can't open a directory; NTFS keeps a journal of names.
     if os.name == "nt":
         return

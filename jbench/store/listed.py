@@ -81,11 +81,13 @@ def check(directory: Path, entry: FileEntry, columns: Sequence[str]) -> None:
 
 
 def _check_digest(sha256: str, entry: FileEntry) -> None:
+    """Raises a ValueError if a content is not the one that the manifest lists."""
     if sha256 != entry.sha256:
         raise ValueError("its checksum differs")
 
 
 def _check_footer(footer: pq.FileMetaData, entry: FileEntry, columns: Sequence[str]) -> None:
+    """Raises a ValueError if a Parquet file lacks rows or columns."""
     if footer.num_rows != entry.rows:
         raise ValueError(f"{footer.num_rows} rows, not {entry.rows}")
     for name in columns:

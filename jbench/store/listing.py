@@ -68,6 +68,7 @@ def _converted(value: Any, field: pa.Field) -> Any:
 
 
 def _counted(record: Record) -> Row:
+    """Returns the columns of a record's row that are specific to its kind."""
     manifest = record.manifest
     if record.kind == "run":
         diverged = manifest.summary.get("diverged")

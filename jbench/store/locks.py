@@ -21,6 +21,7 @@ class HeldError(WorkError):
     """Another process holds the lock of a record, such as `the run ID`."""
 
     def __init__(self, whose: str) -> None:
+        """Says in a sentence whose lock is held."""
         super().__init__(f"Another process is writing {whose}; wait for it or stop it.")
         self.whose = whose
 

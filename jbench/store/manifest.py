@@ -122,6 +122,7 @@ class Manifest(BaseModel):
     @field_validator("files")
     @classmethod
     def _listed_once(cls, files: tuple[FileEntry, ...]) -> tuple[FileEntry, ...]:
+        """Raises a ValueError if two entries would be one file."""
         if len({MANIFEST, *(entry.name for entry in files)}) <= len(files):
             raise ValueError("a file is listed twice, or is the manifest")
         return files
@@ -179,4 +180,5 @@ class Manifest(BaseModel):
 
 
 def _reason(error: ValidationError) -> str:
+    """Returns the reason of the first error, without pydantic's prefix."""
     return error.errors()[0]["msg"].removeprefix("Value error, ")

@@ -75,6 +75,7 @@ def merge(
 def _merged(
     results: Results, source: Results, folder: Folder, quarantine: Quarantine
 ) -> MergeOutcome:
+    """Copies one record, or keeps the one that is there, and returns which."""
     kind, id = folder.kind, folder.id
     other, flaws = examine(source, kind, id)
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
@@ -127,6 +128,7 @@ def _choose(mine: Record, other: Record) -> MergeOutcome:
 
 
 def _other_files(mine: Record, other: Record) -> str | None:
+    """Returns which files other than tables and states differ; None if none does."""
     contents = [
         {(e.name, e.sha256) for e in record.manifest.files if e.table is None and e.role is None}
         for record in (mine, other)
@@ -151,6 +153,7 @@ def _with_policy(mine: Record, other: Record) -> MergeOutcome:
 
 
 def _has_policy(record: Record) -> bool:
+    """Returns whether a run has kept its policy."""
     return {*POLICY_FILES} <= {entry.name for entry in record.manifest.files}
 
 

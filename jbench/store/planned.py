@@ -103,6 +103,7 @@ def sentences(changed: Sequence[Changed]) -> Iterator[str]:
 
 
 def _read(settings: _Settings, record: Record) -> _Settings | None:
+    """Returns the settings of a record, or None if another version wrote them."""
     try:
         return type(settings).model_validate(record.settings)
     except ValidationError:  # of another version
@@ -110,6 +111,7 @@ def _read(settings: _Settings, record: Record) -> _Settings | None:
 
 
 def _accepted(values: Mapping[str, Any]) -> bool:
+    """Returns whether a record was made with changed code that the user accepted."""
     return values.get("accepted") is not None
 
 
@@ -123,6 +125,7 @@ def _parts(settings: Settings, names: Collection[str]) -> dict[str, Any]:
 
 
 def _with_code(settings: _Settings, code: Mapping[str, Mapping[str, Any]]) -> _Settings:
+    """Returns settings with the checksums of code of another record."""
     changes = {
         n: value for n, value in code["settings"].items() if n in type(settings).model_fields
     }

@@ -76,6 +76,7 @@ def device_provenance(device: "torch.device") -> dict[str, str | None]:
 
 
 def _driver() -> str | None:
+    """Returns the version of the NVIDIA driver, if there is one."""
     with contextlib.suppress(OSError):
         return Path("/sys/module/nvidia/version").read_text().strip()
     return None

@@ -17,6 +17,7 @@ class Quarantine:
     """A new quarantine directory, created on first use."""
 
     def __init__(self, results: Results, dry_run: bool = False) -> None:
+        """Chooses a new folder, which is made when the first record is moved there."""
         self.moved: dict[Path, Path] = {}
         self.dry_run = dry_run
         self._results = results

@@ -147,6 +147,7 @@ def _select(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
 def _answer(
     connection: duckdb.DuckDBPyConnection, sql: str, tables: Mapping[str, pa.Table]
 ) -> pd.DataFrame:
+    """Returns the rows of a SELECT on some tables."""
     for name, rows in tables.items():
         connection.register(name, rows)
 
@@ -170,6 +171,7 @@ def _answer(
 
 
 def _refusal(error: duckdb.Error, tables: Iterable[str], sql: str) -> RequestError:
+    """Returns DuckDB's message with the names that the user may have meant."""
     message, *more = str(error).splitlines()
     for line in more:
         if line.startswith("Candidate bindings"):

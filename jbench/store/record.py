@@ -67,6 +67,7 @@ class Folder:
         return Record(self, manifest, left_out)
 
     def _is_left_out(self, entry: FileEntry) -> bool:
+        """Returns whether a file was left out on purpose, such as a policy that the wheel lacks."""
         return entry.name in self.may_lack and not os.path.lexists(self.path / entry.name)
 
     def lock(self) -> contextlib.AbstractContextManager[None]:
@@ -271,6 +272,7 @@ class Record:
         return [self.path / n for n in names if files.WRITTEN.fullmatch(n) and n not in committed]
 
     def _join(self, table: str) -> FileEntry:
+        """Returns the only file of a table, after its parts are joined."""
         parts = self.parts(table)
         if len(parts) == 1:
             return parts[0]
@@ -279,14 +281,17 @@ class Record:
         return self._write_rows(table, rows)
 
     def _write_rows(self, table: str, rows: pa.Table) -> FileEntry:
+        """Writes rows of a table to a new file, which is the record's from the next commit on."""
         # The number shows the order of the table's files.
         name = f"{table}-{len(self.parts(table)):05d}-*.parquet"
         content = listed.to_bytes(rows)
         return listed.write(self.path, name, content, table=table, rows=rows.num_rows)
 
     def _update(self, **changes: Any) -> None:
+        """Commits changes of the manifest."""
         self._commit(self.manifest.model_copy(update={"updated": utc_now(), **changes}))
 
     def _commit(self, manifest: Manifest) -> None:
+        """Writes the manifest at once, which is the commit."""
         files.write_atomic(self.path / MANIFEST, manifest.to_bytes())
         self.manifest = manifest

@@ -36,6 +36,7 @@ class Flaw(NamedTuple):
     problem: str
 
     def __str__(self) -> str:
+        """The flaw as a sentence."""
         return f"{self.path} {self.problem}."
 
 
@@ -99,6 +100,7 @@ def examine(results: Results, kind: Kind, id: str) -> tuple[Record | None, list[
 
 
 def _check_beside_writers(results: Results, folder: Folder) -> tuple[Record | None, list[Flaw]]:
+    """Checks a record again if it may have been written meanwhile."""
     record, flaws = _check(folder)
     if flaws:
         was_held = locks.is_held(folder.path)
@@ -143,6 +145,7 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
 
 
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Flaw]:
+    """Yields what is odd about an intact record: missing partners, dates in the future."""
     settings = record.settings
     problems = []
     # The record without which this one is of no use, if there is one.

@@ -78,6 +78,7 @@ class Arm:
         }
 
     def _algorithm_fields(self) -> dict[str, Any]:
+        """The fields of `RunSettings` that describe the algorithm."""
         overrides = self.part.hyperparameters.get(self.algo)
         if self.algo in SETTINGS and self.part.engine != "plugin":
             ours = algorithm_settings(self.algo, self.settings, overrides)
@@ -126,6 +127,7 @@ def run_key(run: Run, steps: int) -> str:
 
 
 def _key(run: Run, representation: str, own_encoders: bool, steps: int) -> str:
+    """Returns a key that is equal for runs of one arm, whatever their seeds and encoders."""
     ofe = getattr(run, "ofe", None)
     features = None if ofe is None else ofe.values
     rest = comparable(run, "representation")
@@ -159,6 +161,7 @@ def arms(parts: Parts) -> Iterator[Arm]:
 
 
 def _specs(task: str) -> Specs | None:
+    """Returns what identifies the robot of a task; None for the Jitterbug."""
     if not has_specs(task):
         return None
     from jbench.tasks.find import find_task  # imports MuJoCo

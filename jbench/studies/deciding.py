@@ -63,6 +63,7 @@ def decide(
 
 
 def _first_seeds(returns: Returns, most: int) -> FloatArray:
+    """Returns the returns of the seeds 0, 1, … up to the first that is missing."""
     first: list[float] = []
     while len(first) < most and (value := returns.get(len(first))) is not None:
         first.append(value)

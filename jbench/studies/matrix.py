@@ -133,6 +133,7 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
 
 
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the keys of a part over the defaults of the file, nested tables merged."""
     merged = {**defaults, **values}
     for key in defaults.keys() & values.keys():
         if isinstance(defaults[key], Mapping) and isinstance(values[key], Mapping):

@@ -45,6 +45,7 @@ class Side(Settings):
 
 
 def _as_side(value: Any) -> Any:
+    """Returns a side of a comparison as a table; a text is its representation."""
     return {"representation": value} if isinstance(value, str) else value
 
 
@@ -204,6 +205,7 @@ def chosen(
 
 
 def _different(parts: Parts) -> list[Arm]:
+    """Returns the arms of all parts, each once."""
     found: dict[str, Arm] = {}
     for arm in arms(parts):
         with named(arm.where):
@@ -212,6 +214,7 @@ def _different(parts: Parts) -> list[Arm]:
 
 
 def _pair(every: Sequence[Arm], entry: Entry) -> tuple[Arm, Arm]:
+    """Returns the only pair of arms that an entry means, or raises a RequestError."""
     first, second = entry.first, entry.second
     if first == second:
         raise RequestError(f"first and second are both {first.representation}; name another one.")

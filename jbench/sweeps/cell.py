@@ -93,6 +93,7 @@ def matrix_cells(parts: Parts, results: Results, accept_changed: bool = False) -
 
 
 def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
+    """Returns the runs of an arm, and the encoders and dataset that are to be made for them."""
     matrix = arm.part
     task = arm.task
     name = arm.representation
@@ -130,6 +131,7 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
 def _encoder(
     matrix: Matrix, task: str, name: str, dataset: DatasetSettings, results: Results
 ) -> EncoderSettings:
+    """Returns the settings of the encoder that a representation names."""
     wanted = named_encoder(name, task)
     if wanted is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))

@@ -154,6 +154,7 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
 
 
 def _available() -> int | None:
+    """Returns the free memory in bytes, where the system tells."""
     with contextlib.suppress(OSError):
         known = re.search(r"^MemAvailable: *(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE)
         return int(known[1]) * 1024 if known else None
@@ -161,6 +162,7 @@ def _available() -> int | None:
 
 
 def _evaluating(run: RunSettings, seconds: float, device: str) -> float:
+    """Returns the share of a run's time that its evaluations take."""
     steps = engines.evaluation_steps(run)
     return 0.0 if steps <= 1 else min(1.0, steps * engines.stepping(run, device) / seconds)
 

@@ -136,6 +136,7 @@ def _outcome(
     decision: Decision,
     finished: Callable[[str], bool],
 ) -> Outcome:
+    """Returns what is decided of a comparison, and the runs that the next analysis needs."""
     if decision.verdict != "undecided":
         return Outcome(comparison, cells, decision)
 

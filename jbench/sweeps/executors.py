@@ -141,6 +141,7 @@ class Ray:
         self._stopped.set()
 
     def _join(self, address: str | None, jobs: int) -> None:
+        """Connects to a cluster, or starts one on this machine."""
         # Usage statistics of Ray are opt-in.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
@@ -165,6 +166,7 @@ class Ray:
             ) from None
 
     def _progress(self, runs: Sequence[RunSettings]) -> Iterator[Event]:
+        """Yields the last episode of each run that was committed since it was looked at."""
         for run in runs:
             with contextlib.suppress(WorkError):
                 record = self._results.find("run", run.id)

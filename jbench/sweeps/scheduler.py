@@ -171,6 +171,7 @@ class _Scheduler:
         return self.failures
 
     def _submit(self, groups: Iterable[Sequence[RunSettings]]) -> None:
+        """Starts a worker for each batch, as soon as one is free."""
         for batch in groups:
             future = self.pool.submit(self._train_batch, batch)
             self.futures.add(future)
@@ -207,6 +208,7 @@ class _Scheduler:
         return list(left.values())
 
     def _handle(self, event: Event | _Future) -> None:
+        """Reports an event; tries runs of a dead worker again, and leaves those held elsewhere."""
         if isinstance(event, Future):
             self.futures.remove(event)
             if died := event.result():

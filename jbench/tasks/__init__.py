@@ -12,6 +12,7 @@ from jbench.registration import register_environments
 
 
 def _register_domains() -> None:
+    """Adds the Jitterbug to dm_control's suite."""
     with warnings.catch_warnings():
         # dm_control looks for a display when it is imported; only rendering needs one.
         warnings.filterwarnings("ignore", message=".*DISPLAY", module="glfw")

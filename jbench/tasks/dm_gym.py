@@ -129,12 +129,14 @@ class SuiteEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._worlds.close()
 
     def _physics(self) -> Any:
+        """The MuJoCo physics of the environment, which has one if it can be drawn."""
         physics = getattr(self._worlds.environments[0], "physics", None)
         if physics is None:
             raise RequestError(f"{self.task} has no MuJoCo physics to draw.")
         return physics
 
     def _free_artist(self) -> None:
+        """Frees the renderer."""
         if self._artist is not None:
             self._artist.close()
             self._artist = None
@@ -156,6 +158,7 @@ def _raw(wrapped: Any) -> Any:
 
 
 def _copied(given: tuple[Any, ...], random: Any, seed: int | None) -> SuiteEnv:
+    """Returns a copy of an environment, as `copy` and `pickle` make it."""
     env = SuiteEnv(*given)
     env._np_random = random
     env._np_random_seed = seed

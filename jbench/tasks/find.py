@@ -126,6 +126,7 @@ def unknown_task(name: str) -> RequestError:
 
 
 def _suite_task(name: str) -> DmTask:
+    """Returns a task of dm_control's suite."""
     if importlib.util.find_spec("dm_control") is None:
         raise RequestError(
             f"{name} needs dm-control, which pip can't install on Python 3.13 and later (labmaze "
@@ -143,6 +144,7 @@ def _suite_task(name: str) -> DmTask:
 
 
 def _gym_task(name: str) -> DmTask:
+    """Returns an environment of Gymnasium's registry, with the arguments in its name."""
     id, *options = name.removeprefix(GYM).split(",")
     arguments: dict[str, Any] = {}
     for option in options:
@@ -168,6 +170,7 @@ def _gym_task(name: str) -> DmTask:
 
 
 def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
+    """Returns a task whose environments a function of the user makes."""
     if not callable(factory):
         raise RequestError(
             f"{name} is of type {type(factory).__name__}; name a function that returns a "

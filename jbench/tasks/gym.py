@@ -164,6 +164,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._artist = None
 
     def _outcome(self) -> tuple[NDArray[np.float32], float, dict[str, Any]]:
+        """Returns the observation, the reward and the info of the present state."""
         observation, reward, info = outcome(self.task, self.state, self._target)
         numbers = {key: value if key == "target" else float(value) for key, value in info.items()}
         return observation, float(reward), numbers

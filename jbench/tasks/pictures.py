@@ -61,6 +61,7 @@ class Artist:
             self._renderer = None
 
     def _make(self, mode: str) -> Any:
+        """Returns a renderer of MuJoCo, or a RequestError that says what it lacks."""
         if mode == "human":
             # Gymnasium's window would end the process.
             if not opengl.open_display():

@@ -77,10 +77,12 @@ def physical_fields(model: Any) -> Iterator[tuple[str, NDArray[np.float64]]]:
 
 
 def _is_left_out(name: str) -> bool:
+    """Returns whether a field does not affect the physics: what is drawn, and counts."""
     return bool(_DRAWN.fullmatch(name) or _NOT_PHYSICAL.fullmatch(name))
 
 
 def _numbers(value: object) -> NDArray[np.float64] | None:
+    """Returns a field as numbers, or None if it is none."""
     if isinstance(value, bytes):  # texts of the XML, which code may read
         return np.frombuffer(value, np.uint8).astype(np.float64)
     if isinstance(value, bool | int | float | np.ndarray | np.number):
@@ -91,6 +93,7 @@ def _numbers(value: object) -> NDArray[np.float64] | None:
 
 
 def _alpha(model: Any) -> NDArray[np.float64]:
+    """Returns how opaque each geom is."""
     alpha = np.array(model.geom_rgba[:, 3], np.float64)
     of_material = model.geom_matid >= 0
     alpha[of_material] = model.mat_rgba[model.geom_matid[of_material], 3]
@@ -98,6 +101,7 @@ def _alpha(model: Any) -> NDArray[np.float64]:
 
 
 def _has_camera_sensor(model: Any) -> bool:
+    """Returns whether a sensor depends on a camera."""
     import mujoco
 
     camera = int(mujoco.mjtObj.mjOBJ_CAMERA)

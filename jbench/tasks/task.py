@@ -42,6 +42,7 @@ class EpisodeError(WorkError):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
+        """Makes it again in another process, from its arguments."""
         return EpisodeError, self._arguments
 
 
@@ -66,6 +67,7 @@ class Worlds(AbstractContextManager["Worlds"]):
             raise error
 
     def __exit__(self, *_: object) -> None:
+        """Closes the worlds."""
         self.close()
 
     def close(self) -> None:

@@ -219,6 +219,7 @@ class JitterbugVectorEnv(
 
     @property
     def _ended(self) -> NDArray[np.bool_]:
+        """Whether each episode (n,) has reached its limit of control steps."""
         ended: NDArray[np.bool_] = self._elapsed >= self._limit
         return ended
 

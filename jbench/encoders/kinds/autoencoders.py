@@ -30,6 +30,7 @@ class Autoencoder(Learned):
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
+        """Glorot's initialization, or normal weights, of one layer each way."""
         weights = layers({"encoder": (latents, size), "decoder": (size, latents)}, random)
         if self.initial_weights == "normal":
             for name in ("encoder.weight", "decoder.weight"):
@@ -37,12 +38,15 @@ class Autoencoder(Learned):
         return weights
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """One layer and tanh."""
         return tanh(affine(weights, "encoder", scaled))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
+        """One layer and tanh."""
         return tanh(affine(weights, "decoder", latents))
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
+        """The mean squared error of the reconstruction."""
         rebuilt = self.decode(weights, self.encode(weights, batch.now))
         return torch.nn.functional.mse_loss(rebuilt, batch.later)
 
@@ -88,6 +92,7 @@ class DenoisingAutoencoder(Autoencoder):
     )
 
     def prepare(self, batch: StatePairs, latents: int, random: torch.Generator) -> StatePairs:
+        """Adds noise to what is encoded, not to what is to be reconstructed."""
         rows, size = batch.now.shape
         if self.noise_per == "row":
             noise = standard_normal((rows, size), random, batch.now)
@@ -106,16 +111,20 @@ class DenoisingAutoencoderWithYawRate(DenoisingAutoencoder):
     needs_all_features = True
 
     def latent_sizes(self, task: str, features: int) -> range:
+        """One more than the layers have, since the yaw rate is a latent."""
         return range(2, features + 2) if find_task(task).has_planar_reduction else range(0)
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
+        """The weights of an encoder without the yaw rate."""
         return super().initial(size, latents - 1, random)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Appends the yaw rate as it is observed."""
         latents = super().encode(weights, scaled)
         return namespace(latents).concat([latents, scaled[..., _YAW_RATE]], axis=-1)
 
     def decode(self, weights: Weights, latents: Array) -> Array:
+        """Does without the yaw rate."""
         return super().decode(weights, latents[..., :-1])
 
 

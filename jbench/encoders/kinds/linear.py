@@ -24,9 +24,11 @@ class Linear(Kind):
     back: ClassVar[str] = "back"
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Projects the deviation from the mean."""
         return (scaled - weights["mean"]) @ weights[self.forth].T
 
     def decode(self, weights: Weights, latents: Array) -> Array:
+        """Adds the mean again."""
         return latents @ weights[self.back] + weights["mean"]
 
 
@@ -39,6 +41,7 @@ class PrincipalComponents(Linear, Fitted):
     forth = back = "components"
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        """The eigenvectors of the largest variances, with positive largest entries."""
         _, vectors = np.linalg.eigh(states.learned.covariance)
         components = scaling.with_positive_largest(vectors[:, ::-1][:, :latents].T)
         return {"components": components, "mean": states.learned.mean}
@@ -53,6 +56,7 @@ class RandomProjection(Linear, Fitted):
     """
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        """Random orthogonal rows, and the linear decoder with the least error."""
         moments, size = states.learned, states.size
         random = np.random.default_rng(np.random.SeedSequence(states.seed))
         rotation, triangle = np.linalg.qr(random.normal(size=(size, size)))
@@ -64,6 +68,7 @@ class RandomProjection(Linear, Fitted):
         return {"projection": projection, "back": decoder, "mean": mean}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Projects without a mean, which the decoder adds."""
         return scaled @ weights["projection"].T
 
 
@@ -76,9 +81,11 @@ class RandomFeatures(Linear, Fitted):
     """
 
     def latent_sizes(self, task: str, features: int) -> range:
+        """Any size, since features are drawn at random."""
         return range(1, 4097)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        """Random directions and offsets, and a linear regression as decoder."""
         random = np.random.default_rng(np.random.SeedSequence(states.seed))
         sd = np.sqrt(np.trace(states.learned.covariance))
         directions = random.normal(size=(latents, states.size)) / sd
@@ -90,6 +97,7 @@ class RandomFeatures(Linear, Fitted):
         return weights | {"back": decoder, "mean": mean}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Applies tanh to random projections."""
         return tanh(scaled @ weights["directions"].T + weights["offsets"])
 
 
@@ -103,15 +111,19 @@ class Scaled(Fitted):
     is_rowwise = True
 
     def latent_sizes(self, task: str, features: int) -> range:
+        """As many as there are features."""
         return range(features, features + 1)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        """There is nothing to learn."""
         return {}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the features as agents scale them."""
         return scaled
 
     def decode(self, weights: Weights, latents: Array) -> Array:
+        """Returns the latents, which are the features."""
         return latents
 
 
@@ -126,18 +138,22 @@ class Raw(Fitted):
     is_rowwise = True
 
     def latent_sizes(self, task: str, features: int) -> range:
+        """As many as there are features, if their units are known."""
         # The units of other robots' observations are not known.
         has_units = find_task(task).units is not None
         return range(features, features + 1) if has_units else range(0)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        """The scaling to SI units and its inverse."""
         gain, offset = states.physical_scaling()
         return {"gain": gain, "offset": offset, "inverse": inverse(gain)}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the features in SI units."""
         return scaled * weights["gain"] + weights["offset"]
 
     def decode(self, weights: Weights, latents: Array) -> Array:
+        """Scales the features again."""
         return (latents - weights["offset"]) * weights["inverse"]
 
 
@@ -157,6 +173,7 @@ class DynamicModes(Linear, Fitted):
     horizon: int = Field(default=1, ge=1, lt=MAX_HORIZON, description="control steps; ours")
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        """The directions of the present that best predict the future beside the actions."""
         size = states.size
         batches = state_pairs(states.learn(), self.horizon, with_actions=True)
         rows = (torch.cat([b.now, b.later, b.actions], 1).double() for b in batches)

@@ -68,6 +68,7 @@ class PlanarReduction(Fitted):
         return tuple(cls().numbers(task, np.zeros(observation_size(task))))
 
     def latent_sizes(self, task: str, features: int) -> range:
+        """The number of columns that the task has, and no other."""
         size = len(self.columns(task)) if find_task(task).has_planar_reduction else 0
         return range(size, size + 1) if size else range(0)
 
@@ -149,6 +150,7 @@ class PlanarReduction(Fitted):
         return xp.concat(list(features(task, state, aim).values()), axis=-1)
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
+        """The extremes of the reduced numbers, in learning and test episodes."""
         gain, offset = physical_scaling(states.task, states.scaling)
         shards = itertools.chain(states.learn(), states.test())
         seen = (shard.states.cpu().double().numpy() * gain + offset for shard in shards)
@@ -158,6 +160,7 @@ class PlanarReduction(Fitted):
         return planar_weights(states.task, states.scaling, extremes, model.torso_offset(robot))
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Reduces the state in SI units and scales it to [-1, 1]."""
         task, gain, offset = _task_and_scaling(weights)
         numbers = self.reduce(task, scaled * gain + offset)
         return _divided(numbers - weights["latent.offset"], weights["latent.gain"])
@@ -215,6 +218,7 @@ class PlanarMirror(PlanarReduction):
         return {n: where(is_right, SIGNS[n] * value, value) for n, value in numbers.items()}
 
     def action_signs(self, weights: Weights, scaled: Array) -> Array:
+        """Returns -1 where the encoder shows the mirror image."""
         task, gain, offset = _task_and_scaling(weights)
         physical = scaled * gain + offset
         # An observed angle is a feature, without the rotations that take most of the time.

@@ -35,13 +35,16 @@ class Predictive(Learned):
     def initial(
         self, size: int, latents: int, random: torch.Generator, action_size: int = 1
     ) -> dict[str, Tensor]:
+        """Glorot's initialization of the encoder, its decoder and the heads."""
         heads = self.heads(size, latents, self.horizon * action_size)
         return layers({"encoder": (latents, size), **heads, "decoder": (size, latents)}, random)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """One layer and tanh."""
         return tanh(affine(weights, "encoder", scaled))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
+        """One layer, whose error does not train the encoder."""
         return affine(weights, "decoder", latents)
 
     @abstractmethod
@@ -65,10 +68,12 @@ class ForwardModel(Predictive):
     """
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
+        """Predict the change of the state and the reward from latents and actions."""
         units = self.hidden
         return {"hidden": (units, latents + actions), "change": (size, units), "reward": (1, units)}
 
     def constants(self, states: States) -> dict[str, Tensor]:
+        """The scales of changes and rewards, and the periods of angles."""
         periods = angle_periods(states).to(states.device)
         changes = list[Moments]()
         rewards = list[Moments]()
@@ -85,6 +90,7 @@ class ForwardModel(Predictive):
         return constants
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
+        """The errors of the scaled change and of the scaled mean reward."""
         hidden = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
         changes = state_changes(batch, weights["change.turn"]) * weights["change.scale"]
         rewards = batch.rewards.mean(1, keepdim=True) * weights["reward.scale"]
@@ -101,9 +107,11 @@ class InverseModel(Predictive):
     """
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
+        """Predict the actions from the latents of two states."""
         return {"hidden": (self.hidden, 2 * latents), "action": (actions, self.hidden)}
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:
+        """The mean squared error of the actions."""
         pair = torch.cat([latents, self.encode(weights, batch.later)], 1)
         actions = affine(weights, "action", tanh(affine(weights, "hidden", pair)))
         return torch.nn.functional.mse_loss(actions, batch.actions)
@@ -123,6 +131,7 @@ class Contrastive(Predictive):
     horizon: int = Field(default=5, ge=1, lt=MAX_HORIZON, description="control steps; ours")
 
     def heads(self, size: int, latents: int, actions: int) -> dict[str, tuple[int, int]]:
+        """Predict the latents of the future from latents and actions."""
         return {"hidden": (self.hidden, latents + actions), "query": (latents, self.hidden)}
 
     def prediction_loss(self, weights: Weights, latents: Tensor, batch: StatePairs) -> Tensor:

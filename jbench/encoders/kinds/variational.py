@@ -25,18 +25,22 @@ class VariationalAutoencoder(Learned):
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
+        """Glorot's initialization of the Gaussian and of the way back."""
         units = self.hidden
         gaussian = {"mean": (latents, units), "log_variance": (latents, units)}
         back = {"back": (units, latents), "state": (size, units)}
         return layers({"hidden": (units, size), **gaussian, **back}, random)
 
     def prepare(self, batch: StatePairs, latents: int, random: torch.Generator) -> StatePairs:
+        """Draws the noise of the latents."""
         return batch._replace(noise=standard_normal((len(batch.now), latents), random, batch.now))
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
+        """The mean of the Gaussian."""
         return affine(weights, "mean", tanh(affine(weights, "hidden", scaled)))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
+        """The mean of the states that a latent stands for."""
         return affine(weights, "state", tanh(affine(weights, "back", latents)))
 
     def loss(self, weights: Weights, batch: StatePairs) -> Tensor:
@@ -94,9 +98,11 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
 
     @property
     def steps_ahead(self) -> int:
+        """The next state."""
         return 1
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
+        """Adds a network for the locally linear dynamics."""
         dynamics = {"dynamics": (self.hidden, latents), "transition": (4 * latents, self.hidden)}
         return super().initial(size, latents, random) | layers(dynamics, random)
 

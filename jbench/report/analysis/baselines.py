@@ -45,6 +45,7 @@ def _of_features(group: Sequence[Configuration], features: str) -> dict[str, Con
 
 
 def _names(ours: Configuration, baselines: dict[str, Configuration]) -> list[str]:
+    """Returns the names of the representations that one is compared with, if they were trained."""
     kind = kind_in(ours.representation)
     others: tuple[str, ...] = (*BASELINES, RAW)
     if kind == FULL:

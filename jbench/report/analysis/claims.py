@@ -94,6 +94,7 @@ def claim_frame(
 
 
 def _text(row: dict[str, Any]) -> str:
+    """Returns a finding as the table shows it: the verdict, the effect and its interval."""
     form = _FORMS.get(row["claim"], signed)
     value, low, high = row["effect"], row["low"], row["high"]
     known = "unknown" if np.isnan(value) else form(value)
@@ -205,6 +206,7 @@ def _common(*compared: Configuration) -> tuple[str, str, int, str]:
 
 
 def _on_pair(claim: str, pair: Pair, baseline: str) -> Finding:
+    """Tests a claim on the returns of a reduced representation and of its baseline."""
     sample = pair.sample(*_STATISTICS[claim])
     effect = outer = sample.estimate()
     low = 1.0 if claim in _RATIOS else 0.0
@@ -247,6 +249,7 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
 
 
 def _on_gain(harder: Pair, easier: Pair) -> Finding:
+    """Tests whether reduction gains more on the harder of two tasks."""
     scores = [*harder.scores, *easier.scores]
     effect = st.estimate(
         lambda *areas: IQM_DIFFERENCE(*areas[:2]) - IQM_DIFFERENCE(*areas[2:]),

@@ -75,6 +75,7 @@ def comparison_frame(groups: Sequence[Sequence[Pair]]) -> pd.DataFrame:
 
 
 def _compared(pairs: Sequence[Pair], known: Mapping[str, Range]) -> Comparison:
+    """Compares two sides on one task, or on all tasks together with scores scaled to [0, 1]."""
     ours, theirs = pairs[0].sides
     names: dict[str, Any] = {**ours.identity, "a": ours.source, "b": theirs.source}
     if ours.source == FILE:
@@ -189,4 +190,5 @@ def pair_frame(configurations: Configurations, verdicts: pd.DataFrame) -> pd.Dat
 
 
 def _excludes_half(low: float, high: float) -> bool:
+    """Returns whether an interval of a probability decides which side is better."""
     return not low <= 0.5 <= high

@@ -113,6 +113,7 @@ class Comparison:
         return below if high < 0 else "undecided"
 
     def _text(self, word: str, low: float, high: float, by: str) -> str:
+        """Returns a verdict in words, with the difference that it rests on."""
         text = self._number(low, high, by)
         is_directed = self.claim == "a" and word in WORDS["a"]
         if not is_directed:
@@ -123,6 +124,7 @@ class Comparison:
         return text
 
     def _number(self, low: float, high: float, by: str) -> str:
+        """Returns the difference in words, or why its interval decides nothing."""
         value = self.estimate.value
         if np.isnan(value):
             return "unknown"

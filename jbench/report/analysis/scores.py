@@ -96,6 +96,7 @@ def seed_scores(configuration: Configuration, control_steps: int | None = None) 
 def _means_over_run(
     configuration: Configuration, beside: Sequence[Configuration], control_steps: float
 ) -> FloatArray:
+    """Returns each seed's mean return (seeds,) up to a control step, however others were logged."""
     others = [other.points_up_to(control_steps) for other in beside]
     return means_over_run(configuration.points_up_to(control_steps), others)
 
@@ -104,6 +105,7 @@ class Pair:
     """Two configurations, with scores at the last control step that every seed has reached."""
 
     def __init__(self, ours: Configuration, theirs: Configuration) -> None:
+        """Compares at the last control step that every seed of both has reached."""
         self.ours = ours
         self.theirs = theirs
         self.sides = (ours, theirs)

@@ -73,6 +73,7 @@ def verdict_frame(
 
 
 def _comparison(claim: str, pair: Pair) -> Comparison:
+    """Compares final returns, the variability between agents, or means over the run, by claim."""
     names = {
         **pair.ours.identity,
         "baseline": pair.theirs.configuration,

@@ -183,6 +183,7 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
 
 
 def _notes_on_points(config: Configuration, absent: IntArray) -> list[str]:
+    """Returns notes on returns that are not finite, and on the control steps of points."""
     notes = [
         f"{counted(count, _NAMES[config.kind][1])} of seed {seed} {are(count)} not finite and left "
         "out"

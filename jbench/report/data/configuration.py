@@ -196,6 +196,7 @@ class Configuration:
         )
 
     def _seed_curve(self, row: int, window: int) -> SeedCurve:
+        """Returns the curve of one seed, averaged for each robot separately."""
         logged = np.isfinite(self.control_steps[row])
         returns, control_steps = self.returns[row, logged], self.control_steps[row, logged]
         parts = [
@@ -281,6 +282,7 @@ def in_order(names: Iterable[str], known: tuple[str, ...] = TASKS) -> list[str]:
 
 
 def _rank(name: str, known: tuple[str, ...]) -> tuple[int, str]:
+    """Returns the sort key of a name: known ones come first."""
     return (known.index(name), "") if name in known else (len(known), name)
 
 

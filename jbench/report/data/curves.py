@@ -90,6 +90,7 @@ def seed_curve(returns: FloatArray, control_steps: FloatArray, window: int) -> S
 
 
 def _window(points: int, most: int) -> int:
+    """Returns how many points are averaged: at most a quarter of them."""
     return min(most, max(1, points // 4))
 
 

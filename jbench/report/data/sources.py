@@ -153,12 +153,14 @@ def side(text: str, results: Results, request: Request) -> Source:
 
 
 def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:
+    """Reads the tables of runs, with texts as categories."""
     return query.load(results, (*_RUNS, *more), coded=True, columns=_COLUMNS)
 
 
 def _source(
     read: query.Tables, request: Request, name: str, *, chosen: str = "", strict: bool = True
 ) -> Source:
+    """Returns the configurations of the runs that pass the filters, and what hinders others."""
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
     known = {table: schema.TABLES[table].empty_table() for table in _MORE} | read.tables

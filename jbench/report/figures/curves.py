@@ -85,6 +85,7 @@ def by_processor_time(frames: Frames) -> Chart | None:
 
 
 def _is_compared(frames: Frames) -> pd.Series:
+    """Returns for each row whether its panel shows several representations."""
     compared: pd.Series = frames.curves.groupby(_GROUP)["representation"].transform("nunique") > 1
     return compared
 
@@ -98,6 +99,7 @@ def _chart(
     looks: Looks,
     by: list[str],
 ) -> Chart | None:
+    """Returns a chart with a panel for each group of curves, over linear and logarithmic steps."""
     if curves.empty:
         return None
 
@@ -221,6 +223,7 @@ def draw_curves(
 
 
 def _tips(name: str, curve: pd.DataFrame) -> list[str]:
+    """Returns the text that the page shows at each point of a curve."""
     numbers = curve.reindex(columns=["steps", "median", "q10", "q90", "seeds"]).to_numpy(float)
     return [
         f"{name} at {f'{at:,.0f}' if at >= 100 else f'{at:.3g}'}: "
@@ -231,6 +234,7 @@ def _tips(name: str, curve: pd.DataFrame) -> list[str]:
 
 
 def _draw_published(axes: Axes, published: pd.DataFrame, looks: Looks) -> None:
+    """Draws the paper's curves as dots, in the color of the series that they are compared with."""
     entry = Look(style.SOFT, (), "", len(looks))
     for (name, source), curve in published.groupby(["series", "source"], sort=False):
         look = looks.get(str(name), entry)._replace(number=entry.number)

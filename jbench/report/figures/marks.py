@@ -198,6 +198,7 @@ def shortened(names: Iterable[str]) -> list[str]:
 
 
 def _cut(name: str) -> str:
+    """Returns a name that is cut in the middle if it is long."""
     return name if len(name) <= _LONGEST else f"{name[:20]}…{name[-10:]}"
 
 
@@ -209,6 +210,7 @@ def _equal_characters(names: Sequence[str]) -> int:
 
 
 def _by_value(names: Mapping[str, str]) -> dict[str, list[str]]:
+    """Returns the names that were cut to each text."""
     groups: dict[str, list[str]] = {}
     for name, value in names.items():
         groups.setdefault(value, []).append(name)

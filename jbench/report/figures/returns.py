@@ -65,6 +65,7 @@ def forest(frames: Frames) -> Chart | None:
 def _draw_forest(
     rows: pd.DataFrame, axes: Axes, *, looks: Looks, seeds: pd.DataFrame, policies: pd.DataFrame
 ) -> None:
+    """Draws a row for each configuration: its interval, and the final returns of its seeds."""
     seeds = seeds[seeds["configuration"].isin(rows["configuration"]) & seeds["final"].notna()]
     for place, row in enumerate(rows.to_dict("records")):
         look = looks[row["look"]]

@@ -38,6 +38,7 @@ def pairs(frames: Frames) -> Chart:
 
 
 def _draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
+    """Draws the share of pairs of runs in which one configuration beats another."""
     names = list(dict.fromkeys(rows["a_label"]))
     share = rows.pivot_table(index="a_label", columns="b_label", values="p")
     share = share.reindex(index=names, columns=names)
@@ -122,6 +123,7 @@ def positions(frames: Frames) -> Chart:
 
 
 def _draw_positions(rows: pd.DataFrame, axes: Axes) -> None:
+    """Draws how often the robot was at each place, and the target."""
     reach, yaw = (float(rows[name].iloc[0]) for name in ("reach", "target_yaw"))
     share = rows.pivot_table(index="y", columns="x", values="share").where(lambda share: share > 0)
     places = share.columns.to_numpy(float), share.index.to_numpy(float)

@@ -97,6 +97,7 @@ class AlgorithmSettings(Algorithm):
 
     @model_validator(mode="after")
     def _has_a_deviation(self) -> Self:
+        """Raises a ValueError if a number that is always equal would be divided by 0."""
         if self.normalize != "none" and self.normalize_min_sd == self.normalize_epsilon == 0:
             raise ValueError(
                 "a constant number can't be standardized without normalize_min_sd or "

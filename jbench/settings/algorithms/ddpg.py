@@ -91,6 +91,7 @@ class DDPGSettings(DeterministicSettings):
 
     @model_validator(mode="after")
     def _layer_exists(self) -> Self:
+        """Raises a ValueError if the critic has no layer to which the action could go."""
         if self.action_layer > len(self.hidden_layers):
             raise ValueError("action_layer=1 needs a critic with hidden layers")
         return self

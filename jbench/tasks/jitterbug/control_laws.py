@@ -136,6 +136,7 @@ class Driver(Law):
         return np.where(falls, righting, np.clip(torque, -1, 1))
 
     def _bounded_tilt(self, motion: Motion) -> Plane:
+        """Returns the tilt, shortened to the longest that the law takes into account."""
         return motion.tilt * np.minimum(1, self.max_tilt / np.maximum(np.abs(motion.tilt), 1e-6))
 
 

@@ -118,6 +118,7 @@ class Jitterbug(base.Task):
     def __init__(
         self, task: str, random_pose: bool = True, random: np.random.RandomState | int | None = None
     ) -> None:
+        """Has the name of the task, and whether poses are drawn."""
         self._task = task
         self._random_pose = random_pose
         super().__init__(random=random)

@@ -40,6 +40,7 @@ _POINT = ("x", "y", "z")
 
 
 def _number(value: Callable[[State, Target], Array], unit: str, high: float) -> Feature:
+    """Returns a feature of one number, which changes its sign in the mirror."""
     return Feature(lambda *of: value(*of)[..., None], ("",), (unit,), (-high,), (high,), (-1,))
 
 
@@ -156,6 +157,7 @@ def _feature_range(task: str, like: Array) -> list[Array]:
 
 @cache  # they are needed at every control step
 def _range(task: str, xp: Any, dtype: Any, device: Any) -> list[Array]:
+    """Returns the ends of the features' ranges, made once for each type."""
     ends = (by_dimension(task, end) for end in ("low", "high"))
     return [xp.asarray(end, dtype=dtype, device=device) for end in ends]
 
@@ -184,6 +186,7 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
 
 
 def _centimeters(vector: NDArray[np.float64]) -> str:
+    """Returns the horizontal length of a vector in cm."""
     return f"{padded(f'{100 * math.hypot(vector[0], vector[1]):.1f}', 4)} cm"
 
 

@@ -38,6 +38,7 @@ class MoveFromOrigin(Driver):
     away: float = 0.12  # beyond this distance it rests permanently (m)
 
     def _torque(self, motion: Motion) -> Array:
+        """Drives on outwards until it is far away."""
         distance = np.abs(motion.position)
         self._rests |= distance > self.away
         outwards = np.angle(motion.position * np.exp(-1j * motion.heading))
@@ -57,6 +58,7 @@ class FaceDirection(Turner):
     depart: float = 0.08  # turns again above this angle (rad)
 
     def _torque(self, motion: Motion) -> Array:
+        """Turns until the angle is small."""
         rests = self._rest(np.abs(motion.angle), self.arrive, self.depart)
         return np.where(rests, 0, self._turn(motion))
 
@@ -85,6 +87,7 @@ class MoveInDirection(Driver):
     roll_gain: float = 0.075  # torque per rad/s of tilt across, times the cosine of twice it (s)
 
     def _torque(self, motion: Motion) -> Array:
+        """Drives in the direction of the target."""
         to_bearing = np.exp(-1j * motion.angle)
         along = (motion.speed * to_bearing).real
         rate = motion.tilt_rate * to_bearing
@@ -114,6 +117,7 @@ class MoveToPosition(Driver):
     depart: float = 0.0032  # drives again above this distance (m)
 
     def _torque(self, motion: Motion) -> Array:
+        """Drives to the target, slower near it."""
         rests = self._rest(np.abs(motion.target), self.arrive, self.depart)
         predicted = motion.target - self.ahead * motion.speed
         drive_scale = np.minimum(
@@ -159,6 +163,7 @@ class MoveToPose(Turner, MoveToPosition):
     homing_distance: float = 0.02  # distance at which the modulation reaches its full amplitude (m)
 
     def _torque(self, motion: Motion) -> Array:
+        """Drives to the target and turns there."""
         remaining, distance = np.abs(motion.angle), np.abs(motion.target)
         far = distance > self.far
         turn_on = np.where(far, self.far_turn_on, self.turn_on)
@@ -174,5 +179,6 @@ class MoveToPose(Turner, MoveToPosition):
         return np.where(self._turns, turning, super()._torque(motion))
 
     def _steering(self, motion: Motion, bearing: Array) -> Array:
+        """Steers towards the target's heading on the way."""
         angle = np.clip(motion.angle, -self.max_steer_angle, self.max_steer_angle)
         return angle * (self.steer + self.steer_phase_gain * np.cos(motion.mass - bearing))

@@ -31,6 +31,7 @@ class JitterbugTask(Task):
     records_states = True
 
     def __init__(self, name: str) -> None:
+        """Reads the sizes, units and ranges of a task from its row of `TASK_SPECS`."""
         self.name = name
         self.drawn = TASK_SPECS[name].drawn
         self.parts = {part: features.FEATURES[part].size for part in TASK_SPECS[name].features}

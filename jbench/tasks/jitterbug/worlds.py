@@ -91,9 +91,11 @@ class Robots:
         return Robots, (self._model, self._batch.nsim, self._threads), self.snapshot()
 
     def __setstate__(self, snapshot: NDArray[np.float64]) -> None:
+        """See `restore`."""
         self.restore(snapshot)
 
     def _state(self) -> State:
+        """Returns the present state of all robots."""
         return robot.read_state(self._qpos, self._qvel, self._offset)
 
 
@@ -119,6 +121,7 @@ class JitterbugWorlds(Worlds):
     target: Target
 
     def __init__(self, task: str, model: mujoco.MjModel, count: int, threads: int) -> None:
+        """Has no episode yet; see `reset`."""
         self._task = task
         self._robots = Robots(model, count, threads)
         self.episode_steps = task_specs.EPISODE_STEPS
@@ -186,5 +189,6 @@ class JitterbugWorlds(Worlds):
         return {"x": position[:, 0], "y": position[:, 1], "yaw": yaw}
 
     def _observe(self, state: State) -> NDArray[np.float32]:
+        """Returns the observations (count, dim(O)) of a state."""
         self.robot_state = state
         return np.asarray(observation(self._task, state, self.target), np.float32)

@@ -120,7 +120,7 @@ def constants(policy: Law) -> dict[str, float]:
 
 def with_constants(task: str, values: dict[str, Any]) -> Law:
     """Returns a task's policy with other constants, floats or one for each robot."""
-    law: Any = type(heuristics.heuristic(task))
+    law: Any = heuristics.LAWS[task]
     policy: Law = law(**values)
     return policy
 
@@ -186,7 +186,7 @@ class Search:
 
 def tune(args: argparse.Namespace) -> dict[str, float]:
     """Returns the constants that the search ends with."""
-    start = constants(heuristics.heuristic(args.task))
+    start = constants(heuristics.LAWS[args.task]())
     names = [name for name in start if not args.constants or name in args.constants]
     first = np.array([start[name] for name in names])
     search = Search(len(names), np.random.default_rng(args.seed))

@@ -13,36 +13,47 @@ _Name = TypeVar("_Name", bound=str)
 
 TASKS = tuple(TASK_SPECS)
 
-_ROWS = """
-dae autoencoders:DenoisingAutoencoder latents of a denoising autoencoder
-dae-yaw autoencoders:DenoisingAutoencoderWithYawRate the same with the yaw rate as a latent
-ae autoencoders:Autoencoder latents of an autoencoder
-ddae autoencoders:DynamicDenoisingAutoencoder latents of an autoencoder that predicts \
-the next states
-vae variational:VariationalAutoencoder latents of a variational autoencoder
-lld-vae variational:LocallyLinearVariationalAutoencoder the same with locally linear dynamics
-pca linear:PrincipalComponents principal components
-random linear:RandomProjection random projection
-scaled linear:Scaled all features, scaled as encoders scale them
-planar planar:PlanarReduction scaled, without position and heading in the plane
-planar-no-yaw planar:PlanarWithoutYawRate planar without the yaw rate
-heading planar:HeadingFrame planar with position and heading
-raw linear:Raw the observation in SI units
-planar-mirror planar:PlanarMirror planar, folded by the mirror symmetry
-forward predictive:ForwardModel latents that predict the next states and the reward
-inverse predictive:InverseModel latents that predict the action
-dmd linear:DynamicModes directions of a linear model of the dynamics
-contrastive predictive:Contrastive latents that tell the future of a state from others
-random-features linear:RandomFeatures tanh of random directions
-"""
-_KINDS = [row.split(" ", 2) for row in _ROWS.strip().splitlines()]  # name, module:class, meaning
+_KINDS = {
+    "dae": ("autoencoders:DenoisingAutoencoder", "latents of a denoising autoencoder"),
+    "dae-yaw": (
+        "autoencoders:DenoisingAutoencoderWithYawRate",
+        "the same with the yaw rate as a latent",
+    ),
+    "ae": ("autoencoders:Autoencoder", "latents of an autoencoder"),
+    "ddae": (
+        "autoencoders:DynamicDenoisingAutoencoder",
+        "latents of an autoencoder that predicts the next states",
+    ),
+    "vae": ("variational:VariationalAutoencoder", "latents of a variational autoencoder"),
+    "lld-vae": (
+        "variational:LocallyLinearVariationalAutoencoder",
+        "the same with locally linear dynamics",
+    ),
+    "pca": ("linear:PrincipalComponents", "principal components"),
+    "random": ("linear:RandomProjection", "random projection"),
+    "scaled": ("linear:Scaled", "all features, scaled as encoders scale them"),
+    "planar": ("planar:PlanarReduction", "scaled, without position and heading in the plane"),
+    "planar-no-yaw": ("planar:PlanarWithoutYawRate", "planar without the yaw rate"),
+    "heading": ("planar:HeadingFrame", "planar with position and heading"),
+    "raw": ("linear:Raw", "the observation in SI units"),
+    "planar-mirror": ("planar:PlanarMirror", "planar, folded by the mirror symmetry"),
+    "forward": ("predictive:ForwardModel", "latents that predict the next states and the reward"),
+    "inverse": ("predictive:InverseModel", "latents that predict the action"),
+    "dmd": ("linear:DynamicModes", "directions of a linear model of the dynamics"),
+    "contrastive": (
+        "predictive:Contrastive",
+        "latents that tell the future of a state from others",
+    ),
+    "random-features": ("linear:RandomFeatures", "tanh of random directions"),
+}
+"""Built-in kinds of encoders: the class in jbench.encoders.kinds, and what the latents are."""
 
-ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, path, _ in _KINDS}
+ENCODER_KINDS = {kind: f"jbench.encoders.kinds.{path}" for kind, (path, _) in _KINDS.items()}
 """Built-in kinds of encoders and their classes; other packages may add kinds."""
 
 MEANINGS = {
     "full": "the observation of the task",
-    **{kind: meaning for kind, _, meaning in _KINDS},
+    **{kind: meaning for kind, (_, meaning) in _KINDS.items()},
     "-without-": "without these features of the observation",
     "-of-": "of these features of the observation",
     "-script": "trained as in the authors' script",

@@ -13,7 +13,7 @@ from jbench.store import Results
 from jbench.store.query import load, run_sql
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.jitterbug import resets
-from jbench.tasks.jitterbug.heuristics import heuristic
+from jbench.tasks.jitterbug.heuristics import LAWS
 from tests.training.small_runs import shorten_episodes
 
 EPISODE = 100  # control steps
@@ -34,7 +34,7 @@ def test_returns_of_heuristic_equal_environment(tmp_path):
     task = "move_to_pose"
     settings = EvaluationSettings(task=task, policy="heuristic", episodes=2, seed=5)
     record = evaluate(settings, Results(tmp_path), threads=2)
-    policy, env = heuristic(task), JitterbugEnv(task)
+    policy, env = LAWS[task](), JitterbugEnv(task)
     for episode, kept in enumerate(returns_of(record)):
         env.reset()
         random = np.random.default_rng(np.random.SeedSequence(5, spawn_key=(episode,)))

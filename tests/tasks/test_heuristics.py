@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from jbench.names import TASKS
+from jbench.task_specs import TASK_SPECS, TaskSpec
 from jbench.tasks.jitterbug import features, geometry, resets
-from jbench.tasks.jitterbug.heuristics import heuristic
+from jbench.tasks.jitterbug.heuristics import LAWS
 from jbench.tasks.jitterbug.rewards import reward
 from jbench.tasks.jitterbug.robots import load_model
+from jbench.tasks.jitterbug.task import JitterbugTask
 from jbench.tasks.jitterbug.worlds import Robots
 
 
@@ -28,7 +30,7 @@ def some_observations(task, random, count=50):
 @pytest.mark.parametrize("task", TASKS)
 def test_mirrored_observation_gives_mirrored_action(task):
     observed = some_observations(task, np.random.default_rng(0))
-    policy = heuristic(task)
+    policy = LAWS[task]()
     policy.reset(len(observed))
     action = policy.act(observed)
     policy.reset(len(observed))
@@ -39,7 +41,7 @@ def test_mirrored_observation_gives_mirrored_action(task):
 @pytest.mark.parametrize("task", TASKS)
 def test_action_is_independent_of_batch(task):
     observed = some_observations(task, np.random.default_rng(1), count=6)
-    together, alone = heuristic(task), heuristic(task)
+    together, alone = LAWS[task](), LAWS[task]()
     together.reset(6)
     actions = together.act(observed)
     for row, action in zip(observed, actions, strict=True):
@@ -61,7 +63,7 @@ DONE = {
 def test_heuristic_solves_task(task):
     quaternions, target = resets.draw_starts(task, [np.random.default_rng(2)] * 3)
     steps, least = DONE[task]
-    policy = heuristic(task)
+    policy = LAWS[task]()
     policy.reset(3)
     rewards = []
     robots = Robots(load_model(), 3, threads=2)
@@ -70,3 +72,10 @@ def test_heuristic_solves_task(task):
         state = robots.step(policy.act(features.observation(task, state, target))[:, 0])
         rewards.append(reward(task, state, target))
     assert np.median(np.mean(rewards[-50:], axis=0)) > least
+
+
+def test_task_without_a_law_has_no_hand_written_policy(monkeypatch):
+    """So that a new task is one row of the table."""
+    monkeypatch.setitem(TASK_SPECS, "stay_upright", TaskSpec(("position",), ("upright",)))
+    assert JitterbugTask("stay_upright").hand_written() is None
+    assert JitterbugTask("face_direction").hand_written() is not None

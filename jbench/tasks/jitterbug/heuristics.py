@@ -11,13 +11,6 @@ import numpy as np
 from jbench.tasks.jitterbug.control_laws import Array, Driver, Law, Motion, Turner
 
 
-def heuristic(task: str) -> Law:
-    """Returns the hand-written policy of a task with its tuned constants."""
-    laws = (MoveFromOrigin, FaceDirection, MoveInDirection, MoveToPosition, MoveToPose)
-    policies: dict[str, type[Law]] = {law.task: law for law in laws}
-    return policies[task]()
-
-
 @dataclass
 class MoveFromOrigin(Driver):
     """Drives away from the origin and rests permanently where the reward is 1.
@@ -182,3 +175,10 @@ class MoveToPose(Turner, MoveToPosition):
         """Steers towards the target's heading on the way."""
         angle = np.clip(motion.angle, -self.max_steer_angle, self.max_steer_angle)
         return angle * (self.steer + self.steer_phase_gain * np.cos(motion.mass - bearing))
+
+
+LAWS: dict[str, type[Law]] = {
+    law.task: law
+    for law in (MoveFromOrigin, FaceDirection, MoveInDirection, MoveToPosition, MoveToPose)
+}
+"""The policies by task, which begin with their tuned constants."""

@@ -9,7 +9,7 @@ from jbench import task_specs
 from jbench.task_specs import CAMERAS, CONTROL_TIMESTEP, TASK_SPECS
 from jbench.tasks.jitterbug import features
 from jbench.tasks.jitterbug.control_laws import Law
-from jbench.tasks.jitterbug.heuristics import heuristic
+from jbench.tasks.jitterbug.heuristics import LAWS
 from jbench.tasks.jitterbug.robots import load_model
 from jbench.tasks.jitterbug.worlds import JitterbugWorlds
 from jbench.tasks.task import Task
@@ -56,9 +56,10 @@ class JitterbugTask(Task):
         """Returns new worlds; see `Task.worlds`."""
         return JitterbugWorlds(self.name, _robot_model(augment), count, threads)
 
-    def hand_written(self) -> Law:
-        """Returns a new hand-written policy with its tuned constants."""
-        return heuristic(self.name)
+    def hand_written(self) -> Law | None:
+        """Returns a new hand-written policy with its tuned constants, if the task has one."""
+        law = LAWS.get(self.name)
+        return None if law is None else law()
 
     def physical(self, observations: NDArray[np.floating]) -> NDArray[np.floating]:
         """Returns observations (..., dim(O)) in their units."""

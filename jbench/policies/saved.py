@@ -61,10 +61,12 @@ def _layer_norm(x: Array, weight: Array, bias: Array, epsilon: float) -> Array:
 
 
 def _sigmoid(x: Array) -> Array:
+    """The logistic function."""
     return 0.5 + 0.5 * namespace(x).tanh(0.5 * x)  # does not overflow
 
 
 def _elu(x: Array, alpha: float) -> Array:
+    """The exponential linear unit."""
     xp = namespace(x)
     return xp.where(x > 0, x, alpha * xp.expm1(x.clip(max=0)))
 

@@ -212,6 +212,7 @@ class PlanarMirror(PlanarReduction):
     """
 
     def numbers(self, task: str, physical: Array) -> dict[str, Array]:
+        """The numbers of the mirror image if the target is on the right."""
         where = namespace(physical).where
         numbers = super().numbers(task, physical)
         is_right = (numbers["angle"] if "angle" in numbers else numbers["target_x"]) < 0

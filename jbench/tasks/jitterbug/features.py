@@ -152,6 +152,7 @@ def denormalize(task: str, observed: Array) -> Array:
 
 
 def _feature_range(task: str, like: Array) -> list[Array]:
+    """Returns the lowest and the highest features, in the type of an array."""
     return _range(task, namespace(like), like.dtype, getattr(like, "device", None))
 
 

@@ -73,6 +73,11 @@ TASK_GROUP = "jbench.tasks"
 """Entry points of functions that return a `dm_env.Environment` or a `gymnasium.Env`."""
 
 
+def episode_steps(task: str) -> int | None:
+    """Returns the control steps of an episode; None if the settings of its robot say it."""
+    return EPISODE_STEPS if task in TASK_SPECS else None
+
+
 def solved_return(task: str) -> float | None:
     """Returns the episode return from which a task is solved; None if nothing says so."""
     return SOLVED_RETURN if task in TASK_SPECS else None

@@ -9,7 +9,6 @@ from pathlib import Path
 from typer import Exit, Option
 
 from jbench.commands import output, parsing
-from jbench.task_specs import EPISODE_STEPS
 
 # Smaller networks and batches, and fewer random first steps than the paper's TD3, so that it learns
 # in minutes.
@@ -57,6 +56,7 @@ def demo(
     It collects a dataset, trains an encoder and agents, and writes a report.
     """
     from jbench.commands.progress import sparkline
+    from jbench.report.data.returns import highest_return
     from jbench.store.query import query_results
 
     database = parsing.results_to_write(results)
@@ -87,9 +87,8 @@ def demo(
             raise Exit(process.returncode)
 
     curves, _ = query_results(database, _CURVES)
-    curves["learning curve"] = curves["learning curve"].map(
-        partial(sparkline, highest=EPISODE_STEPS)
-    )
+    highest = highest_return("face_direction")
+    curves["learning curve"] = curves["learning curve"].map(partial(sparkline, highest=highest))
     if len(curves):
         title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
         output.frame(title, curves)

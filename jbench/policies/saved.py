@@ -207,9 +207,13 @@ def _older_layers(described: dict[str, Any], tensors: Mapping[str, Float]) -> li
     if (features := described.get("features")) is None:
         return layers
 
-    standard = tensors["features.mean"], tensors["features.deviation"]
-    units = linear("features.", features["layers"])
-    return [*feature_layers(*standard, units, bool(features["appended"])), *layers]
+    before = feature_layers(
+        tensors["features.mean"],
+        tensors["features.deviation"],
+        linear("features.", features["layers"]),
+        bool(features["appended"]),
+    )
+    return [*before, *layers]
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,6 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         digest = hashlib.sha256(assets[kind].encode()).digest()
         policy += f"; {kind}-src 'sha256-{base64.b64encode(digest).decode()}'"
 
-    shown = frames.run_curves, frames.metrics, frames.paths
     return environment.get_template("page.html.j2").render(
         frames=frames,
         policy=policy,
@@ -65,7 +64,9 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         meanings=_meanings(frames),
         matrix=verdict_matrix(frames),
         tables=[_shown(table) for table in tables(frames) if table.name != "verdicts"],
-        runs=run_details(frames.runs, *shown, frames.returns),
+        runs=run_details(
+            frames.runs, frames.run_curves, frames.metrics, frames.paths, frames.returns
+        ),
         command=clean(frames.request.command),
         citation=CITATION if len(frames.published) else "",
     )

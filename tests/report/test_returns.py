@@ -5,7 +5,7 @@ import pytest
 
 import jbench
 from jbench.report.analysis.scores import IQM_DIFFERENCE, Pair, seed_scores
-from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.report.data.returns import EVALUATION, TRAINING, highest_return
 from jbench.report.frames import Frames
 from jbench.report.request import Request
 from jbench.store.evaluations import added_returns
@@ -148,3 +148,8 @@ def test_steps_of_unequal_runs_are_a_range(fabric):
     fabric.run(np.full(300, 500.0), 1, algo="td3")
     (row,) = Frames(fabric.results).configurations.to_dict("records")
     assert (row["steps_min"], row["steps"]) == (30_000, 300_000)
+
+
+def test_highest_return_is_that_of_the_task():
+    assert highest_return("move_to_pose") == highest_return("dmc:cheetah-run") == 1000
+    assert highest_return("gym:Pendulum-v1") == np.inf

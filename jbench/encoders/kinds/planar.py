@@ -140,8 +140,9 @@ class PlanarReduction(Fitted):
         rates = geometry.rotate(back, rates)
         velocity = xp.concat([xp.stack(speeds, axis=-1), rates], axis=-1)
         torso_velocity = geometry.center_of_mass_velocity(position, velocity, center_of_mass)
-        motor = numbers["motor_angle"], numbers["motor_speed"]
-        state = State(position, velocity, *motor, torso_velocity)
+        state = State(
+            position, velocity, numbers["motor_angle"], numbers["motor_speed"], torso_velocity
+        )
         turned = geometry.rotated_in_plane(cosine, sine, *way)
         target = [part + shift for part, shift in zip(turned, place, strict=True)]
         target = xp.stack([*target, zero + geometry.TARGET_HEIGHT], axis=-1)

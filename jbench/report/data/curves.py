@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from jbench.names import FULL, Order, ReturnsName
 from jbench.returns import averaged_points, mean_over_run
 from jbench.statistics import FloatArray, IntArray
-from jbench.task_specs import EPISODE_STEPS
+from jbench.task_specs import episode_steps
 
 QUANTILES = (10, 25, 50, 75, 90)  # percent, across seeds
 PUBLISHED = "published"  # source of the paper's curves
@@ -203,13 +203,17 @@ def best_median(
     have a tolerance of an episode, because the paper's windows are counted from the start of an
     episode and ours from its end.
     """
+    length = episode_steps(names[0])
+    if length is None:  # the paper has curves of the Jitterbug only
+        return None
+
     for column, name in zip(CURVE[1:], names, strict=True):
         published = published[published[column] == name]
 
     medians = []
     for figure, curve in published.groupby("figure"):
         steps, median = curve[["steps", "median"]].to_numpy().T
-        within = steps[0] - EPISODE_STEPS <= control_steps <= steps[-1] + EPISODE_STEPS
+        within = steps[0] - length <= control_steps <= steps[-1] + length
         if within and sequence == (figure == SEQUENCE):
             medians.append((float(np.interp(control_steps, steps, median)), str(figure)))
 

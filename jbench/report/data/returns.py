@@ -28,6 +28,12 @@ def has_return_range(tasks: Iterable[str], sources: Iterable[str]) -> bool:
     return FILE not in {*sources} and all(return_range(task) is not None for task in {*tasks})
 
 
+def highest_return(task: str) -> float:
+    """Returns the largest possible return of an episode; infinity if it is unknown."""
+    known = return_range(task)
+    return math.inf if known is None else known[1]
+
+
 def whole(value: float) -> str:
     """Formats a return; one just below `SOLVED` has a decimal: 899.6 must not read 900."""
     if _ZERO < abs(value) < _SMALL:

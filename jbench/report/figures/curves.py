@@ -35,8 +35,8 @@ def by_representation(frames: Frames) -> Chart | None:
     curves = frames.curves.assign(series=frames.curves["representation"])[_is_compared(frames)]
     published = frames.published.assign(series=frames.published["representation"])
     looks = style.looks(curves, "series", "kind")
-    names = "representations", "Learning curves by representation"
-    return _chart(frames, *names, curves, published, looks, _GROUP)
+    title = "Learning curves by representation"
+    return _chart(frames, "representations", title, curves, published, looks, _GROUP)
 
 
 def by_algorithm(frames: Frames) -> Chart | None:

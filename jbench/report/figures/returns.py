@@ -8,13 +8,12 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.returns import ratio, whole
+from jbench.report.data.returns import highest_return, ratio, whole
 from jbench.report.figures import marks
 from jbench.report.figures.chart import ROWS, Chart, Panel, by_task
 from jbench.report.frames import Frames
 from jbench.report.style import Look, Looks
 from jbench.statistics.bootstrap import DECIDING_SEEDS
-from jbench.task_specs import EPISODE_STEPS
 
 _FLOOR = 1e-3  # smaller fractions of unexplained variance are drawn here
 _POLICIES = {"random": "random actions", "hand-written": "hand-written policy"}
@@ -96,8 +95,8 @@ def _draw_forest(
     marks.add_solved(axes, rows)
     marks.name_rows(axes, [*rows["name"], *names])
     errors = 2 * seeds["episode_sd"].fillna(0) / np.sqrt(seeds["episodes"])
-    # No episode returns more than its number of control steps.
-    reached = (seeds["final"] + errors).clip(upper=EPISODE_STEPS)
+    highest = seeds["task"].map(highest_return).astype(float)
+    reached = np.minimum(seeds["final"] + errors, highest)
     ends = [*seeds["final"], *reached, *policies["q90"], *rows["published"].dropna()]
     marks.set_returns(axes, rows, min(ends, default=0.0), max(ends, default=0.0), "x")
 
@@ -220,5 +219,13 @@ def predictions(frames: Frames) -> Chart:
     rows = rows.sort_values("panel", key=lambda names: pd.factorize(names)[0], kind="stable")
     panels = by_task(rows, draw, (3.2, 2.3), by=["quantity", "panel"])
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"
-    names = "predictions", "Return against what latents predict"
-    return Chart(*names, note, panels, looks, columns=4, alike=False, minimum=260)
+    return Chart(
+        "predictions",
+        "Return against what latents predict",
+        note,
+        panels,
+        looks,
+        columns=4,
+        alike=False,
+        minimum=260,
+    )

@@ -1,7 +1,5 @@
 """Shares: pairs of configurations, performance profiles, motor velocities and positions."""
 
-from typing import Any
-
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
@@ -126,9 +124,15 @@ def _draw_positions(rows: pd.DataFrame, axes: Axes) -> None:
     """Draws how often the robot was at each place, and the target."""
     reach, yaw = (float(rows[name].iloc[0]) for name in ("reach", "target_yaw"))
     share = rows.pivot_table(index="y", columns="x", values="share").where(lambda share: share > 0)
-    places = share.columns.to_numpy(float), share.index.to_numpy(float)
-    scale: Any = {"cmap": "viridis_r", "norm": colors.LogNorm(1e-6, 0.1)}
-    axes.pcolormesh(*places, share.to_numpy(), shading="nearest", rasterized=True, **scale)
+    axes.pcolormesh(
+        share.columns.to_numpy(float),
+        share.index.to_numpy(float),
+        share.to_numpy(),
+        shading="nearest",
+        rasterized=True,
+        cmap="viridis_r",
+        norm=colors.LogNorm(1e-6, 0.1),
+    )
     axes.plot(0, 0, "+", color=_TARGET, markersize=9)
     if np.isfinite(yaw):
         x, y = reach * np.cos(yaw), reach * np.sin(yaw)

@@ -49,7 +49,8 @@ class PluginEngine(Engine):
         self._device = device
         self._is_resumable = is_resumable(kind)
         self._losses: dict[str, float] = {}
-        size, action_size = environments.size, environments.action_size
+        size = environments.size
+        action_size = environments.action_size
         count = environments.observations.shape[1]
         seed = environments.generators[0].seed
         spec = EnvironmentSpec(size, action_size, count, environments.episode_steps)

@@ -100,14 +100,16 @@ def _settings(name: str) -> str:
 def _made(make: _Make, task: str) -> str:
     """Makes an agent on the task."""
     with make([0]) as engine:
-        size, actions = engine.environments.size, engine.environments.action_size
+        size = engine.environments.size
+        actions = engine.environments.action_size
     return f"on {task}, with observations of {size} and actions of {actions}"
 
 
 def _actions(make: _Make) -> str:
     """Checks that actions are deterministic, and their shape for any number of robots."""
     with make([0]) as engine:
-        size, action_size = engine.environments.size, engine.environments.action_size
+        size = engine.environments.size
+        action_size = engine.environments.action_size
         for count in (1, 7):
             observations = np.zeros((1, count, size), np.float32)
             actions = engine.act(observations)

@@ -59,7 +59,9 @@ def check_code(what: What, request: CheckRequest) -> Iterator[Checked]:
 
 def _checks(what: What, request: CheckRequest) -> Iterator[NamedCheck]:
     """Returns the checks of a kind of code."""
-    name, task, settings = request.name, request.task, request.settings
+    name = request.name
+    task = request.task
+    settings = request.settings
     if what == "task":
         return tasks.checks(name)
     if what == "agent":

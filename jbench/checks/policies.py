@@ -39,7 +39,8 @@ def _acts(name: str, task: str) -> str:
 
 def _episodes(name: str, task: str) -> str:
     """Checks that the same initial states give the same returns."""
-    returns, again = _returns(name, task), _returns(name, task)
+    returns = _returns(name, task)
+    again = _returns(name, task)
     if not np.array_equal(returns, again):
         raise NotableError(
             "the same initial states give other returns: its evaluations can't be repeated"

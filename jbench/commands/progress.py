@@ -230,7 +230,8 @@ class _Process:
         self.runs = runs
         self.returns = dict[str, float]()
         self.curve = list[float]()
-        run, seeds = runs[0], ",".join(str(run.seed) for run in runs)
+        run = runs[0]
+        seeds = ",".join(str(run.seed) for run in runs)
         self.name = f"{run.task} {run.algo} {run.representation} seed {seeds}"
         configurations = len({(run.task, run.representation) for run in runs})
         # The control steps before the first updates are fast and tell nothing of the time left.

@@ -245,7 +245,8 @@ def agent_code(results: Results, record: Record) -> dict[str, Any]:
 
     Its layers run without the code that has trained them.
     """
-    task, encoder = record.settings.get("task"), record.settings.get("encoder")
+    task = record.settings.get("task")
+    encoder = record.settings.get("encoder")
     return {**code_provenance(str(task)), **encoder_code(results, encoder)}
 
 

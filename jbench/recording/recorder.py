@@ -108,7 +108,8 @@ class Recording:
                 with self._writer.block():
                     yield
             finally:
-                made, planned = self._writer.control_steps, self._settings.steps
+                made = self._writer.control_steps
+                planned = self._settings.steps
                 self._writer = None
                 self.finished = record.status == "finished"
                 if self.finished and made > planned:

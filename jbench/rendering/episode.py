@@ -103,7 +103,8 @@ def strip_picture(frame: Frame) -> Picture:
 
 def times(frame: Frame) -> str:
     """Returns time and return so far with a fixed width."""
-    time, so_far = padded(f"{frame.time:.2f}", 5), padded(f"{frame.episode_return:.1f}", 6)
+    time = padded(f"{frame.time:.2f}", 5)
+    so_far = padded(f"{frame.episode_return:.1f}", 6)
     return f"{time} s   return {so_far}"
 
 

@@ -32,7 +32,8 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame, compared: pd.
     from_file = FILE in {*known["source"]}
     single = from_file and known["label"].nunique() == 1
     if known["seeds"].max() < DECIDING_SEEDS and not single:
-        seeds, longest = int(known["seeds"].max()), steps(known["steps"].max())
+        seeds = int(known["seeds"].max())
+        longest = steps(known["steps"].max())
         count = "one seed" if seeds == 1 else f"{seeds} seeds"
         if from_file:
             return f"{count.capitalize()} of a method can't decide a comparison."

@@ -151,7 +151,8 @@ def provenance(recorded: str) -> dict[str, str]:
     """Returns the processor, versions and command of a run, by name; the text is untrusted."""
     values: Any = json.loads(recorded)
     values = values if isinstance(values, dict) else {}
-    packages, command = values.get("packages"), values.get("command")
+    packages = values.get("packages")
+    command = values.get("command")
     if isinstance(command, list):
         values["command"] = " ".join(map(str, command))
 

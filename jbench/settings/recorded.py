@@ -126,7 +126,8 @@ def alike(run: Run, free: Collection[str]) -> str:
 
     A hyperparameter may be named by the last part of its path.
     """
-    names, flat = set(free), flatten(run)
+    names = set(free)
+    flat = flatten(run)
     if "algo" in names and run.algo not in SETTINGS:
         # It follows from the algorithm.
         flat["engine",] = RunSettings.model_fields["engine"].default

@@ -61,7 +61,9 @@ def components(agents: Agents, confidence: float = 0.95) -> Components:
     if not agents.known:
         return Components()
 
-    counts, within, between = agents.episodes, agents.episode_variance, agents.agent_variance
+    counts = agents.episodes
+    within = agents.episode_variance
+    between = agents.agent_variance
     # As in Satterthwaite's approximation; k (n - 1) for n episodes of each of k agents.
     freedom = float(np.sum(1 / counts) ** 2 / np.sum(1 / (counts**2 * (counts - 1))))
     tail = (1 - confidence) / 2

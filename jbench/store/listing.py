@@ -84,7 +84,8 @@ def _counted(record: Record) -> Row:
         return {"steps_done": steps, "bytes": record.size}
 
     if record.kind == "import":
-        hashes, names = record.settings.get("files"), manifest.provenance.get("files")
+        hashes = record.settings.get("files")
+        names = manifest.provenance.get("files")
         if isinstance(hashes, list) and isinstance(names, list):
             return {"files": json.dumps(dict(zip(hashes, names, strict=False)))}
         return {"files": "{}"}

@@ -76,7 +76,8 @@ def _merged(
     results: Results, source: Results, folder: Folder, quarantine: Quarantine
 ) -> MergeOutcome:
     """Copies one record, or keeps the one that is there, and returns which."""
-    kind, id = folder.kind, folder.id
+    kind = folder.kind
+    id = folder.id
     other, flaws = examine(source, kind, id)
     faults = [flaw for flaw in flaws if flaw.sort != "leftover"]
     if faults or other is None:

@@ -133,7 +133,8 @@ def _check(folder: Folder) -> tuple[Record | None, list[Flaw]]:
             except RecordError as error:
                 errors.append(error)
 
-    kind, id = folder.kind, folder.id
+    kind = folder.kind
+    id = folder.id
     flaws = [Flaw(error.sort, kind, id, error.path, error.problem) for error in errors]
     if record is not None or MANIFEST not in folder.names:
         entries = () if record is None else record.manifest.files

@@ -61,7 +61,8 @@ class Autoencoder(Learned):
             L = 1 / (n d) sum |y - x'|^2      dL / d(V z + c) = 2 (y - x') / (n d) (1 - y^2)
             dL / d(W x + b) = V' dL / d(V z + c) (1 - z^2)
         """
-        encoder, decoder = weights["encoder.weight"], weights["decoder.weight"]
+        encoder = weights["encoder.weight"]
+        decoder = weights["decoder.weight"]
         latents = tanh_(torch.addmm(weights["encoder.bias"], batch.now, encoder.T))
         rebuilt = tanh_(torch.addmm(weights["decoder.bias"], latents, decoder.T))
         error = rebuilt - batch.later

@@ -57,7 +57,8 @@ class RandomProjection(Linear, Fitted):
 
     def fit(self, states: States, latents: int) -> dict[str, FloatArray]:
         """Random orthogonal rows, and the linear decoder with the least error."""
-        moments, size = states.learned, states.size
+        moments = states.learned
+        size = states.size
         random = np.random.default_rng(np.random.SeedSequence(states.seed))
         rotation, triangle = np.linalg.qr(random.normal(size=(size, size)))
         # The first rows of one matrix, so that larger projections contain smaller ones.

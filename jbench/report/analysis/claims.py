@@ -231,7 +231,8 @@ def _without_episodes(finding: Finding, pair: Pair) -> Finding:
 
     Claim (b) is that the first agents vary less, (f) that they vary more.
     """
-    decided, remark = finding.decided, finding.remark
+    decided = finding.decided
+    remark = finding.remark
     value, low, high, _ = pair.agents_difference()
     if not {"supported": low > 0, "contradicted": high < 0}.get(decided.verdict, True):
         interval = f"difference {rounded(value)} [{rounded(low)}, {rounded(high)}]"

@@ -164,7 +164,8 @@ def _notes_on_runs(same: pd.DataFrame, chosen: pd.DataFrame, kind: ReturnsName) 
             f"{point}s, not that of {', '.join(map(str, recorded))}"
         )
 
-    others, diverged = chosen[chosen["diverged"].isna()], chosen[chosen["diverged"].notna()]
+    others = chosen[chosen["diverged"].isna()]
+    diverged = chosen[chosen["diverged"].notna()]
     if len(diverged):
         which = ", ".join("seed " + diverged["seed"].astype(str) + " " + diverged["divergence"])
         notes.append(

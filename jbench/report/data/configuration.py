@@ -136,7 +136,8 @@ class Configuration:
         if self.shown is not None and source == FILE:
             algo = self.shown
         elif self.shown is not None:
-            shown, kind = self.shown, self.shown
+            shown = self.shown
+            kind = self.shown
 
         label = ", ".join(filter(None, (f"{algo} {shown}".rstrip(), words)))
         prefix = "" if source in (OWN, FILE) else f"{source}: "

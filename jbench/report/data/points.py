@@ -109,7 +109,8 @@ def count_divergence(
         pad = ((0, 0), (0, more))
         points = {name: np.pad(f, pad, constant_values=np.nan) for name, f in points.items()}
 
-    returns, control_steps = points["returns"], points["control_steps"]
+    returns = points["returns"]
+    control_steps = points["control_steps"]
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
     empty = np.flatnonzero(np.isinf(grid))

@@ -170,9 +170,10 @@ SPARE = {
 
 def _report(database: "Results", out: Path, request: Request) -> None:
     """Writes a report and prints what it says first: verdicts, tables and notes."""
+    from jbench.report.columns import OBSERVED
     from jbench.report.page import verdict_matrix
     from jbench.report.report import write_report
-    from jbench.report.tables import OBSERVED, tables
+    from jbench.report.tables import tables
     from jbench.store.query import records
 
     output.if_stopped(f"A report that {out} had before is still there.")

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any, get_args
 
 from jbench.commands import output
-from jbench.commands.progress import TrainingView
+from jbench.commands.training_view import TrainingView
 from jbench.errors import ElsewhereError, WorkError
 from jbench.loggers.logger import copying_rows, make_logger
 from jbench.settings.run import RunSettings

@@ -76,6 +76,7 @@ def kept_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> p
     encoders = tables["encoders"]
     if task is not None:
         encoders = encoders[encoders["task"] == task]
+
     features = tables["encoder_features"]
     rows = encoders[["encoder", "task"]].merge(features[features["kept"].notna()], on="encoder")
     if rows.empty:
@@ -88,6 +89,7 @@ def kept_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> p
 
     least = frame.groupby(["task", "representation"])["kept"].transform("min")
     frame = frame[least < _WHOLE]
+
     return frame[columns].sort_values(
         ["task", "representation"],
         key=lambda k: k.map(in_order(k, TASKS).index) if k.name == "task" else k,

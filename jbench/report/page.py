@@ -13,6 +13,7 @@ from matplotlib.markers import MarkerStyle
 from jbench.names import MEANINGS, kind_in
 from jbench.paper import CITATION
 from jbench.report import style
+from jbench.report.comparison_tables import COMPARED
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import clean, rounded
 from jbench.report.figures.chart import Chart
@@ -20,7 +21,7 @@ from jbench.report.frames import Frames
 from jbench.report.runs import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
-from jbench.report.tables import COMPARED, tables
+from jbench.report.tables import tables
 from jbench.statistics.bootstrap import DECIDING_SEEDS
 from jbench.studies.deciding import MARGIN
 from jbench.wording import counted

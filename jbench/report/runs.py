@@ -158,6 +158,7 @@ def provenance(recorded: str) -> dict[str, str]:
 
     named = {name: values.get(name) for name in _RECORDED}
     named |= packages if isinstance(packages, dict) else {}
+
     return {
         str(name).replace("_", " "): value if isinstance(value, str) else json.dumps(value)
         for name, value in named.items()

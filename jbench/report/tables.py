@@ -1,29 +1,41 @@
-"""The tables of a report."""
+"""The tables of a report: final returns, encoders, runs and the leaderboard; and all in order."""
 
 import pandas as pd
 
-from jbench.report.analysis.claims import paper_claims
 from jbench.report.analysis.scores import NORMALIZED
+from jbench.report.columns import ALGO, INTERVAL, OBSERVED, RANGE, SEEDS, TASK
+from jbench.report.comparison_tables import (
+    claims_table,
+    comparisons_table,
+    decisions_table,
+    verdicts_table,
+)
 from jbench.report.data.configuration import OWN
-from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, signed, steps
+from jbench.report.data.returns import FILE, SOLVED, TRAINING, ratio, steps
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
 from jbench.report.table import Column, Row, Table, estimate, number, plain
 from jbench.statistics.bootstrap import DECIDING_SEEDS
-from jbench.studies.deciding import MARGIN
 
-_INTERVAL = "In brackets: 95% interval."
 _FINAL = {
     "evaluation": "Mean return of a run's last evaluation, in which the policy is deterministic.",
     "training": "Mean return of a run's last 100 training episodes, exploration included, or of "
     "its last quarter if that is shorter.",
 }
-COMPARED = {"a": "final return", "b": "variability", "c": "speed"}  # by a verdict's claim
 
 
 def tables(frames: Frames) -> list[Table]:
     """Returns the tables of a report that have rows, in the order of the page."""
-    made = (make(frames) for make in (_final_returns, _verdicts, _decisions, _comparisons, _claims))
+    made = (
+        make(frames)
+        for make in (
+            _final_returns,
+            verdicts_table,
+            decisions_table,
+            comparisons_table,
+            claims_table,
+        )
+    )
     ranked = leaderboard_table(frames.leaderboard, frames.returns)
     every = (*made, ranked, _encoders(frames), _runs(frames))
     return [table for table in every if len(table.frame)]
@@ -53,22 +65,6 @@ def _with_source(title: str, key: str) -> Column:
     return Column(title, key, text)
 
 
-def _range(row: Row) -> str:
-    """Returns the control steps of the shortest and the longest run, once if they are equal."""
-    return "\N{EN DASH}".join(dict.fromkeys((steps(row["steps_min"]), steps(row["steps"]))))
-
-
-_TASK = plain("task")
-_ALGO = plain("algorithm", "algo")
-OBSERVED = Column(
-    "representation",
-    "representation",
-    lambda row: ", ".join(filter(None, (row["representation"], row["words"]))),
-)
-_SEEDS = number("seeds", "seeds", str)
-_RANGE = Column("steps", "steps", _range, numeric=True)
-
-
 def _final_returns(frames: Frames) -> Table:
     """Returns the table of final returns: trained agents, then random and hand-written policies."""
     agents = frames.lead(frames.configurations)
@@ -81,12 +77,12 @@ def _final_returns(frames: Frames) -> Table:
     rows = rows.sort_values("task", key=lambda task: pd.factorize(task)[0], kind="stable")
 
     columns = [
-        _TASK,
+        TASK,
         _agent(frames),
         OBSERVED,
-        _SEEDS,
+        SEEDS,
         number("draws", "draws", _count, note="Draws: encoders that were trained for these seeds."),
-        _RANGE,
+        RANGE,
         number(
             "diverged", "diverged", _count, note="Diverged: seeds that count as 0 from then on."
         ),
@@ -110,7 +106,7 @@ def _final_returns(frames: Frames) -> Table:
         number("published median", "published"),
     ]
     title = f"Final {frames.returns} returns"
-    sentences = [_final(frames), _INTERVAL]
+    sentences = [_final(frames), INTERVAL]
     if frames.request.curves:
         title = "Final returns by method"
     if len(policies):
@@ -123,6 +119,7 @@ def _final_returns(frames: Frames) -> Table:
 
 
 def _count(value: int) -> str:
+    """Returns a count as text; 0 is left out."""
     return str(value or "")
 
 
@@ -137,115 +134,20 @@ def for_paper(table: Table, frames: Frames) -> Table:
     return table.of(asked or ("task", _agent(frames).title, OBSERVED.title, "seeds", "median"))
 
 
-def _verdicts(frames: Frames) -> Table:
-    """Returns the table of verdicts: each reduced representation against its baselines."""
-    rows = frames.lead(frames.verdicts)
-    columns = [
-        _TASK,
-        _ALGO,
-        OBSERVED,
-        plain("against"),
-        Column("of", "claim", lambda row: COMPARED[row["claim"]]),
-        Column("verdict", "verdict", "{0[mark]} {0[text]}".format),
-        number("difference", "value", signed, ("low", "high")),
-        _SEEDS,
-        plain("corrected by", "corrected_by"),
-    ]
-    caption = (
-        f"{frames.returns.capitalize()} returns at the last control step that every seed has "
-        "reached. A verdict rests on an interval that is corrected for the other comparisons; the "
-        f"95% interval of the difference alone is beside it. Similar: within {MARGIN:g}. Fewer "
-        f"than {DECIDING_SEEDS} seeds decide nothing."
-    )
-    return Table("verdicts", "Does reduction help?", caption, rows, columns)
-
-
-def _decisions(frames: Frames) -> Table:
-    """Returns the table of what the sequential test decides on the comparisons of studies."""
-
-    def against(row: Row) -> str:
-        return ", ".join(filter(None, (row["against"], row["against_words"])))
-
-    columns = [
-        plain("study"),
-        _TASK,
-        _ALGO,
-        OBSERVED,
-        Column("against", "against", against),
-        Column("of", "claim", lambda row: COMPARED[row["claim"]]),
-        plain("verdict"),
-        _SEEDS,
-        number("difference", "difference", signed, ("low", "high")),
-        number("error spent", "spent", "{:.2%}".format),
-    ]
-    caption = (
-        "Difference of the means of the first 5, 10, 15, … seeds, with its repeated confidence "
-        "interval: of final returns, or for speed of mean returns over the run. Returns are those "
-        "of evaluations, or of training where no run was evaluated. The family-wise error rate of "
-        "all planned comparisons of a study is at most 5%."
-    )
-    return Table("sequential_test", "Sequential test", caption, frames.decisions, columns)
-
-
-def _comparisons(frames: Frames) -> Table:
-    """Returns the table of the comparisons that were asked for, of two sides or of methods."""
-    columns = [
-        _TASK,
-        _ALGO,
-        OBSERVED,
-        *([] if frames.request.curves else [plain("returns")]),
-        plain("this", "a"),
-        plain("against", "b"),
-        Column("seeds", "seeds_a", "{0[seeds_a]}, {0[seeds_b]}".format, True),
-        number("steps", "steps", steps),
-        estimate("probability", "p", ratio),
-        number("difference", "difference", signed, ("low", "high")),
-        plain("verdict", "text"),
-    ]
-    caption = (
-        "Final returns at the last control step that every seed of both sides has reached: "
-        "probability that a run of the first has a higher one than a run of the second, and "
-        f"difference of the interquartile means. {_INTERVAL} The verdict is corrected for the "
-        "number of rows."
-    )
-    title = "Comparison of methods" if frames.request.curves else "Comparison of two sides"
-    return Table("comparisons", title, caption, frames.comparisons, columns)
-
-
-def _claims(frames: Frames) -> Table:
-    """Returns the table of the tests of the paper's claims."""
-    needed = "{0[seeds_needed]:,} ({0[seeds_needed_by]})".format
-    columns = [
-        Column("claim", "claim", "({0[claim]})".format),
-        plain("runs", "source"),
-        plain("returns"),
-        plain("compared"),
-        _SEEDS,
-        plain("verdict", "text"),
-        number("by episodes alone", "by_episodes", ratio),
-        Column("seeds that would decide", "seeds_needed", needed, True),
-        plain("remark"),
-    ]
-    claims = paper_claims().itertuples()
-    tests = " ".join(f"({letter}) {text} {test}" for letter, text, test in claims)
-    caption = f"{tests} In brackets: 95% interval, 90% for (a)."
-    return Table("claims", "The paper's claims", caption, frames.claims, columns)
-
-
 def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:
     """Returns the leaderboard by one kind of return."""
     columns = [
-        _TASK,
+        TASK,
         number("rank", "rank", str),
         plain("entry"),
-        _ALGO,
+        ALGO,
         plain("representation"),
         number("median", "median", ends=("low", "high")),
         number("n", "n", str),
-        _RANGE,
+        RANGE,
     ]
     caption = (
-        f"{_FINAL[returns]} Medians. {_INTERVAL} Entries whose intervals overlap share a rank; "
+        f"{_FINAL[returns]} Medians. {INTERVAL} Entries whose intervals overlap share a rank; "
         f"those with fewer than {DECIDING_SEEDS} seeds have none. Published medians are training "
         "returns at the end of the paper's curves. Entries may have been trained for different "
         "numbers of control steps."
@@ -264,11 +166,11 @@ def _encoders(frames: Frames) -> Table:
         **{name: f"R² of {text}" for name, text in PREDICTED.items()},
     }
     columns = [
-        _TASK,
+        TASK,
         plain("encoder", "representation"),
         plain("settings"),
         number("latents", "latents", str),
-        _SEEDS,
+        SEEDS,
         *(number(title, key, ratio) for key, title in numbers.items()),
     ]
     caption = (
@@ -287,7 +189,7 @@ def _runs(frames: Frames) -> Table:
         return "diverged" if row["diverged"] else known
 
     columns = [
-        _TASK,
+        TASK,
         _agent(frames),
         OBSERVED,
         number("seed", "seed", str),

@@ -6,7 +6,8 @@ from contextlib import contextmanager
 import pytest
 from rich.console import Console
 
-from jbench.commands.progress import TrainingView, published_median, sparkline
+from jbench.commands.progress import sparkline
+from jbench.commands.training_view import TrainingView, published_median
 from jbench.training.events import Event
 from tests.sweep_matrices import runs_of_matrix, write_matrix
 

@@ -219,6 +219,7 @@ def predictions(frames: Frames) -> Chart:
     rows = rows.sort_values("panel", key=lambda names: pd.factorize(names)[0], kind="stable")
     panels = by_task(rows, draw, (3.2, 2.3), by=["quantity", "panel"])
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"
+
     return Chart(
         "predictions",
         "Return against what latents predict",

@@ -1,0 +1,162 @@
+"""What is seen of a sweep while it trains: a live line for each process, and one for all runs."""
+
+from collections.abc import Sequence
+from functools import cache
+from statistics import fmean
+from typing import TYPE_CHECKING
+
+from rich.progress import TaskID
+
+from jbench.commands.progress import LastReturns, Meters, sparkline
+from jbench.settings.run import RunSettings
+from jbench.training.events import Event
+from jbench.wording import counted
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_MAX_RETURNS = 6  # with more seeds, a line has the mean and extremes of their newest returns
+
+
+class TrainingView(Meters):
+    """Shows the events of a sweep: what is being made, and the processes that train."""
+
+    _plain_every = 60
+    _alone = False
+
+    def __init__(self) -> None:
+        """Shows nothing until the first event."""
+        super().__init__()
+        self._making: dict[str, TaskID] = {}
+        self._processes: dict[str, _Process] = {}
+
+    def show(self, event: Event) -> None:
+        """Shows an event of a sweep that is no sentence."""
+        steps = sum(run.last_step for run in event.runs)
+        if event.kind == "progress":
+            if event.text not in self._making:
+                task = self.add_task(event.text, total=event.total, unit=event.unit)
+                self._making[event.text] = task
+            self.show_done(self._making[event.text], event.steps)
+        elif event.kind == "training":
+            for task in self._making.values():
+                self.remove_task(task)
+            self._runs = {run.id: run for run in event.runs}
+            self._ended = set[str]()
+            self._done = dict.fromkeys(self._runs, 0)
+            count = self._count_ended()
+            self._all = self.add_task(count, total=steps, unit="steps", warming_up=True)
+        elif event.kind == "started":
+            process = _Process(event.runs)
+            process.task = self.add_task(process.name, total=steps, unit="steps", warming_up=True)
+            for run in event.runs:
+                self._processes[run.id] = process
+        elif event.kind == "ended":
+            self.print_lines()
+            self.remove_task(self._processes[event.runs[0].id].task)
+            for run in event.runs:
+                del self._processes[run.id]
+        else:
+            self._update(event)
+
+    def _count_ended(self) -> str:
+        """Returns how many runs have ended, in words."""
+        return f"{len(self._ended)} of {counted(len(self._runs), 'run')} ended"
+
+    def _update(self, event: Event) -> None:
+        """Draws what an event tells of one run."""
+        run = self._runs[event.run]
+        process = self._processes.get(event.run)
+        if event.is_last:
+            self._ended.add(run.id)
+        if event.kind != "failed":
+            steps = run.last_step if event.kind == "finished" else event.steps
+            self._done[run.id] = min(steps, run.last_step)
+        if event.kind == "resumed":  # the speed is measured from here
+            self.reset(self._all)
+
+        self.update(self._all, completed=sum(self._done.values()), description=self._count_ended())
+        if process is not None:
+            if event.kind == "resumed":
+                self.reset(process.task)
+            done = sum(self._done[other.id] for other in process.runs)
+            if process.warming_up and done >= process.warm_up:
+                process.warming_up = False
+                self.reset(process.task)  # the speed is measured from here
+                self.reset(self._all)
+                self.update(self._all, completed=sum(self._done.values()), warming_up=False)
+
+            if event.kind == "episode":
+                process.returns[run.id] = event.episode_return
+                process.curve.append(event.episode_return)
+            self.show_done(
+                process.task, done, returns=process.learned(done), warming_up=process.warming_up
+            )
+
+
+class _Process:
+    task: TaskID
+
+    def __init__(self, runs: Sequence[RunSettings]) -> None:
+        """Has a line of its own, for the runs that are trained together."""
+        self.runs = runs
+        self.returns = dict[str, float]()
+        self.curve = list[float]()
+        run = runs[0]
+        seeds = ",".join(str(run.seed) for run in runs)
+        self.name = f"{run.task} {run.algo} {run.representation} seed {seeds}"
+        configurations = len({(run.task, run.representation) for run in runs})
+        # The control steps before the first updates are fast and tell nothing of the time left.
+        self.warm_up = sum(run.algorithm.first_update for run in runs)
+        self.warming_up = True
+        self._alike = configurations == 1
+        if not self._alike:
+            self.name = f"{run.algo} {len(runs)} runs of {configurations} configurations"
+
+    def learned(self, steps: int) -> LastReturns:
+        """Returns a sparkline, the newest returns, and the published one at as many steps."""
+        values = list(self.returns.values())
+        if not values:
+            return LastReturns()
+
+        mean = f"{fmean(values):.0f}"
+        text = " ".join(f"{value:.0f}" for value in values)
+        if len(values) > _MAX_RETURNS:
+            text = f"mean {mean} [{min(values):.0f}, {max(values):.0f}]"
+
+        at = steps / len(self.runs)
+        published = published_median(self.runs[0], at) if self._alike else None
+        lowest, highest = self._range
+
+        return LastReturns(
+            sparkline(self.curve, highest, lowest),
+            f"training return {text}",
+            f"return {mean}" if len(values) == 1 else f"mean return {mean}",
+            "" if published is None else f"(published {published:.0f})",
+        )
+
+    @property
+    def _range(self) -> tuple[float, float]:
+        """The possible returns of the runs, or those of the curve where they are unknown."""
+        run = self.runs[0]
+        if run.specs and not run.specs.unit_rewards:
+            return min(self.curve), max(self.curve)
+        return 0.0, float(run.episode_steps)
+
+
+def published_median(run: RunSettings, control_steps: float) -> float | None:
+    """Returns the paper's median return at a control step, if it has a curve like the run."""
+    from jbench.report.data.curves import best_median
+
+    cell = run.task, run.algo, run.representation
+    best = best_median(_published_curves(), cell, control_steps)
+    return None if best is None else best[0]
+
+
+@cache
+def _published_curves() -> "pd.DataFrame":
+    """Returns the paper's curves, which are read once."""
+    from jbench.report.data.curves import read_published
+    from jbench.store import query
+
+    return read_published(query.published())

@@ -1,0 +1,106 @@
+"""Tables of what was compared: verdicts, planned decisions, two sides or methods, and claims."""
+
+from jbench.report.analysis.claims import paper_claims
+from jbench.report.columns import ALGO, INTERVAL, OBSERVED, SEEDS, TASK
+from jbench.report.data.returns import ratio, signed, steps
+from jbench.report.frames import Frames
+from jbench.report.table import Column, Row, Table, estimate, number, plain
+from jbench.statistics.bootstrap import DECIDING_SEEDS
+from jbench.studies.deciding import MARGIN
+
+COMPARED = {"a": "final return", "b": "variability", "c": "speed"}  # by a verdict's claim
+
+
+def verdicts_table(frames: Frames) -> Table:
+    """Returns the table of verdicts: each reduced representation against its baselines."""
+    rows = frames.lead(frames.verdicts)
+    columns = [
+        TASK,
+        ALGO,
+        OBSERVED,
+        plain("against"),
+        Column("of", "claim", lambda row: COMPARED[row["claim"]]),
+        Column("verdict", "verdict", "{0[mark]} {0[text]}".format),
+        number("difference", "value", signed, ("low", "high")),
+        SEEDS,
+        plain("corrected by", "corrected_by"),
+    ]
+    caption = (
+        f"{frames.returns.capitalize()} returns at the last control step that every seed has "
+        "reached. A verdict rests on an interval that is corrected for the other comparisons; the "
+        f"95% interval of the difference alone is beside it. Similar: within {MARGIN:g}. Fewer "
+        f"than {DECIDING_SEEDS} seeds decide nothing."
+    )
+    return Table("verdicts", "Does reduction help?", caption, rows, columns)
+
+
+def decisions_table(frames: Frames) -> Table:
+    """Returns the table of what the sequential test decides on the comparisons of studies."""
+
+    def against(row: Row) -> str:
+        return ", ".join(filter(None, (row["against"], row["against_words"])))
+
+    columns = [
+        plain("study"),
+        TASK,
+        ALGO,
+        OBSERVED,
+        Column("against", "against", against),
+        Column("of", "claim", lambda row: COMPARED[row["claim"]]),
+        plain("verdict"),
+        SEEDS,
+        number("difference", "difference", signed, ("low", "high")),
+        number("error spent", "spent", "{:.2%}".format),
+    ]
+    caption = (
+        "Difference of the means of the first 5, 10, 15, … seeds, with its repeated confidence "
+        "interval: of final returns, or for speed of mean returns over the run. Returns are those "
+        "of evaluations, or of training where no run was evaluated. The family-wise error rate of "
+        "all planned comparisons of a study is at most 5%."
+    )
+    return Table("sequential_test", "Sequential test", caption, frames.decisions, columns)
+
+
+def comparisons_table(frames: Frames) -> Table:
+    """Returns the table of the comparisons that were asked for, of two sides or of methods."""
+    columns = [
+        TASK,
+        ALGO,
+        OBSERVED,
+        *([] if frames.request.curves else [plain("returns")]),
+        plain("this", "a"),
+        plain("against", "b"),
+        Column("seeds", "seeds_a", "{0[seeds_a]}, {0[seeds_b]}".format, True),
+        number("steps", "steps", steps),
+        estimate("probability", "p", ratio),
+        number("difference", "difference", signed, ("low", "high")),
+        plain("verdict", "text"),
+    ]
+    caption = (
+        "Final returns at the last control step that every seed of both sides has reached: "
+        "probability that a run of the first has a higher one than a run of the second, and "
+        f"difference of the interquartile means. {INTERVAL} The verdict is corrected for the "
+        "number of rows."
+    )
+    title = "Comparison of methods" if frames.request.curves else "Comparison of two sides"
+    return Table("comparisons", title, caption, frames.comparisons, columns)
+
+
+def claims_table(frames: Frames) -> Table:
+    """Returns the table of the tests of the paper's claims."""
+    needed = "{0[seeds_needed]:,} ({0[seeds_needed_by]})".format
+    columns = [
+        Column("claim", "claim", "({0[claim]})".format),
+        plain("runs", "source"),
+        plain("returns"),
+        plain("compared"),
+        SEEDS,
+        plain("verdict", "text"),
+        number("by episodes alone", "by_episodes", ratio),
+        Column("seeds that would decide", "seeds_needed", needed, True),
+        plain("remark"),
+    ]
+    claims = paper_claims().itertuples()
+    tests = " ".join(f"({letter}) {text} {test}" for letter, text, test in claims)
+    caption = f"{tests} In brackets: 95% interval, 90% for (a)."
+    return Table("claims", "The paper's claims", caption, frames.claims, columns)

@@ -3,6 +3,7 @@
     Agent       base class of an agent that jbench trains, with AgentSettings, EnvironmentSpec and
                 Transition
     Rule        base class of an update rule of the batched engine, with OffPolicySettings and Batch
+    rules       DDPG, TD3 and SAC as update rules, to override a network or a loss
     record      records a training loop of your own as a run
     open        opens a results directory: SQL and learning curves as pandas data frames
 
@@ -21,6 +22,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the names of the package, which `_exports` reads
+    from jbench import rules as rules
     from jbench.agents.batched.replay import Batch as Batch
     from jbench.agents.batched.rule import Rule as Rule
     from jbench.agents.plugin import Agent as Agent
@@ -47,6 +49,8 @@ def __getattr__(name: str) -> Any:
     if name not in _exports():
         raise AttributeError(f"module 'jbench' has no attribute {name!r}")
     module, attribute = _exports()[name]
+    if module == "jbench":
+        return importlib.import_module(f"jbench.{attribute}")
     return getattr(importlib.import_module(module), attribute)
 
 

@@ -20,6 +20,7 @@ from jbench.settings.algorithms import (
     algorithm_settings,
     default_base,
 )
+from jbench.settings.algorithms.base import Changes
 from jbench.settings.base import Settings, canonical_json, omissible, settings_with
 from jbench.settings.run import RunSettings
 from jbench.sources import checksum
@@ -202,17 +203,30 @@ def algorithm_fields(
     if algo in SETTINGS:
         ours = algorithm_settings(algo, default_base(task, base), changes)
         return fields | {"hyperparameters": ours.model_dump(mode="json")}
-    if base not in (None, "published"):
-        raise RequestError(
-            f"The settings {base} are for {', '.join(SETTINGS)}; {algo} has its own defaults."
-        )
-
-    settings = settings_with(settings_class(algo), algo, changes)
+    source = _changes_of_source(algo, base, task)
+    settings = settings_with(settings_class(algo), algo, {**source, **changes})
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
         "package": None if plugins.is_imported(algo) else plugins.distribution(_entry_point(algo)),
         "sources": checksum(algorithm_provenance(algo).get("sources", {})),
     }
+
+
+def _changes_of_source(algo: str, base: Base | None, task: str) -> Changes:
+    """Returns what a source of hyperparameters changes in those of an algorithm of others.
+
+    Those of `jbench.rules` have the sources of their algorithm, and the default of the task.
+    """
+    kind = find_class(algo)
+    sources = kind.bases if issubclass(kind, Rule) else {}
+    chosen = default_base(task, base) if sources else base
+    if chosen in sources:
+        changes: Changes = sources[chosen]
+        return changes
+    if chosen in (None, "published"):
+        return {}
+    having = f"it has {', '.join(sources)}" if sources else "it has its own defaults"
+    raise RequestError(f"There are no settings {base} for {algo}: {having}.")
 
 
 def hyperparameters(run: RunSettings) -> Settings:

@@ -4,10 +4,10 @@ from functools import partial
 
 import torch
 
-from benchmarks.rules import TD3
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
+from jbench.rules import TD3
 from tests.agents.batched_oracle import SIZE
 from tests.agents.test_batched_engine import short_engine
 from tests.documentation import code_of
@@ -17,7 +17,7 @@ SCHEDULE = {"train_freq": 10, "gradient_steps": 5, "learning_starts": 20}
 TD3_SETTINGS = TD3.Settings(**SMALL, **SCHEDULE)
 
 documented = {}
-exec(code_of("your-own-rule.md", "python"), documented)  # noqa: S102
+exec(code_of("your-own-rule.md", "python", "class TQC"), documented)  # noqa: S102
 TQC = documented["TQC"]
 TQC_SETTINGS = TQC.Settings(**SMALL, **SCHEDULE, critics=3, quantiles=5, dropped=1)
 

@@ -7,8 +7,8 @@ import pytest
 import torch
 from torch import nn
 
-from benchmarks.rules import TD3
 from jbench.agents.batched.replay import Batch
+from jbench.rules import TD3
 from tests.agents.batched_oracle import PRECISION, SIZE, build_learner, build_settings, mean_losses
 from tests.agents.small_rules import (
     TD3_SETTINGS,

@@ -4,10 +4,10 @@ import pytest
 import torch
 from torch import nn
 
-from benchmarks.rules import TD3
 from jbench.agents.batched.make import checked_rule
 from jbench.errors import RequestError, WorkError
 from jbench.policies.actors import UnsupportedPolicyError
+from jbench.rules import TD3
 from tests.agents.batched_oracle import SIZE
 from tests.agents.small_rules import TD3_SETTINGS, build_engine
 

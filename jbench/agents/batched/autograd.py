@@ -17,7 +17,7 @@ from torch.func import functional_call, vmap
 
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import Batch
-from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
+from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names, phases
 from jbench.agents.batched.tensors import Adam, Tensors, flat_parts, flat_size
 from jbench.policies.actors import copy_module
 from jbench.policies.saved import SavedNetwork
@@ -56,6 +56,7 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
                 gradient = view.scratch(f"{saved}.gradient", flat.shape[-1])
                 self._gradients[attribute] = flat_parts(gradient, shapes)
                 self._adams[attribute] = Adam(view, saved, flat, gradient, settings.learning_rate)
+        self._phases = phases(rule)
         self._parameters = {n: v for views in self._views.values() for n, v in views.items()}
         self.rule = copy.deepcopy(rule).to(view.device, self._loss_sums.dtype)
         self.rule.requires_grad_(False)
@@ -111,14 +112,16 @@ class AutogradLearner(OffPolicyLearner[OffPolicySettings]):
     def update(self, batch: Batch, delayed: bool = True) -> None:
         """See `OffPolicyLearner.update`."""
         rule = self.rule
-        for loss, name in rule.losses.items():
-            if name in rule.delayed and not delayed:
-                continue
-            value, gradients = self._differentiate(loss, self._views[name], batch)
-            torch._foreach_copy_(self._gradients[name], gradients)
-            self._adams[name].step()
-            if loss in self.losses:
-                self._record_loss(loss, value[..., None, None])
+        for losses in self._phases:
+            updated = [loss for loss in losses if delayed or rule.losses[loss] not in rule.delayed]
+            for loss in updated:
+                name = rule.losses[loss]
+                value, gradients = self._differentiate(loss, self._views[name], batch)
+                torch._foreach_copy_(self._gradients[name], gradients)
+                if loss in self.losses:
+                    self._record_loss(loss, value[..., None, None])
+            for loss in updated:
+                self._adams[rule.losses[loss]].step()
         for name in rule.targets:
             target = f"{name}_target"
             if delayed or target not in rule.delayed:

@@ -1,4 +1,6 @@
-"""Base class of the update rules of other packages; `docs/your-own-rule.md` has an example.
+"""Base class of the update rules of other packages; `docs/your-own-rule.md` has examples.
+
+`jbench.rules` has DDPG, TD3 and SAC as rules.
 
 A package registers a rule by an entry point of the group `jbench.rules`, named as in
 `jbench train --algo`, and whose value is its class.
@@ -12,7 +14,9 @@ from typing import Any, ClassVar, final
 from torch import Tensor, nn
 
 from jbench.errors import RequestError, WorkError
+from jbench.names import Base
 from jbench.settings.algorithms import OffPolicySettings
+from jbench.settings.algorithms.base import Changes
 
 
 class Rule(nn.Module):
@@ -34,19 +38,26 @@ class Rule(nn.Module):
             recorded, and are part of a run's id.
         losses: names of the methods that return a loss, in the order of the updates, and of the
             attribute that each one trains by a step of Adam. The mean of those with a column in the
-            table `episodes`, such as critic_loss and actor_loss, is recorded.
+            table `episodes`, such as critic_loss and actor_loss, is recorded. Set it in `__init__`
+            if it depends on the settings.
+        gradients_first: names of losses whose gradients are all computed before the first of their
+            steps, at the place of the first of them in `losses`.
         targets: attributes with a target network, which is called NAME_target and updated after the
             losses: target <- (1 - tau) target + tau network.
         delayed: attributes, target networks among them, that only delayed updates change.
         noise_per_transition: standard normal numbers in `batch.noise` for each transition; set in
             `__init__` if it depends on the sizes.
+        bases: sources of hyperparameters for `--settings`, and in what each differs from the
+            defaults of `Settings`. A task's own source is used as for jbench's algorithms.
         settings: an object of `Settings`.
         observation_size: size of an (encoded) observation.
         action_size: size of an action; 1 for the Jitterbug.
     """
 
     Settings: ClassVar[type[OffPolicySettings]] = OffPolicySettings
-    losses: ClassVar[Mapping[str, str]] = {}
+    bases: ClassVar[Mapping[Base, Changes]] = {}
+    losses: Mapping[str, str] = {}
+    gradients_first: tuple[str, ...] = ()
     targets: ClassVar[tuple[str, ...]] = ()
     delayed: ClassVar[tuple[str, ...]] = ()
     noise_per_transition: int = 0
@@ -58,7 +69,8 @@ class Rule(nn.Module):
         take `action_size` is for actions of size 1.
         """
         super().__init__()
-        self.settings, self.observation_size = settings, observation_size
+        self.settings = settings
+        self.observation_size = observation_size
         self.action_size = action_size
 
     @final
@@ -136,3 +148,13 @@ def mean_actor(rule: Rule) -> nn.Sequential:
     mean = nn.Linear(last.in_features, size)
     mean.load_state_dict({name: values[:size] for name, values in last.state_dict().items()})
     return nn.Sequential(*layers, mean, nn.Tanh())
+
+
+def phases(rule: Rule) -> list[list[str]]:
+    """Returns the losses of a rule in their order, those together whose gradients come first."""
+    together = [loss for loss in rule.losses if loss in rule.gradients_first]
+    alone = [[loss] for loss in rule.losses if loss not in rule.gradients_first]
+    if not together:
+        return alone
+    place = list(rule.losses).index(together[0])
+    return [*alone[:place], together, *alone[place:]]

@@ -1,0 +1,172 @@
+"""Tests of the rules that users subclass: their updates, their settings, and the documented one."""
+
+import pytest
+import torch
+
+import jbench
+from jbench.agents.algorithms import algorithm_fields
+from jbench.agents.batched.replay import Batch
+from jbench.errors import RequestError
+from tests.agents.batched_oracle import (
+    SIZE,
+    build_learner,
+    build_settings,
+    linear_layers,
+    mean_losses,
+)
+from tests.agents.small_rules import SCHEDULE, SMALL, batches, build_engine, learners
+from tests.agents.test_plain_updates import (
+    FAST,
+    PLAIN,
+    SCRIPT,
+    assert_equal_parameters,
+    assert_uniform,
+    copy_parameters,
+    paired_layers,
+    transitions,
+)
+from tests.documentation import code_of
+
+RULES = {"ddpg": jbench.rules.DDPG, "td3": jbench.rules.TD3, "sac": jbench.rules.SAC}
+CASES = [
+    ("ddpg", FAST),
+    ("ddpg", {**FAST, "action_layer": 1}),
+    ("ddpg", {**FAST, "gradients_first": True}),
+    ("ddpg", {**FAST, **SCRIPT["ddpg"]}),
+    ("td3", FAST),
+    ("sac", {**FAST, "target_entropy": "auto"}),
+]
+
+
+def subclass(algo):
+    """A rule of a user, which overrides nothing."""
+    return type("Unchanged", (RULES[algo],), {})
+
+
+def own_networks(algo, rule):
+    """Gives the target critics the name that they have in jbench's own learners."""
+    if algo != "ddpg":
+        rule.critic_targets = rule.critics_target
+    return rule
+
+
+@pytest.mark.parametrize("actions", [1, 6])
+@pytest.mark.parametrize(("algo", "changes"), CASES)
+def test_unchanged_subclass_makes_the_updates_of_the_plain_version(algo, changes, actions):
+    settings = build_settings(algo, **changes)
+    plain = PLAIN[algo][0](settings, SIZE, actions)
+    _, (learner,), _ = learners(subclass(algo), settings, torch.float64, actions=actions)
+    for name in PLAIN[algo][1]:
+        ours = linear_layers(getattr(own_networks(algo, learner.rule), name))
+        for layer, expected in zip(ours, linear_layers(getattr(plain, name)), strict=True):
+            expected.load_state_dict(layer.state_dict())
+    random = torch.Generator().manual_seed(2)
+    for number in range(1, 31):
+        batch = transitions(random, actions, learner.noise_per_transition)
+        delayed = learner.is_delayed_update(number, 0)
+        plain.update(batch, *([delayed] if algo == "td3" else []))
+        learner.update(batch, delayed)
+    for name in PLAIN[algo][1]:
+        parameters = getattr(learner.rule, name).parameters()
+        for ours, expected in zip(parameters, getattr(plain, name).parameters(), strict=True):
+            torch.testing.assert_close(ours.data, expected.data, rtol=0, atol=1e-10)
+    if algo == "sac":
+        assert plain.log_temperature.item() != 0
+        torch.testing.assert_close(
+            learner.rule.log_temperature.data, plain.log_temperature.data, rtol=0, atol=1e-10
+        )
+
+
+@pytest.mark.parametrize(
+    ("algo", "changes"),
+    [
+        ("td3", {"policy_delay": 3}),
+        ("sac", {"ent_coef": 0.2, "target_update_interval": 2}),
+        ("sac", {"target_entropy": -3.0}),
+    ],
+)
+def test_rule_makes_the_updates_of_the_algorithm_with_its_settings(algo, changes):
+    settings = build_settings(algo, **FAST, **changes)
+    own_tensors, own = build_learner(algo, settings, torch.float64)
+    tensors, (learner,), _ = learners(subclass(algo), settings, torch.float64)
+    own.initialize(torch.Generator().manual_seed(3))
+    layers = [*paired_layers(algo, own, own_networks(algo, learner.rule))]
+    copy_parameters(layers)
+    for number, parts in enumerate(batches(learner, 30), 1):
+        delayed = learner.is_delayed_update(number, number - 1)
+        assert own.is_delayed_update(number, number - 1) == delayed
+        for updated in (own, learner):
+            updated.reset_losses([delayed])
+            updated.update(Batch(*(part.clone() for part in parts)), delayed)
+    # Initial numbers of a rule, such as the logarithm of a temperature, are float32.
+    assert_equal_parameters(layers, 1e-8)
+    expected = mean_losses(own, own_tensors)
+    expected.pop("entropy_coefficient", None)
+    assert mean_losses(learner, tensors) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "td3"])
+def test_script_settings_have_glorot_initialization(algo):
+    settings = build_settings(algo, **{**SCRIPT[algo], "hidden_layers": [200, 100]})
+    rule = RULES[algo](settings, SIZE)
+    *hidden, last = linear_layers(rule.actor)
+    for layer in hidden:
+        assert_uniform(layer.weight.data, (6 / sum(layer.weight.shape)) ** 0.5)
+        assert not layer.bias.any()
+    bound = 3e-3 if algo == "ddpg" else (6 / sum(last.weight.shape)) ** 0.5
+    assert_uniform(last.weight.data, bound)
+
+
+def documented():
+    names = {}
+    exec(code_of("your-own-rule.md", "python", "class HuberTD3"), names)  # noqa: S102
+    exec(code_of("your-own-rule.md", "python", "class ScaledTD3"), names)  # noqa: S102
+    return names["HuberTD3"], names["ScaledTD3"]
+
+
+@pytest.mark.parametrize("stacked", [False, True])
+def test_documented_subclass_is_trained_with_its_own_network_and_loss(stacked):
+    huber, _ = documented()
+    settings = huber.Settings(**SMALL, **SCHEDULE)
+    with build_engine(huber, settings, [0, 1], stacked=stacked) as engine:
+        before = engine.state(1).tensors["agent/rule.critics"].clone()
+        list(engine.learn(60))
+        after = engine.state(1).tensors["agent/rule.critics"]
+    assert (after - before).abs().max() > 1e-3
+    # A gain of a normalization begins at 1 and a weight below 1: 24 + 20 gains of two critics.
+    assert (before == 1).sum() == 2 * (24 + 20)
+    assert not (after == 1).any()
+
+
+def test_documented_loss_is_that_of_huber():
+    huber, scaled = documented()
+    settings = huber.Settings(**SMALL, **SCHEDULE)
+    _, (learner,), _ = learners(huber, settings, torch.float64)
+    (parts,) = batches(learner, 1)
+    batch, rule = Batch(*parts), learner.rule
+    errors = [critic(batch.state_actions) - rule.target_values(batch) for critic in rule.critics]
+    expected = sum(
+        torch.where(e.abs() < 1, 0.5 * e.square(), e.abs() - 0.5).mean().item() for e in errors
+    )
+    assert rule.critic_loss(batch).item() == pytest.approx(expected, rel=1e-12)
+
+    twice = scaled.Settings(**SMALL, **SCHEDULE, reward_scale=2)
+    _, (plain,), _ = learners(jbench.rules.TD3, settings, torch.float64)
+    _, (doubled,), _ = learners(scaled, twice, torch.float64)
+    added = doubled.rule.target_values(batch) - plain.rule.target_values(batch)
+    torch.testing.assert_close(added, batch.rewards, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("task", ["face_direction", "dm:cartpole-balance"])
+@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
+def test_rule_has_the_settings_of_its_algorithm_on_each_task(algo, task):
+    expected = algorithm_fields(algo, task=task)["hyperparameters"]
+    name = f"jbench.rules:{RULES[algo].__name__}"
+    assert algorithm_fields(name, task=task)["hyperparameters"] == expected
+
+
+def test_rule_takes_the_sources_of_its_algorithm_only():
+    fields = algorithm_fields("jbench.rules:DDPG", base="figure8")
+    assert fields["hyperparameters"]["hidden_layers"] == [300, 300, 300]
+    with pytest.raises(RequestError, match=r"no settings script for jbench.rules:SAC: it has pub"):
+        algorithm_fields("jbench.rules:SAC", base="script")

@@ -247,3 +247,14 @@ def parse_numbers(
             raise RequestError(f"{option} {text}: type {example}.")
         numbers.update(range(first, last + 1))
     return sorted(numbers)
+
+
+def in_ranges(numbers: Iterable[int]) -> str:
+    """Returns whole numbers in the form that `parse_numbers` reads, such as 0-4,7."""
+    ranges: list[list[int]] = []
+    for number in sorted(numbers):
+        if ranges and number == ranges[-1][-1] + 1:
+            ranges[-1] = [ranges[-1][0], number]
+        else:
+            ranges.append([number])
+    return ",".join("-".join(map(str, ends)) for ends in ranges)

@@ -47,6 +47,13 @@ def distribution(point: EntryPoint) -> str | None:
     return None if point.dist is None else point.dist.name
 
 
+def first_line(documented: object) -> str:
+    """Returns the first line of the docstring of a class, function or object; "" without one."""
+    text = getattr(documented, "__doc__", None)
+    lines = text.strip().splitlines() if isinstance(text, str) else []
+    return lines[0].strip() if lines else ""
+
+
 def is_imported(name: str) -> bool:
     """Returns whether a name is of the form MODULE:NAME."""
     return _IMPORTED.fullmatch(name) is not None
@@ -59,7 +66,7 @@ def imported(what: str, name: str) -> Any:
     raises an error.
     """
     module_name, _, attribute = name.partition(":")
-    _find_working_directory()
+    find_working_directory()
     try:
         exists = importlib.util.find_spec(module_name) is not None
     except ModuleNotFoundError:  # of a parent package
@@ -84,8 +91,8 @@ def imported(what: str, name: str) -> Any:
     return getattr(module, attribute)
 
 
-def _find_working_directory() -> None:
-    """Makes modules of the working directory importable, as `python -m` does."""
+def find_working_directory() -> None:
+    """Lets Python import modules of the working directory, as where `python -m` began."""
     if (here := os.getcwd()) not in sys.path and "" not in sys.path:
         sys.path.insert(0, here)
 
@@ -105,7 +112,7 @@ def provenance(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[s
     if is_imported(name):
         imported(what, name)
         module = name.partition(":")[0]
-        made = _where_from(module)
+        made = where_from(module)
     else:
         load(what, points[name])
         module = points[name].module
@@ -120,7 +127,7 @@ def files_at_hand(name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]
 
     The name may be that of anything: another person may have recorded it.
     """
-    _find_working_directory()
+    find_working_directory()
     if name in points:
         return {"sources": sources.source_files(points[name].module)}
     if not is_imported(name):
@@ -135,8 +142,8 @@ def files_at_hand(name: str, points: Mapping[str, EntryPoint]) -> dict[str, Any]
     return {**made, "sources": sources.source_files(module)}
 
 
-def _where_from(module: str) -> dict[str, str | None]:
-    """Returns the version of the package of a module, or the checksum of its file."""
+def where_from(module: str) -> dict[str, str | None]:
+    """Returns provenance of an imported module: its distribution, or a checksum of its bytes."""
     if packages := sources.installed_packages().get(module.partition(".")[0]):
         return made_with(packages[0])
     file = getattr(sys.modules[module], "__file__", None)

@@ -135,6 +135,11 @@ def settings_class(algo: str) -> type[Settings]:
     return create_model(kind.__name__, __base__=Settings, **fields)
 
 
+def description(algo: str) -> str:
+    """Returns the first line of an algorithm's docstring; errors are those of `find_class`."""
+    return plugins.first_line(SETTINGS[algo] if algo in SETTINGS else find_class(algo))
+
+
 def describe_settings(algo: str) -> list[dict[str, Any]]:
     """Returns name, default (JSON or "required") and description of each setting of an algorithm.
 

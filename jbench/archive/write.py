@@ -9,14 +9,15 @@ from typing import NamedTuple
 
 import pyarrow.parquet as pq
 
-from jbench.archive import repeat
 from jbench.archive.blind import Blinder, found_in, words_of_this_machine
+from jbench.archive.lock import lock
 from jbench.errors import RequestError, WorkError
 from jbench.report.report import write_report
 from jbench.report.request import Request
 from jbench.store import Record, Results, files
 from jbench.store.manifest import Kind
 from jbench.store.verify import verify
+from jbench.studies.repeat import matrix
 
 _KINDS: tuple[Kind, ...] = ("encoder", "run", "evaluation", "import")
 """Kinds in an archive, those that others refer to first. Datasets are left out: encoders have
@@ -136,13 +137,13 @@ def _write_texts(root: Path, target: Results, left_out: list[str]) -> None:
     from jbench import __version__
 
     runs = target.scan("run")[0]
-    encoders = {record.id: record for record in target.scan("encoder")[0]}
+    encoders = {record.id: record.settings for record in target.scan("encoder")[0]}
     failed = [f"run {run.id}: failed" for run in runs if run.status == "failed"]
     drops = "; ".join([*failed, *left_out]) or "none"
     text = _README.format(version=__version__, runs=len(runs), drops=drops)
     (root / "README.txt").write_text(text)
-    (root / "matrix.toml").write_text(repeat.matrix(runs, encoders))
-    (root / "requirements.txt").write_text(repeat.lock())
+    (root / "matrix.toml").write_text(matrix([run.settings for run in runs], encoders))
+    (root / "requirements.txt").write_text(lock())
 
 
 def _zipped(root: Path) -> bytes:

@@ -31,6 +31,7 @@ def algorithms(
         code = plugins.made_with("jbench") if ours else known.algorithm_provenance(algorithm)
         return {
             "name": algorithm,
+            "description": known.description(algorithm),
             "engine": known.choose_engine(algorithm),
             "package": code.get("package"),
             "settings": known.describe_settings(algorithm),
@@ -40,11 +41,18 @@ def algorithms(
         entry = describe(name)
         rows = [(s["name"], _text(s["default"]), s["description"]) for s in entry["settings"]]
         title = f"{name}: {entry['package'] or 'in no package'}, engine {entry['engine']}"
+        if entry["description"]:
+            output.say(entry["description"])
         output.table(title, ("setting", "default", "meaning"), rows)
         output.document({"algorithms": [entry], "broken": []})
         return
-
-    columns = {"--algo": "name", "engine": "engine", "package": "package", "settings": "settings"}
+    columns = {
+        "--algo": "name",
+        "meaning": "description",
+        "engine": "engine",
+        "package": "package",
+        "settings": "settings",
+    }
     hint = "jbench algorithms NAME explains the settings of one; --set changes them."
     _list("algorithm", (*ALGORITHMS, *known.installed()), describe, columns, hint)
 
@@ -60,8 +68,13 @@ def tasks(
     """List the installed tasks with the sizes of observation and action."""
     from jbench.tasks.find import checked_task, find_task, installed_tasks
 
-    columns = {"--task": "name", "observation": "observation_size", "actions": "action_size"}
-    columns["control timestep (s)"] = "control_timestep"
+    columns = {
+        "--task": "name",
+        "meaning": "description",
+        "observation": "observation_size",
+        "actions": "action_size",
+        "control timestep (s)": "control_timestep",
+    }
 
     def describe(task_name: str) -> _Entry:
         task = find_task(task_name)
@@ -74,6 +87,8 @@ def tasks(
     if name is not None:
         output.note_task(checked_task(name))
         entry = describe(name)
+        if entry["description"]:
+            output.say(entry["description"])
         title = f"{name}: {counted(entry['action_size'], 'action')}"
         output.table(title, ("part", "size"), list(entry["parts"].items()))
         output.document({"tasks": [entry], "broken": []})
@@ -189,9 +204,11 @@ def _list(
         except (RequestError, WorkError) as error:
             broken.append({"name": name, "error": str(error)})
             output.warn(str(error))
-
+    if not any(entry["description"] for entry in entries):
+        columns = {title: name for title, name in columns.items() if name != "description"}
     rows = ([_cell(entry[name]) for name in columns.values()] for entry in entries)
-    output.table(f"{noun.capitalize()}s", list(columns), rows, spare=("package", "engine"))
+    spare = ("package", "engine", "meaning")
+    output.table(f"{noun.capitalize()}s", list(columns), rows, spare=spare)
     output.say(hint)
     output.document({f"{noun}s": entries, "broken": broken})
     if broken:

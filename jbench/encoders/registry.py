@@ -90,6 +90,11 @@ def code_provenance(kind: str) -> dict[str, Any]:
     return {} if kind in ENCODER_KINDS else plugins.provenance(_WHAT, kind, offered_kinds())
 
 
+def description(kind: str) -> str:
+    """Returns the first line of the docstring of a user's kind; "" for those of jbench."""
+    return "" if kind in ENCODER_KINDS else plugins.first_line(find_kind(kind))
+
+
 def kind_sources(kind: str) -> str | None:
     """Returns the checksum of the code of a kind; None for those of jbench."""
     return checksum(code_provenance(kind).get("sources", {}))

@@ -13,7 +13,7 @@ from jbench.cores import one_thread
 from jbench.encoders.evaluation import errors, predictions
 from jbench.encoders.kind import Fitted, Kind, Learned
 from jbench.encoders.loop import CHECKPOINT, WeightArrays, check_kind, encoder_tables, learn
-from jbench.encoders.registry import code_provenance, make_kind, sentence_about
+from jbench.encoders.registry import code_provenance, description, make_kind, sentence_about
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import rescaling
 from jbench.encoders.settings import EncoderSettings
@@ -78,6 +78,8 @@ def train_encoder(
             check_kind(kind, settings.kind, states, settings.latents)
         if record is None or CHECKPOINT not in record.roles():
             made_on = device_provenance(device) | code_provenance(settings.kind)
+            if about := description(settings.kind):
+                made_on["description"] = about
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
             weights = _weights(settings, kind, states, results, record, progress, commit_every)

@@ -7,7 +7,7 @@ from statistics import multimode
 
 import pandas as pd
 
-from jbench.names import ENCODER_KINDS, TASKS, shown_representation
+from jbench.names import ENCODER_KINDS, TASKS, kind_in, shown_representation
 from jbench.report.analysis.scores import seed_scores
 from jbench.report.data.configuration import ID, Configurations, differing_in, in_order
 from jbench.settings.base import settings_hash
@@ -24,6 +24,17 @@ _WHOLE = 0.9995
 """A share that is shown as 1."""
 
 _COLUMNS = ["task", "kind", "representation", "settings", "latents", "seeds", *_MEDIANS]
+
+
+def descriptions(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
+    """Returns what the authors of kinds of encoders say of them, by the name of the kind."""
+    described = {}
+    for row in tables["encoders"].to_dict("records"):
+        recorded = json.loads(row["provenance"]) if isinstance(row["provenance"], str) else None
+        text = recorded.get("description") if isinstance(recorded, dict) else None
+        if isinstance(text, str) and text:
+            described[kind_in(str(row["encoder"]).split("/")[1])] = text
+    return described
 
 
 def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -> pd.DataFrame:

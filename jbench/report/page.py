@@ -107,7 +107,8 @@ def _meanings(frames: Frames) -> list[tuple[str, str]]:
     names = [str(name) for name in frames.curves["representation"].unique()]
     endings = [name for name in MEANINGS if name[0] == "-" and name in " ".join(names)]
     known = dict.fromkeys((*map(kind_in, names), *endings) if len(names) > 1 else ())
-    return [(name, MEANINGS[name]) for name in known if name in MEANINGS]
+    meanings = {**frames.descriptions, **MEANINGS}
+    return [(name, meanings[name].rstrip(".")) for name in known if name in meanings]
 
 
 def verdict_matrix(frames: Frames) -> dict[str, Any]:

@@ -124,11 +124,6 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
             f"{name}: [hyperparameters.{algo}] is for {algo}, which is not among the algos; leave "
             "the table out, or add it to them."
         )
-
-    engines = sorted({part.engine or "batched" for part in parts.values()})
-    if len(engines) > 1:
-        raise RequestError(f"{name}: all parts need the same engine, not {' and '.join(engines)}.")
-
     return parts
 
 

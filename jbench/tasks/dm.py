@@ -44,6 +44,7 @@ class DmTask(EnvironmentTask):
         *,
         takes_random: bool = True,
         files: Mapping[str, str] | None = None,
+        description: str = "",
     ) -> None:
         """Makes an environment and reads its specifications: RequestError if it is unusable.
 
@@ -51,7 +52,9 @@ class DmTask(EnvironmentTask):
         of a user's code, see `source_files`; None for a task of dm_control's suite, which its
         version describes.
         """
-        self.name, self._make = name, make
+        self.name = name
+        self.description = description
+        self._make = make
         environment = self.environment(0)
         self.parts, self.notes = self._read_parts(environment)
         self._minimum, self._maximum = self._read_bounds(environment)

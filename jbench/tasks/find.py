@@ -2,7 +2,6 @@
 
 import importlib.util
 import inspect
-import json
 import logging
 import re
 from collections.abc import Mapping
@@ -10,14 +9,13 @@ from functools import lru_cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
-import gymnasium
-
 from jbench import plugins
 from jbench.errors import RequestError
 from jbench.names import TASKS, closest, in_prose
 from jbench.settings.records import Specs
 from jbench.sources import source_files
 from jbench.task_specs import GYM, SUITE, SUITE_TASKS, TASK_GROUP
+from jbench.tasks import gym_registry
 from jbench.tasks.dm import DmTask
 from jbench.tasks.jitterbug.task import JitterbugTask
 from jbench.tasks.task import Task
@@ -51,7 +49,13 @@ def find_task(name: str) -> Task:
     if name.startswith(SUITE):
         return _suite_task(name)
     if name.startswith(GYM):
-        return _gym_task(name)
+        environment = gym_registry.find_environment(name)
+        return DmTask(
+            name,
+            lambda seed: environment.make(),
+            files=environment.files or None,
+            description=environment.description,
+        )
     if plugins.is_imported(name):
         factory = plugins.imported("task", name)
         return _made_by(name, factory, source_files(name.partition(":")[0]))
@@ -98,12 +102,16 @@ def check_specs(name: str, recorded: Specs | None, accept_changed: bool = False)
 def code_provenance(name: str) -> dict[str, Any]:
     """Returns provenance of the code of a task, and the checksum of its robot, if it is a user's.
 
-    Raises as `find_task`.
+    Of an environment of an installed library it is the version of its package. Raises as
+    `find_task`.
     """
     specs = find_task(name).specs
-    if specs is None or name.startswith((SUITE, GYM)):
+    if specs is None or name.startswith(SUITE):
         return {}
-    code = plugins.provenance("task", name, installed_tasks())
+    if name.startswith(GYM):
+        code = gym_registry.provenance(name)
+    else:
+        code = plugins.provenance("task", name, installed_tasks())
     made = {f"task_{key}": value for key, value in code.items()}
     return made if specs.compiled is None else {**made, "task_compiled": specs.compiled}
 
@@ -143,32 +151,6 @@ def _suite_task(name: str) -> DmTask:
     return DmTask(name, lambda seed: suite.load(domain, task, task_kwargs={"random": seed}))
 
 
-def _gym_task(name: str) -> DmTask:
-    """Returns an environment of Gymnasium's registry, with the arguments in its name."""
-    id, *options = name.removeprefix(GYM).split(",")
-    arguments: dict[str, Any] = {}
-    for option in options:
-        key, is_given, value = option.partition("=")
-        if not key.isidentifier() or not is_given:
-            raise RequestError(
-                f"{name}: {option!r} is no argument of gymnasium.make; type NAME=VALUE after the "
-                "comma."
-            )
-
-        try:
-            arguments[key] = json.loads(value)
-        except ValueError:
-            arguments[key] = value
-
-    try:
-        gymnasium.spec(id)
-    except (gymnasium.error.Error, ImportError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise RequestError(f"Gymnasium has no environment {id}: {reason}.") from None
-
-    return DmTask(name, lambda seed: gymnasium.make(id, **arguments))
-
-
 def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
     """Returns a task whose environments a function of the user makes."""
     if not callable(factory):
@@ -183,4 +165,5 @@ def _made_by(name: str, factory: Any, files: Mapping[str, str]) -> DmTask:
         lambda seed: factory(random=seed) if takes_random else factory(),
         takes_random=takes_random,
         files=files,
+        description=plugins.first_line(factory),
     )

@@ -138,6 +138,7 @@ class Task(Protocol):
         episode_steps: control steps of an episode.
         specs: what settings record of the task besides its name; None for those of the Jitterbug.
         notes: what users should know of it, in a sentence each, without a full stop.
+        description: the first line of the docstring of a user's task.
         units: SI unit of each value of an observation, 1 for none; None if they are unknown.
         observed_range: least and largest value of each, in its unit, which are -1 and 1 in an
             observation; None if observations are as the robot has them.
@@ -158,6 +159,7 @@ class Task(Protocol):
     episode_steps: int
     specs: Specs | None
     notes: tuple[str, ...] = ()
+    description: str = ""
     units: Sequence[str] | None = None
     observed_range: tuple[Sequence[float], Sequence[float]] | None = None
     drawn: tuple[str, ...] = ()

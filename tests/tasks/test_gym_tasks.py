@@ -6,7 +6,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.settings.records import DatasetSettings
-from jbench.tasks.find import checked_task, dataset_robot, find_task
+from jbench.tasks.find import checked_task, code_provenance, dataset_robot, find_task
 
 LAB = "tests.gym_tasks"
 
@@ -83,3 +83,55 @@ def test_what_settings_record_of_an_environment():
     }
     other = DatasetSettings(**dataset_robot(find_task("gym:Pendulum-v1,g=9.0")), steps=400)
     assert other.id.startswith("gym.Pendulum-v1.g.9.0/random/s00-")
+
+
+PUSH = '''
+"""A lab's environments."""
+import gymnasium
+import numpy as np
+
+
+class Push(gymnasium.Env):
+    """A point that a motor pushes."""
+
+    observation_space = gymnasium.spaces.Box(-1, 1, (1,), np.float64)
+    action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.np_random.uniform(-1, 1, 1), {}
+
+    def step(self, action):
+        return self.np_random.uniform(-1, 1, 1), REWARD, False, False, {}
+
+
+gymnasium.register("NAME-v0", "MODULE:Push", max_episode_steps=20)
+'''
+
+
+def written(directory, module, reward):
+    """Writes a module that registers an environment; returns the name of its task."""
+    text = PUSH.replace("REWARD", reward).replace("NAME", module.title())
+    (directory / f"{module}.py").write_text(text.replace("MODULE", module))
+    return f"gym:{module}:{module.title()}-v0"
+
+
+def test_code_of_a_registered_environment_of_ones_own_is_recorded(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    names = [written(tmp_path, *each) for each in (("labone", "0.5"), ("labtwo", "0.25"))]
+    first, second = (checked_task(name) for name in names)
+    assert first.description == "A point that a motor pushes."
+    assert None not in (first.specs.sources, second.specs.sources)
+    assert first.specs.sources != second.specs.sources
+    made = code_provenance(names[0])
+    assert list(made["task_sources"]) == ["labone.py"]
+    assert "task_package" not in made
+    assert dataset_robot(first)["robot"] == names[0]
+    assert DatasetSettings(**dataset_robot(first), steps=40).id.startswith("gym.labone.Labone-v0/")
+
+
+def test_package_of_a_registered_environment_is_recorded():
+    name = "gym:Pendulum-v1"
+    assert find_task(name).specs.sources is None
+    assert code_provenance(name) == {"task_package": f"gymnasium {gymnasium.__version__}"}

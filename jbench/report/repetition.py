@@ -1,0 +1,79 @@
+"""What repeats the runs of a report, and how many of them dropped out."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from jbench.report.data.configuration import IMPORTED
+from jbench.report.data.returns import FILE, clean
+from jbench.report.data.sources import Source
+from jbench.studies.commands import commands
+from jbench.studies.repeat import matrix
+from jbench.wording import counted
+
+_NOT_TRAINED = (IMPORTED, FILE)
+"""Sources whose runs jbench neither trained nor recorded."""
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """What trains the runs of a report again.
+
+    Attributes:
+        matrix: a matrix file for `jbench sweep`; "" without runs.
+        typed: the recorded command lines, each once.
+        rebuilt: command lines for the runs that have no recorded one.
+    """
+
+    matrix: str
+    typed: list[str]
+    rebuilt: list[str]
+
+
+def repetition(source: Source) -> Repetition:
+    """Returns what trains the runs of a source again; texts are those of the records."""
+    runs = source.runs[~source.runs["source"].isin(_NOT_TRAINED)]
+    if runs.empty:
+        return Repetition("", [], [])
+    settings = [json.loads(text) for text in runs["settings"]]
+    encoders = {
+        str(row["encoder"]): json.loads(row["settings"])
+        for row in source.tables["encoders"].to_dict("records")
+    }
+    words = [_command(text) for text in runs["provenance"]]
+    typed, rebuilt = commands(zip(settings, words, strict=True))
+    lines = matrix(settings, encoders).splitlines()
+    return Repetition("\n".join(map(clean, lines)), [*map(clean, typed)], [*map(clean, rebuilt)])
+
+
+def _command(provenance: Any) -> Any:
+    """Returns the words of the recorded command, if there are any; the text is untrusted."""
+    values = json.loads(provenance) if isinstance(provenance, str) else None
+    return values.get("command") if isinstance(values, dict) else None
+
+
+def drops(runs: pd.DataFrame, problems: Sequence[str]) -> str:
+    """Returns how many runs failed, are unfinished, or are left out of all curves; "" without any.
+
+    Args:
+        runs: see `run_frame`.
+        problems: a sentence for each unreadable record.
+    """
+    trained = runs[~runs["source"].isin(_NOT_TRAINED)]
+    if trained.empty and not problems:
+        return ""
+    ended = trained["status"]
+    unused = (trained["configuration"] == "") & ~ended.isin(["failed", "unfinished"])
+    counts = {
+        "failed": int((ended == "failed").sum()),
+        "unfinished": int((ended == "unfinished").sum()),
+        "left out": int(unused.sum()),
+        "unreadable": len(problems),
+    }
+    parts = [f"{count} {what}" for what, count in counts.items() if count]
+    if not parts:
+        return "Drops: none."
+    return f"Drops: {', '.join(parts)}, of {counted(len(trained), 'run')}."

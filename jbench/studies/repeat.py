@@ -1,0 +1,211 @@
+"""The matrix file that trains recorded runs again."""
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from jbench.names import in_ranges
+from jbench.settings.base import canonical_json, in_id
+from jbench.settings.recorded import SEED, Run, alike, read_run
+from jbench.settings.run import TYPED, RunSettings
+
+_EVALUATION = "evaluate_"
+_OWN = ("tasks", "algos", "representations", "seeds", "encoder", "ofe")
+"""Keys of a part that are never written once for all parts."""
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+Encoders = Mapping[str, Mapping[str, Any]]
+"""Recorded settings of encoders by id."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs that differ only in their seeds.
+
+    Attributes:
+        run: the settings of one of them.
+        seeds: those of all, in order.
+    """
+
+    run: RunSettings
+    seeds: tuple[int, ...]
+
+
+def groups(runs: Iterable[Run]) -> list[Group]:
+    """Returns the runs that jbench can train, by their settings without seeds."""
+    found: dict[str, list[RunSettings]] = {}
+    for run in runs:
+        if _is_trained_here(run):
+            assert isinstance(run, RunSettings)
+            found.setdefault(alike(run, SEED), []).append(run)
+    return [Group(same[0], tuple(sorted({run.seed for run in same}))) for same in found.values()]
+
+
+def _is_trained_here(run: Run) -> bool:
+    """Returns whether jbench trains a run, with the same code from its beginning to its end."""
+    return isinstance(run, RunSettings) and run.accepted is None
+
+
+def matrix(runs: Iterable[Mapping[str, Any]], encoders: Encoders) -> str:
+    """Returns a matrix file for `jbench sweep` that trains recorded runs, given their settings.
+
+    Values that all parts share are written once, above the parts. Runs that jbench can't train,
+    such as those of recorded loops, are named in comments.
+    """
+    recorded = [read_run(settings) for settings in runs]
+    others: dict[str, int] = {}
+    for run in recorded:
+        if not _is_trained_here(run):
+            name = " ".join(f"{run.task} {run.algo} {run.representation}".split())
+            others[name] = others.get(name, 0) + 1
+    parts = _joined([_part(group, encoders) for group in groups(recorded)])
+    shared = _shared(parts)
+
+    lines = ["# What trains these runs: jbench sweep matrix.toml"]
+    for name, count in others.items():
+        lines.append(
+            f"# {count} runs of {name} were trained by another program, or by changed code."
+        )
+    if shared:
+        lines += ["", *_lines(shared)]
+    for part in parts:
+        lines += ["", "[[part]]"]
+        lines += _lines(part)
+    return "\n".join(lines) + "\n"
+
+
+def _part(group: Group, encoders: Encoders) -> dict[str, Any]:
+    run = group.run
+    part: dict[str, Any] = {
+        "tasks": [run.task],
+        "algos": [run.algo],
+        "representations": [run.representation],
+        "seeds": in_ranges(group.seeds),
+    }
+    fields = RunSettings.model_fields
+    for name in TYPED:
+        value = getattr(run, name)
+        if not name.startswith(_EVALUATION) and value != fields[name].default:
+            part[fields[name].title or name] = value
+    part["steps"] = run.steps
+    part["time_limit"] = run.time_limit
+    part["evaluation"] = {"every": run.evaluate_every, "episodes": run.evaluate_episodes}
+    part["hyperparameters"] = {run.algo: dict(run.hyperparameters)}
+    if run.ofe is not None:
+        values = run.ofe.values
+        part["ofe"] = {name: value for name, value in values.items() if name != "units"}
+
+    if run.encoder is None:
+        return part
+    if run.encoder_draws is None:
+        # By its name, it would be trained again, perhaps on another dataset.
+        part["representations"] = [run.encoder]
+    elif run.encoder in encoders:
+        settings = encoders[run.encoder]
+        part["encoder"] = {"seed": "each", "options": {settings["kind"]: settings["options"]}}
+    return part
+
+
+def _joined(parts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Returns parts that differ only in task or representation as one."""
+    alike_parts: dict[str, list[dict[str, Any]]] = {}
+    for part in parts:
+        rest = {name: part[name] for name in part if name not in ("tasks", "representations")}
+        alike_parts.setdefault(canonical_json(rest), []).append(part)
+    joined = []
+    for same in alike_parts.values():
+        whole = _together(same)
+        if _combinations(whole) == {pair for part in same for pair in _combinations(part)}:
+            joined.append(whole)
+            continue
+        by_task: dict[str, list[dict[str, Any]]] = {}
+        for part in same:
+            by_task.setdefault(part["tasks"][0], []).append(part)
+        joined += map(_together, by_task.values())
+    return joined
+
+
+def _together(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    together = dict(parts[0])
+    for key in ("tasks", "representations"):
+        together[key] = list(dict.fromkeys(name for part in parts for name in part[key]))
+    return together
+
+
+def _combinations(part: Mapping[str, Any]) -> set[tuple[str, str]]:
+    """Returns the tasks and representations of a part; an encoder's id is for its own task."""
+    return {
+        (task, name)
+        for task in part["tasks"]
+        for name in part["representations"]
+        if "/" not in name or name.split("/")[0] == in_id(task)
+    }
+
+
+def _shared(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Takes what all parts share out of them, and returns it; also of each algorithm's parts."""
+    shared: dict[str, Any] = {}
+    if len(parts) < 2:
+        return shared
+    for name in [name for name in parts[0] if name not in (*_OWN, "hyperparameters")]:
+        if all(part.get(name) == parts[0][name] for part in parts):
+            shared[name] = parts[0][name]
+    for part in parts:
+        for name in shared:
+            del part[name]
+
+    of_algorithms: dict[str, list[dict[str, Any]]] = {}
+    for part in parts:
+        ((algo, values),) = part["hyperparameters"].items()
+        of_algorithms.setdefault(algo, []).append(values)
+    for algo, tables in of_algorithms.items():
+        first = tables[0]
+        same = {
+            name: value
+            for name, value in first.items()
+            if all(name in table and table[name] == value for table in tables)
+        }
+        for table in tables:
+            for name in same:
+                del table[name]
+        if same:
+            shared[f"hyperparameters.{algo}"] = same
+    for part in parts:
+        if not any(part["hyperparameters"].values()):
+            del part["hyperparameters"]
+    return shared
+
+
+def _lines(part: Mapping[str, Any]) -> list[str]:
+    return [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
+
+
+def _key(name: str) -> str:
+    """Returns a key of TOML, quoted where it has other characters, dotted for a table's key."""
+    table, dot, key = name.partition(".")
+    return f"{table}{dot}{_quoted(key)}" if dot else _quoted(name)
+
+
+def _quoted(name: str) -> str:
+    return name if _BARE.fullmatch(name) else _text(name)
+
+
+def _toml(value: Any) -> str:
+    """Returns a JSON value as TOML, which has no null: those of a table are left out."""
+    if isinstance(value, Mapping):
+        pairs = [
+            f"{_quoted(str(name))} = {_toml(item)}"
+            for name, item in value.items()
+            if item is not None
+        ]
+        return f"{{ {', '.join(pairs)} }}" if pairs else "{}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return _text(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,97 @@
+"""Environments of Gymnasium's registry: gym:ID, with arguments of `gymnasium.make`."""
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import Any
+
+import gymnasium
+
+from jbench import plugins
+from jbench.errors import RequestError
+from jbench.sources import source_files
+from jbench.task_specs import GYM
+
+
+@dataclass(frozen=True)
+class RegisteredEnvironment:
+    """An environment of the registry.
+
+    Attributes:
+        id: such as Pendulum-v1, or MODULE:ID for one that is registered when MODULE is imported.
+        arguments: of `gymnasium.make`, by name.
+        modules: names of the modules that implement and register it.
+        entry_point: what makes it, or its name MODULE:NAME.
+    """
+
+    id: str
+    arguments: Mapping[str, Any]
+    modules: tuple[str, ...]
+    entry_point: Any
+
+    @property
+    def description(self) -> str:
+        """The first line of the docstring of a user's class or function."""
+        if not self.files:
+            return ""
+        entry = self.entry_point
+        return plugins.first_line(resolve_name(entry) if isinstance(entry, str) else entry)
+
+    def make(self) -> gymnasium.Env[Any, Any]:
+        """Returns a new environment with the wrappers of its registration."""
+        return gymnasium.make(self.id, **self.arguments)
+
+    @property
+    def files(self) -> dict[str, str]:
+        """A checksum for each file of its code, see `source_files`; none for a library's."""
+        return {
+            name: checksum
+            for module in self.modules
+            for name, checksum in source_files(module).items()
+        }
+
+
+def find_environment(name: str) -> RegisteredEnvironment:
+    """Returns the environment of a task such as gym:Pendulum-v1,g=9.8.
+
+    Raises a RequestError if there is none of this id, or an argument is not NAME=VALUE.
+    """
+    id, *options = name.removeprefix(GYM).split(",")
+    arguments: dict[str, Any] = {}
+    for option in options:
+        key, is_given, value = option.partition("=")
+        if not key.isidentifier() or not is_given:
+            raise RequestError(
+                f"{name}: {option!r} is no argument of gymnasium.make; type NAME=VALUE after the "
+                "comma."
+            )
+        try:
+            arguments[key] = json.loads(value)
+        except ValueError:
+            arguments[key] = value
+    plugins.find_working_directory()
+    try:
+        spec = gymnasium.spec(id)
+    except (gymnasium.error.Error, ImportError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise RequestError(f"Gymnasium has no environment {id}: {reason}.") from None
+    entry = spec.entry_point
+    if isinstance(entry, str):
+        implementing = entry.partition(":")[0]
+    else:
+        implementing = getattr(entry, "__module__", "")
+    registering = id.rpartition(":")[0]
+    modules = tuple(filter(None, dict.fromkeys((implementing, registering))))
+    return RegisteredEnvironment(id, arguments, modules, entry)
+
+
+def provenance(name: str) -> dict[str, Any]:
+    """Returns provenance of the code of an environment that was made; see `plugins.provenance`."""
+    environment = find_environment(name)
+    made: dict[str, Any] = {}
+    for module in reversed(environment.modules):
+        if module in sys.modules:
+            made |= plugins.where_from(module)
+    return {**made, "sources": environment.files} if environment.files else made

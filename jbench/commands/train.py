@@ -71,7 +71,7 @@ def train(
     from jbench.sweeps.executors import Local, default_jobs
     from jbench.training.code import plan_runs
     from jbench.training.request import request_runs, training_device
-    from jbench.training.status import with_kept_interval
+    from jbench.training.status import with_kept_evaluations
 
     if task == "all" or ("," in task and not task.startswith(GYM)):
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
@@ -79,7 +79,7 @@ def train(
     database = parsing.results_to_write(results)
     algo = algo.lower() if algo.lower() in ALGORITHMS else algo
     chosen["engine"] = choose_engine(algo, chosen["engine"])
-    typed_interval = chosen["evaluate_every"]
+    free = [name for name in ("evaluate_every", "evaluate_episodes") if chosen[name] is None]
     train_on = training_device(chosen["engine"], device, chosen["precision"])
     at_once = jobs or default_jobs(train_on)
     runs = request_runs(
@@ -95,7 +95,8 @@ def train(
         **chosen,
     )
     runs, notes = plan_runs(runs, database, accept_changed_code)
-    runs = runs if typed_interval else with_kept_interval(runs, database)
+    if "evaluate_every" in free:
+        runs = with_kept_evaluations(runs, database, *free)
     training.check_runs(runs[:1], keep_state)
     base = default_base(task, settings)
     cells = [Cell(task, algo, runs[0].representation, runs, base, notes=tuple(notes))]

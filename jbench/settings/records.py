@@ -245,7 +245,11 @@ class TrainedSettings(LabeledSettings):
         "thousands, at most 50,000)",
     )
     evaluate_episodes: int = typed(
-        10, ge=0, le=MAX_COUNT, description="episodes per evaluation (0 disables it)"
+        None,
+        ge=0,
+        le=MAX_COUNT,
+        description="episodes per evaluation, 0 for none (default: 10, or fewer in a run of less "
+        "than 200 episodes, so that evaluations take no longer than the training)",
     )
     hyperparameters: dict[str, Any] = Field(description="of the algorithm: JSON values by name")
     augment: Seed | None = omissible(

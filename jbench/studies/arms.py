@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from jbench.errors import RequestError
-from jbench.names import FULL, Base, evaluation_interval, shown_representation
+from jbench.names import FULL, Base, evaluations, shown_representation
 from jbench.settings.algorithms import (
     SETTINGS,
     algorithm_settings,
@@ -65,14 +65,20 @@ class Arm:
         """
         typed = self.part.run_fields
         specs = _specs(self.task)
-        interval = evaluation_interval(typed["steps"], episode_steps(specs))
+        every, episodes = evaluations(
+            typed["steps"],
+            episode_steps(specs),
+            typed["evaluate_every"],
+            typed["evaluate_episodes"],
+        )
         return {
             **typed,
             **self._algorithm_fields(),
             "task": self.task,
             "specs": specs,
             "time_limit": typed["time_limit"] or default_time_limit(self.part.settings),
-            "evaluate_every": typed["evaluate_every"] or interval,
+            "evaluate_every": every,
+            "evaluate_episodes": episodes,
             "encoder": None,
             "ofe": requested_ofe(self.representation, self.part.ofe),
         }

@@ -34,7 +34,7 @@ from jbench.tasks.find import dataset_robot, find_task
 from jbench.training.code import plan_runs
 from jbench.training.events import Event, Report
 from jbench.training.request import make_runs, read_representation
-from jbench.training.status import with_kept_interval
+from jbench.training.status import with_kept_evaluations
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,10 @@ def _cell(arm: Arm, results: Results, accept_changed: bool) -> Cell:
     ids = {seed: encoder.id for seed, encoder in encoders.items()} if drawn else None
     runs = make_runs(matrix.seeds, ids, **fields)
     runs, notes = plan_runs(runs, results, accept_changed)
-    if not matrix.model_dump()["evaluation"]["every"]:
-        runs = with_kept_interval(runs, results)
+    typed = matrix.run_fields
+    free = [name for name in ("evaluate_every", "evaluate_episodes") if typed[name] is None]
+    if "evaluate_every" in free:
+        runs = with_kept_evaluations(runs, results, *free)
 
     made = tuple(encoders.values())
     return Cell(task, arm.algo, name, runs, arm.settings, made, dataset, arm, tuple(notes))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
+from jbench.names import has_short_evaluations
 from jbench.registration import environment_id
 from jbench.settings.engines import ENGINES
 from jbench.settings.records import ExternalSettings
@@ -67,12 +68,22 @@ def final_evaluation_episodes(settings: RunSettings, requested: int | None) -> i
     """Returns the number of episodes of the last evaluation of a run.
 
     If none is requested, it is `FINAL_EPISODES`, but not more than the run has training episodes,
-    and not fewer than in its other evaluations.
+    and not fewer than in its other evaluations. In a short run whose user typed no evaluations, it
+    is half of the training episodes.
     """
     if not settings.evaluate_episodes:
         return 0
-    most = min(FINAL_EPISODES, settings.steps // settings.episode_steps)
-    return max(settings.evaluate_episodes, most) if requested is None else requested
+    if requested is not None:
+        return requested
+    trained = settings.steps // settings.episode_steps
+    if has_short_evaluations(
+        settings.steps,
+        settings.episode_steps,
+        settings.evaluate_every,
+        settings.evaluate_episodes,
+    ):
+        trained //= 2
+    return max(settings.evaluate_episodes, min(FINAL_EPISODES, trained))
 
 
 def derive_seeds(seed: int) -> tuple[int, int]:

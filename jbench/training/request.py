@@ -45,7 +45,8 @@ def request_runs(
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         engine: None for the engine that follows from the algorithm.
         accept_changed: whether the encoder may be one whose kind has other code now.
-        fields: the other fields of `RunSettings`; `evaluate_every` is None for the default.
+        fields: the other fields of `RunSettings`; `evaluate_every` and `evaluate_episodes` are None
+            for the default.
 
     Raises a RequestError if the encoder is not found or can't be mirrored, a setting is invalid, or
     the steps are not enough for an episode or can't be divided among the robots.
@@ -82,9 +83,12 @@ def make_runs(
     environments can't share the updates, or a class of stable-baselines3's interface refuses its
     settings.
     """
-    if fields.get("evaluate_every") is None:
-        length = episode_steps(fields["specs"])
-        fields["evaluate_every"] = names.evaluation_interval(fields["steps"], length)
+    fields["evaluate_every"], fields["evaluate_episodes"] = names.evaluations(
+        fields["steps"],
+        episode_steps(fields["specs"]),
+        fields.get("evaluate_every"),
+        fields.get("evaluate_episodes"),
+    )
     runs = [
         validated(
             RunSettings,

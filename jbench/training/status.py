@@ -8,12 +8,13 @@ but a sequence of robots depends on the number of steps.
 import contextlib
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from jbench.agents.algorithms import find_class
 from jbench.agents.plugin import Agent, is_resumable
 from jbench.errors import RequestError, WorkError
+from jbench.names import EVALUATION_EPISODES, evaluation_interval
 from jbench.settings.recorded import read_run, recorded_episode_steps
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
@@ -145,15 +146,36 @@ def shorter_runs(run: RunSettings, results: Results, *free: str) -> list[Record]
     return sorted(shorter, key=lambda record: -record.settings["steps"])
 
 
-def with_kept_interval(runs: list[RunSettings], results: Results) -> list[RunSettings]:
-    """Returns new runs with the evaluation interval of the finished run that they can continue."""
+def with_kept_evaluations(
+    runs: list[RunSettings], results: Results, *free: str
+) -> list[RunSettings]:
+    """Returns runs with the evaluations of recorded ones that they are, or can continue.
+
+    They are those of a run with the same settings whose evaluations are the defaults of older
+    versions, or else those of a finished run that new ones continue.
+
+    Args:
+        free: what the user did not type, among evaluate_every and evaluate_episodes.
+    """
     if any(run_status(run, results).state != "missing" for run in runs):
         return runs
-    kept = (record for run in runs for record in kept_runs(run, results, "evaluate_every"))
+    older = [run.model_copy(update=_older_evaluations(run, free)) for run in runs]
+    if older != runs and any(run_status(run, results).state != "missing" for run in older):
+        return older
+    kept = (record for run in runs for record in kept_runs(run, results, *free))
     if (continued := next(kept, None)) is None:
         return runs
-    every = continued.settings["evaluate_every"]
-    return [run.model_copy(update={"evaluate_every": every}) for run in runs]
+    changes = {name: continued.settings[name] for name in free}
+    return [run.model_copy(update=changes) for run in runs]
+
+
+def _older_evaluations(run: RunSettings, free: Sequence[str]) -> dict[str, int]:
+    """Returns the default evaluations of versions in which a short run had those of a long one."""
+    usual = {
+        "evaluate_every": evaluation_interval(run.steps, run.episode_steps),
+        "evaluate_episodes": EVALUATION_EPISODES,
+    }
+    return {name: usual[name] for name in free}
 
 
 def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[str]:

@@ -19,7 +19,7 @@ from tests.report.browser import HOSTILE, PHONE, SIDEWAYS
 
 WORDS = """() => {
   const body = document.body.cloneNode(true);
-  const parts = "table, script, svg, dialog, .filters, .tools";
+  const parts = "table, script, svg, dialog, pre, .filters, .tools";
   body.querySelectorAll(parts).forEach((e) => e.remove());
   return body.textContent.split(/\\s+/).filter((word) => word).length;
 }"""

@@ -86,7 +86,7 @@ def test_matrix_and_commands_train_runs_of_every_kind(tmp_path):
     assert set().union(*found) == wanted
     assert rebuilt[0] == (
         "jbench train --task face_direction --algo td3 --seeds 0-2 --steps 32000 "
-        "--evaluate-every 3000"
+        "--evaluate-every 3000 --evaluate-episodes 10"
     )
 
 

@@ -15,9 +15,9 @@ from jbench.training.status import (
     check_state_can_be_kept,
     new_beginnings,
     run_status,
-    with_kept_interval,
+    with_kept_evaluations,
 )
-from tests.training.small_runs import paths, rows, train_batch
+from tests.training.small_runs import EPISODE, paths, rows, train_batch
 from tests.training.test_checkpoints import find_file
 from tests.training.test_resume import settings
 
@@ -39,6 +39,17 @@ def outcome(path, run):
 
 def lengths(algo, *steps, seed=1, **changes):
     return [settings(algo, seed, steps=count, **changes) for count in steps]
+
+
+def test_run_recorded_with_older_default_evaluations_is_found_by_the_same_command(tmp_path):
+    asked = lengths("td3", SHORT, evaluate_every=100, evaluate_episodes=1)
+    free = ("evaluate_every", "evaluate_episodes")
+    assert with_kept_evaluations(asked, Results(tmp_path), *free) == asked
+    older = lengths("td3", SHORT, evaluate_every=EPISODE, evaluate_episodes=10)
+    Results(tmp_path).create("run", older[0].id, older[0].values)
+    assert with_kept_evaluations(asked, Results(tmp_path), *free) == older
+    # Whose user types the episodes means other evaluations.
+    assert with_kept_evaluations(asked, Results(tmp_path), "evaluate_every") == asked
 
 
 @pytest.mark.parametrize(
@@ -191,10 +202,10 @@ def test_longer_run_takes_the_distance_of_evaluations_that_its_user_did_not_type
     (short,) = lengths("td3", SHORT, evaluate_every=100)
     longer = lengths("td3", LONG, evaluate_every=200)
     train(tmp_path, [short])
-    (run,) = with_kept_interval(longer, Results(tmp_path))
+    (run,) = with_kept_evaluations(longer, Results(tmp_path), "evaluate_every")
     assert (run.evaluate_every, run.id) == (100, lengths("td3", LONG, evaluate_every=100)[0].id)
     train(tmp_path, longer)  # it exists now, so that the same command means it
-    assert with_kept_interval(longer, Results(tmp_path)) == longer
+    assert with_kept_evaluations(longer, Results(tmp_path), "evaluate_every") == longer
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def _part(group: Group, encoders: Encoders) -> dict[str, Any]:
     part["steps"] = run.steps
     part["time_limit"] = run.time_limit
     part["evaluation"] = {"every": run.evaluate_every, "episodes": run.evaluate_episodes}
-    part["hyperparameters"] = {run.algo: dict(run.hyperparameters)}
+    part["hyperparameters"] = {run.algo: dict(sorted(run.hyperparameters.items()))}
     if run.ofe is not None:
         values = run.ofe.values
         part["ofe"] = {name: value for name, value in values.items() if name != "units"}

@@ -1,5 +1,6 @@
 """Environments of Gymnasium's registry: gym:ID, with arguments of `gymnasium.make`."""
 
+import importlib
 import json
 import sys
 from collections.abc import Mapping
@@ -10,7 +11,7 @@ from typing import Any
 import gymnasium
 
 from jbench import plugins
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.sources import source_files
 from jbench.task_specs import GYM
 
@@ -56,7 +57,9 @@ class RegisteredEnvironment:
 def find_environment(name: str) -> RegisteredEnvironment:
     """Returns the environment of a task such as gym:Pendulum-v1,g=9.8.
 
-    Raises a RequestError if there is none of this id, or an argument is not NAME=VALUE.
+    Raises:
+        RequestError: if there is none of this id, or an argument is not NAME=VALUE.
+        WorkError: if the module that registers it fails.
     """
     id, *options = name.removeprefix(GYM).split(",")
     arguments: dict[str, Any] = {}
@@ -71,9 +74,11 @@ def find_environment(name: str) -> RegisteredEnvironment:
             arguments[key] = json.loads(value)
         except ValueError:
             arguments[key] = value
-    plugins.find_working_directory()
+    registering, _, registered = id.rpartition(":")
+    if registering:
+        _register(name, registering)
     try:
-        spec = gymnasium.spec(id)
+        spec = gymnasium.spec(registered)
     except (gymnasium.error.Error, ImportError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise RequestError(f"Gymnasium has no environment {id}: {reason}.") from None
@@ -82,9 +87,24 @@ def find_environment(name: str) -> RegisteredEnvironment:
         implementing = entry.partition(":")[0]
     else:
         implementing = getattr(entry, "__module__", "")
-    registering = id.rpartition(":")[0]
     modules = tuple(filter(None, dict.fromkeys((implementing, registering))))
     return RegisteredEnvironment(id, arguments, modules, entry)
+
+
+def _register(name: str, module: str) -> None:
+    """Imports the module that registers the environment of a task."""
+    plugins.find_working_directory()
+    try:
+        importlib.import_module(module)
+    except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and module.startswith(str(error.name)):
+            raise RequestError(
+                f"{name}: there is no module {module}; install its package, or run jbench in the "
+                "directory that contains the module."
+            ) from None
+        raise WorkError(
+            f"The module {module} of {name} can't be imported ({sentence_of_failure(error)})."
+        ) from error
 
 
 def provenance(name: str) -> dict[str, Any]:

@@ -27,6 +27,7 @@ LAB = "tests.gym_tasks"
         (f"{LAB}:counts", "its observation gear is Discrete, and jbench takes real numbers"),
         (f"{LAB}:endless", "an episode has more than 100,000 control steps: give it a time limit"),
         ("gym:Pendulun-v1", "Gymnasium has no environment Pendulun-v1"),
+        ("gym:nowhere:Cart-v0", "gym:nowhere:Cart-v0: there is no module nowhere; install its"),
         ("gym:Pendulum-v1,g", "'g' is no argument of gymnasium.make; type NAME=VALUE"),
         ("Pendulum-v1", "did you mean gym:Pendulum-v1?"),
     ],

@@ -20,6 +20,7 @@ from typing import Any
 from jbench.cores import cores
 from jbench.errors import RequestError, WorkError
 from jbench.names import ONE_THREAD
+from jbench.settings.engines import ENGINES
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
 from jbench.store.follow import POLL_SECONDS
@@ -68,7 +69,8 @@ class Local:
 
     def request(self, runs: Sequence[RunSettings]) -> str:
         """Returns a worker's request as a line of JSON, with the command that it records."""
-        options = {"device": self.device, **self._options}
+        device = self.device if ENGINES[runs[0].engine].is_for_gpu else "cpu"
+        options = {"device": device, **self._options}
         request = {"results": str(self._results.path), "options": options, "command": sys.argv}
         return json.dumps({**request, "runs": [run.values for run in runs]})
 

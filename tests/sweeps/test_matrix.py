@@ -124,6 +124,12 @@ n_envs = 2
 """
 
 
+def test_parts_may_have_different_engines(cells_in):
+    cells = cells_in(PARTS + "[[part]]\ntasks = ['move_to_pose']\nengine = 'sb3'\n")
+    engines = ["batched", "batched", "sb3"]
+    assert [cell.runs[0].engine for cell in cells] == engines
+
+
 def test_keys_outside_parts_are_defaults_of_parts(cells_in):
     first, second = cells_in(PARTS)
     assert (first.task, first.algo, len(first.runs)) == ("face_direction", "td3", 4)
@@ -148,7 +154,6 @@ def test_keys_outside_parts_are_defaults_of_parts(cells_in):
         ("algos = ['td3']\n[part]\ntasks = ['move_to_pose']\n", "write [[part]] above each"),
         ("[[prat]]\ntasks = ['move_to_pose']\n", "Unknown key 'prat'; did you mean part?"),
         (PARTS + "engine = 'sb3'\n", "ppo has no setting engine"),
-        (PARTS + "[[part]]\ntasks = ['move_to_pose']\nengine = 'sb3'\n", "not batched and sb3"),
     ],
 )
 def test_invalid_part_is_reported_in_one_line(text, says, refused_for):

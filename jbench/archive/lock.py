@@ -15,6 +15,7 @@ def lock() -> str:
             distribution = importlib.metadata.distribution(name)
         except importlib.metadata.PackageNotFoundError:
             continue
+
         if name in versions:
             continue
         versions[name] = distribution.version
@@ -22,5 +23,6 @@ def lock() -> str:
             requirement = Requirement(text)
             if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
                 waiting.append(requirement.name.lower().replace("_", "-"))
+
     lines = [f"{name}=={version}" for name, version in sorted(versions.items())]
     return "# The versions with which this archive was written.\n" + "\n".join(lines) + "\n"

@@ -46,6 +46,7 @@ def algorithms(
         output.table(title, ("setting", "default", "meaning"), rows)
         output.document({"algorithms": [entry], "broken": []})
         return
+
     columns = {
         "--algo": "name",
         "meaning": "description",
@@ -204,6 +205,7 @@ def _list(
         except (RequestError, WorkError) as error:
             broken.append({"name": name, "error": str(error)})
             output.warn(str(error))
+
     if not any(entry["description"] for entry in entries):
         columns = {title: name for title, name in columns.items() if name != "description"}
     rows = ([_cell(entry[name]) for name in columns.values()] for entry in entries)

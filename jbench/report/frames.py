@@ -25,11 +25,11 @@ from jbench.report.configurations import (
 from jbench.report.data.configuration import IMPORTED, Configuration, rename, with_returns
 from jbench.report.data.curves import SEQUENCE, read_published
 from jbench.report.data.returns import FILE, clean, map_texts
-from jbench.report.encoders import descriptions, encoder_frame, kept_frame, prediction_frame
+from jbench.report.data.sources import Source
+from jbench.report.encoders import encoder_frame, kept_frame, prediction_frame
 from jbench.report.headline import headline
 from jbench.report.leaderboard import leaderboard
 from jbench.report.reading import notes_on, read, tested_claims
-from jbench.report.repetition import Repetition, drops, repetition
 from jbench.report.request import Request
 from jbench.report.runs import provenance_frame, run_frame
 from jbench.store import Results, query
@@ -159,20 +159,10 @@ class Frames:
         _, _, unread = self._behavior
         return [*map(clean, (*self._source.problems, *unread))]
 
-    @cached_property
-    def descriptions(self) -> dict[str, str]:
-        """What users' kinds of encoders are, by name."""
-        return {clean(k): clean(text) for k, text in descriptions(self._source.tables).items()}
-
-    @cached_property
-    def drops(self) -> str:
-        """How many runs failed or are left out; "" without runs."""
-        return drops(self.runs, self._source.problems)
-
-    @cached_property
-    def repetition(self) -> Repetition:
-        """What trains the runs again."""
-        return repetition(self._source)
+    @property
+    def source(self) -> Source:
+        """What the report has read."""
+        return self._source
 
     @property
     def interpolated(self) -> bool:

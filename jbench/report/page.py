@@ -16,8 +16,10 @@ from jbench.report import style
 from jbench.report.comparison_tables import COMPARED
 from jbench.report.data.configuration import OWN
 from jbench.report.data.returns import clean, rounded
+from jbench.report.encoders import descriptions
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
+from jbench.report.repetition import drops, repetition
 from jbench.report.runs import run_details
 from jbench.report.svg import panel_svgs
 from jbench.report.table import Column, Table
@@ -65,6 +67,8 @@ def render(frames: Frames, made: Sequence[Chart]) -> str:
         meanings=_meanings(frames),
         matrix=verdict_matrix(frames),
         tables=[_shown(table) for table in tables(frames) if table.name != "verdicts"],
+        drops=drops(frames.runs, frames.source.problems),
+        repeat=repetition(frames.source),
         runs=run_details(
             frames.runs, frames.run_curves, frames.metrics, frames.paths, frames.returns
         ),
@@ -107,8 +111,8 @@ def _meanings(frames: Frames) -> list[tuple[str, str]]:
     names = [str(name) for name in frames.curves["representation"].unique()]
     endings = [name for name in MEANINGS if name[0] == "-" and name in " ".join(names)]
     known = dict.fromkeys((*map(kind_in, names), *endings) if len(names) > 1 else ())
-    meanings = {**frames.descriptions, **MEANINGS}
-    return [(name, meanings[name].rstrip(".")) for name in known if name in meanings]
+    meanings = {**descriptions(frames.source.tables), **MEANINGS}
+    return [(name, clean(meanings[name]).rstrip(".")) for name in known if name in meanings]
 
 
 def verdict_matrix(frames: Frames) -> dict[str, Any]:

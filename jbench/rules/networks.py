@@ -88,6 +88,7 @@ def initialize(
 
 
 def _with_relu(layers: Sequence[nn.Linear]) -> Iterator[nn.Module]:
+    """Yields layers with ReLU between them."""
     *hidden, last = layers
     for layer in hidden:
         yield layer

@@ -124,6 +124,7 @@ def read_matrix(name: str, **changes: Any) -> dict[str, Matrix]:
             f"{name}: [hyperparameters.{algo}] is for {algo}, which is not among the algos; leave "
             "the table out, or add it to them."
         )
+
     return parts
 
 

@@ -78,6 +78,7 @@ def matrix(runs: Iterable[Mapping[str, Any]], encoders: Encoders) -> str:
 
 
 def _part(group: Group, encoders: Encoders) -> dict[str, Any]:
+    """Returns the keys of the part of a matrix that trains runs of the same settings."""
     run = group.run
     part: dict[str, Any] = {
         "tasks": [run.task],
@@ -90,6 +91,7 @@ def _part(group: Group, encoders: Encoders) -> dict[str, Any]:
         value = getattr(run, name)
         if not name.startswith(_EVALUATION) and value != fields[name].default:
             part[fields[name].title or name] = value
+
     part["steps"] = run.steps
     part["time_limit"] = run.time_limit
     part["evaluation"] = {"every": run.evaluate_every, "episodes": run.evaluate_episodes}
@@ -115,20 +117,24 @@ def _joined(parts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     for part in parts:
         rest = {name: part[name] for name in part if name not in ("tasks", "representations")}
         alike_parts.setdefault(canonical_json(rest), []).append(part)
+
     joined = []
     for same in alike_parts.values():
         whole = _together(same)
         if _combinations(whole) == {pair for part in same for pair in _combinations(part)}:
             joined.append(whole)
             continue
+
         by_task: dict[str, list[dict[str, Any]]] = {}
         for part in same:
             by_task.setdefault(part["tasks"][0], []).append(part)
         joined += map(_together, by_task.values())
+
     return joined
 
 
 def _together(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Returns one part with the tasks and the representations of several."""
     together = dict(parts[0])
     for key in ("tasks", "representations"):
         together[key] = list(dict.fromkeys(name for part in parts for name in part[key]))
@@ -150,6 +156,7 @@ def _shared(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     shared: dict[str, Any] = {}
     if len(parts) < 2:
         return shared
+
     for name in [name for name in parts[0] if name not in (*_OWN, "hyperparameters")]:
         if all(part.get(name) == parts[0][name] for part in parts):
             shared[name] = parts[0][name]
@@ -173,6 +180,7 @@ def _shared(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
                 del table[name]
         if same:
             shared[f"hyperparameters.{algo}"] = same
+
     for part in parts:
         if not any(part["hyperparameters"].values()):
             del part["hyperparameters"]
@@ -180,6 +188,7 @@ def _shared(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _lines(part: Mapping[str, Any]) -> list[str]:
+    """Returns keys and values as lines of TOML."""
     return [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
 
 
@@ -190,6 +199,7 @@ def _key(name: str) -> str:
 
 
 def _quoted(name: str) -> str:
+    """Returns a key, in quotes if it has other characters than a bare one."""
     return name if _BARE.fullmatch(name) else _text(name)
 
 
@@ -208,4 +218,5 @@ def _toml(value: Any) -> str:
 
 
 def _text(value: str) -> str:
+    """Returns a string of TOML, whose escapes are those of JSON."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -5,7 +5,10 @@ import re
 import pytest
 
 from jbench.report import page
+from jbench.report.encoders import descriptions
 from jbench.report.frames import Frames
+from jbench.report.repetition import drops, repetition
+from jbench.store import query
 from jbench.studies.repeat import matrix
 from tests.store.store_rows import alter_manifest
 from tests.training.small_runs import small_run
@@ -30,7 +33,8 @@ def test_page_counts_runs_that_failed_or_are_left_out(fabric):
     broken = fabric.run(RETURNS, 3)
     (broken.path / "manifest.json").write_text("{")
     found = Frames(fabric.results)
-    assert found.drops == "Drops: 1 failed, 1 unfinished, 1 left out, 1 unreadable, of 4 runs."
+    counted = drops(found.runs, found.source.problems)
+    assert counted == "Drops: 1 failed, 1 unfinished, 1 left out, 1 unreadable, of 4 runs."
 
 
 def recorded(fabric, command, **changes):
@@ -49,9 +53,10 @@ def test_page_has_the_matrix_and_the_commands(fabric):
     usual = {"steps": 8000, "evaluate_every": 1000, "evaluate_episodes": 1}
     settings = [recorded(fabric, typed, **usual), recorded(fabric, None, **usual, seed=5)]
     found = Frames(fabric.results)
-    assert found.repetition.matrix + "\n" == matrix(settings, {})
-    assert found.repetition.typed == ["jbench train --algo td3 --seeds '0<1'"]
-    (rebuilt,) = found.repetition.rebuilt
+    repeat = repetition(found.source)
+    assert repeat.matrix + "\n" == matrix(settings, {})
+    assert repeat.typed == ["jbench train --algo td3 --seeds '0<1'"]
+    (rebuilt,) = repeat.rebuilt
     assert "--seeds 5 --steps 8000" in rebuilt
     shown = re.findall(r"<pre[^>]*>(.*?)</pre>", text_of(found), re.S)
     assert shown[0] == "jbench train --algo td3 --seeds &#39;0&lt;1&#39;"
@@ -61,9 +66,6 @@ def test_page_has_the_matrix_and_the_commands(fabric):
 
 @pytest.mark.parametrize("named", ["A lab's six numbers.", None])
 def test_representations_of_users_are_described_by_their_docstring(fabric, named):
-    from jbench.report.encoders import descriptions
-    from jbench.store import query
-
     id = "face_direction/six-rows6/s00-1"
     provenance = {} if named is None else {"description": named}
     settings = {"task": "face_direction", "kind": "mine:SixRows", "latents": 6, "seed": 0}

@@ -320,8 +320,11 @@ def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, document,
     forecast = document("train", "--dry-run", *one, results=tmp_path)
     (cell,) = forecast["configurations"]
     assert (cell["missing"], cell["steps_left"], cell["algo"]) == (1, 1000, "td3")
+    # Evaluations take no longer than the training, so that no share of them is named.
+    assert cell["evaluating"] == 0
     # Ten episodes of evaluation, and one of random actions before the first update.
-    assert cell["evaluating"] == pytest.approx(10 / 11)
+    ten = document("train", "--dry-run", *one, "--evaluate-episodes", "10", results=tmp_path)
+    assert ten["configurations"][0]["evaluating"] == pytest.approx(10 / 11)
     # One run keeps one process busy.
     assert forecast["seconds_left"] == pytest.approx(cell["seconds_left"])
     assert (forecast["seconds_left"] > 0, cell["estimate"]) == (True, "a quick measurement")

@@ -102,7 +102,5 @@ TRAINING["ppo"] = (*SMALL, "--set", "n_envs=2", "--set", "n_steps=100")
 
 def train(algo, encoder, *more):
     """Arguments of a small training of two seeds."""
-    return (
-        *("train", "--algo", algo, "--encoder", encoder, "--seeds", "0-1", "--steps", "2000"),
-        *("--evaluate-episodes", "1", *TRAINING[algo], *more),
-    )
+    command = f"train --algo {algo} --encoder {encoder} --seeds 0-1 --steps 2000"
+    return (*command.split(), "--evaluate-episodes", "1", *TRAINING[algo], *more)

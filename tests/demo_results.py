@@ -44,26 +44,32 @@ def _add_encoder(results):
     assert settings.id == ENCODER
     random = np.random.default_rng(0)
     shapes = {"encoder.weight": (14, 16), "encoder.bias": (14,)}
-    shapes |= {"decoder.weight": (16, 14), "decoder.bias": (16,)}
+    shapes["decoder.weight"] = (16, 14)
+    shapes["decoder.bias"] = (16,)
     weights = {name: random.normal(size=shape).astype("f4") for name, shape in shapes.items()}
     description = {"kind": settings.kind, "options": settings.options, "task": TASK, "latents": 14}
-    description |= {"features": [f"feature {index}" for index in range(16)]}
-    description |= {"minimum": [-1.0] * 16, "maximum": [1.0] * 16}
+    description["features"] = [f"feature {index}" for index in range(16)]
+    description["minimum"] = [-1.0] * 16
+    description["maximum"] = [1.0] * 16
     record = results.create("encoder", settings.id, settings.model_dump())
     errors = dict.fromkeys(schema.TABLES["encoder_errors"].names, 0.5) | {"encoder": settings.id}
-    errors |= {"test_states": 1000, "heuristic_states": 1000}
-    errors |= {"test_explained": 0.959, "pca_explained": 0.976, "heuristic_explained": 0.977}
+    errors["test_states"] = 1000
+    errors["heuristic_states"] = 1000
+    errors["test_explained"] = 0.959
+    errors["pca_explained"] = 0.976
+    errors["heuristic_explained"] = 0.977
     record.append(
         {"encoder_errors": pa.Table.from_pylist([errors], schema.TABLES["encoder_errors"])}
     )
     files = {saved.DESCRIPTION: json.dumps(description).encode()}
-    files |= {saved.WEIGHTS: safetensors.numpy.save(weights)}
+    files[saved.WEIGHTS] = safetensors.numpy.save(weights)
     record.finish({"test_mse": 0.00537, "test_explained": 0.959, "wall_time": 1.0}, files)
 
 
 def _add_run(results, representation, seed, training, evaluation):
     changes = {"hidden_layers": [128, 128], "batch_size": 64}
-    changes |= {"learning_rate": 1e-3, "learning_starts": 5000}
+    changes["learning_rate"] = 1e-3
+    changes["learning_starts"] = 5000
     settings = RunSettings(
         task=TASK,
         algo="td3",

@@ -138,7 +138,8 @@ class Session:
 
     def _sh(self, block):
         command, where = ["bash", "-e", "-c", block.commands], {"cwd": self.directory}
-        where |= {"env": self.environment, "timeout": 300}
+        where["env"] = self.environment
+        where["timeout"] = 300
         done = subprocess.run(command, **where, capture_output=True, text=True)
         assert done.returncode == 0, f"{block.page}:{block.line}: {done.stderr}"
         return done.stdout

@@ -50,7 +50,8 @@ class Forked:
             session: whether it leads a session, and so a process group, of its own.
         """
         request = {"target": target, "arguments": arguments, "session": session}
-        request |= {"environ": dict(environ), "cwd": str(cwd or Path.cwd())}
+        request["environ"] = dict(environ)
+        request["cwd"] = str(cwd or Path.cwd())
         self._status, status = os.pipe()
         socket.send_fds(channel, [json.dumps(request).encode()], [*streams, status])
         os.close(status)

@@ -48,7 +48,9 @@ n_steps = 128
 
 
 DEFAULTS = {"algos": '"td3"', "representations": '"full"', "seeds": "0-1"}
-DEFAULTS |= {"steps": 2000, "dataset": 4000, "gradient_steps": 2}
+DEFAULTS["steps"] = 2000
+DEFAULTS["dataset"] = 4000
+DEFAULTS["gradient_steps"] = 2
 
 
 def write_matrix(path, **changes):

@@ -78,8 +78,18 @@ def output(pages):
 
 
 SLOW = {
-    *("agents.md", "curves.md", "database.md", "encoders.md", "export.md", "programs.md"),
-    *("import.md", "recording.md", "report.md", "statistics-only.md", "submit.md", "SKILL.md"),
+    "agents.md",
+    "curves.md",
+    "database.md",
+    "encoders.md",
+    "export.md",
+    "programs.md",
+    "import.md",
+    "recording.md",
+    "report.md",
+    "statistics-only.md",
+    "submit.md",
+    "SKILL.md",
 }
 """Pages whose blocks take more than about five seconds."""
 

@@ -88,12 +88,20 @@ def test_modules_that_it_imports_are_part_of_it_wherever_they_are_imported(folde
         },
     )
     assert set(read("task")) == {
-        *("task.py", "other.py", "lab/__init__.py", "lab/shared.py", "lab/robots.py"),
-        *("lab/arms/__init__.py", "lab/arms/arm.py"),
+        "task.py",
+        "other.py",
+        "lab/__init__.py",
+        "lab/shared.py",
+        "lab/robots.py",
+        "lab/arms/__init__.py",
+        "lab/arms/arm.py",
     }
     # That of a package begins with the package.
     assert set(read("lab.arms.arm")) == {
-        *("lab/arms/arm.py", "lab/arms/__init__.py", "lab/__init__.py", "lab/shared.py"),
+        "lab/arms/arm.py",
+        "lab/arms/__init__.py",
+        "lab/__init__.py",
+        "lab/shared.py",
     }
 
 

@@ -22,8 +22,11 @@ NAME = "random_search:RandomSearch"
 """The agent without its entry point."""
 
 SMALL = {
-    **{"hidden_layers": [8], "batch_size": 8, "learning_starts": 60},
-    **{"train_freq": 10, "gradient_steps": 2},
+    "hidden_layers": [8],
+    "batch_size": 8,
+    "learning_starts": 60,
+    "train_freq": 10,
+    "gradient_steps": 2,
 }
 SETTINGS = {"random-search": {"noise": 0.2}, "tqc": {**SMALL, "quantiles": 5}}
 """Those of the runs that are trained and swept, by the algorithms of the packages."""
@@ -220,7 +223,8 @@ def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
 def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, tmp_path):
     run = agent_run(NAME, package=None)
     request = {"path": str(tmp_path), "runs": [run.model_dump(mode="json")]}
-    request |= {"at": "random", "kills": 4}
+    request["at"] = "random"
+    request["kills"] = 4
     done = Process("tests.training.kills:main", request, short=True).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)

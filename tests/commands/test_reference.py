@@ -58,8 +58,14 @@ def test_evaluation_is_saved_in_default_results(tmp_path, capsys):
 @pytest.mark.parametrize(
     "typed",
     [
-        *("collect", "train", "train-dae", "train-encoder", "sweep smoke"),
-        *("repair", "merge other", "export"),
+        "collect",
+        "train",
+        "train-dae",
+        "train-encoder",
+        "sweep smoke",
+        "repair",
+        "merge other",
+        "export",
     ],
 )
 def test_writing_command_refuses_shipped_results(typed, refused):

@@ -110,7 +110,11 @@ def test_empty_path_is_refused(arguments, typed, tmp_path, monkeypatch, refused)
     "arguments",
     [
         ("query", "SELECT 1"),
-        *(("runs",), ("datasets",), ("verify",), ("repair",), ("report",)),
+        ("runs",),
+        ("datasets",),
+        ("verify",),
+        ("repair",),
+        ("report",),
         ("reproduce", "face_direction/x"),
         ("report", "--reference"),
         ("report", "--watch"),
@@ -170,7 +174,7 @@ def test_counts_with_suffix_are_parsed(text, steps):
 
 
 @pytest.mark.parametrize(
-    "text", [*("k", "1.5", "0.0001k", "1kk", "-5M", "nan", "inf"), *("1e300M", "1e999999M", "")]
+    "text", ["k", "1.5", "0.0001k", "1kk", "-5M", "nan", "inf", "1e300M", "1e999999M", ""]
 )
 def test_invalid_counts_are_refused(text):
     with pytest.raises(BadParameter, match="type a positive whole number"):

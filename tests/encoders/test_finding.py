@@ -67,8 +67,11 @@ def copied(tmp_path, trained):
 @pytest.mark.parametrize(
     ("name", "task", "expected"),
     [
-        *(("12", FACE, "dae12/c"), ("dae:12", FACE, "dae12/c"), ("11", FACE, "dae11/e")),
-        *(("lld-vae:12", FACE, "lld-vae12/g"), ("pca12", FACE, "pca12/h")),
+        ("12", FACE, "dae12/c"),
+        ("dae:12", FACE, "dae12/c"),
+        ("11", FACE, "dae11/e"),
+        ("lld-vae:12", FACE, "lld-vae12/g"),
+        ("pca12", FACE, "pca12/h"),
         ("12", "move_to_pose", "dae12/f"),
     ],
 )

@@ -27,7 +27,8 @@ from tests.encoders.encoder_data import (
 
 STREAMED = 3 * 2 * 1001 * 16 * 4  # bytes of memory, enough for two episodes
 LEARNED = {"dae": {}, "ddae": {"horizon": 3}, "vae": {"hidden": 8}, "lld-vae": {"hidden": 8}}
-LEARNED |= {"forward": {"hidden": 8, "horizon": 2}, "contrastive": {"hidden": 8}}
+LEARNED["forward"] = {"hidden": 8, "horizon": 2}
+LEARNED["contrastive"] = {"hidden": 8}
 
 
 def train_until(epoch, *arguments, **more):

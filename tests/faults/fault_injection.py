@@ -17,8 +17,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 CALLS = (
-    *("open", "write", "fsync", "rename", "flock", "unlink", "mkdir", "listdir"),
-    *("read", "close"),
+    "open",
+    "write",
+    "fsync",
+    "rename",
+    "flock",
+    "unlink",
+    "mkdir",
+    "listdir",
+    "read",
+    "close",
 )
 """The calls that can fail. `open` includes temporary files and locks."""
 

@@ -8,19 +8,18 @@ from tests.faults.forked_commands import run_command
 
 SMALL = ("--set", "hidden_layers=[4]", "--set", "batch_size=4")
 OFF_POLICY = ("--set", "learning_starts=20", "--set", "train_freq=10", "--set", "gradient_steps=1")
-TRAIN = (
-    *("train", "--algo", "td3", "--seeds", "0", "--steps", "60", "--jobs", "1"),
-    *("--evaluate-every", "40", "--evaluate-episodes", "1", "--checkpoint-every", "0"),
-    *SMALL,
-    *OFF_POLICY,
+ONE_RUN = (
+    "train --algo td3 --seeds 0 --steps 60 --jobs 1 "
+    "--evaluate-every 40 --evaluate-episodes 1 --checkpoint-every 0"
 )
+TRAIN = (*ONE_RUN.split(), *SMALL, *OFF_POLICY)
 RETRY = ("--retry-failed",)
 COLLECT = ("collect", "--steps", "160", "--threads", "1")
 TRAIN_DAE = ("train-dae", "--latent", "2", "--epochs", "2", "--batch", "64", "--device", "cpu")
-IMPORT = (
-    *("import", "--from", "csv", "--seed-column", "seed", "--task", "face_direction"),
-    *("--algo", "ppo", "{path}/../curves.csv"),
+ONE_FILE = (
+    "import --from csv --seed-column seed --task face_direction --algo ppo {path}/../curves.csv"
 )
+IMPORT = tuple(ONE_FILE.split())
 EVALUATE = ("evaluate", "--episodes", "2", "--threads", "1")
 SWEEP = """
 tasks = ["face_direction"]

@@ -16,8 +16,16 @@ SAMPLE = {"collect": 1, "merge": 2}
 """Number of faults of each command."""
 
 LARGER_SAMPLE = {
-    **{"collect": 8, "train-dae": 3, "train-encoder": 4, "train": 6, "resume": 8},
-    **{"evaluate": 12, "merge": 14, "repair": 14, "export": 6, "import": 8},
+    "collect": 8,
+    "train-dae": 3,
+    "train-encoder": 4,
+    "train": 6,
+    "resume": 8,
+    "evaluate": 12,
+    "merge": 14,
+    "repair": 14,
+    "export": 6,
+    "import": 8,
 }
 
 VERBS = (*LARGER_SAMPLE, "sweep", "report")

@@ -29,7 +29,8 @@ from tests.training.small_runs import EPISODE, paths, shorten_episodes
 SEED = 7  # with this seed, `loop` gets rewards in the first episode
 STEPS = 2 * EPISODE
 RUN = {"algo": "mine", "seed": SEED, "steps": STEPS}
-RUN |= {"evaluate_every": EPISODE, "evaluate_episodes": 2}
+RUN["evaluate_every"] = EPISODE
+RUN["evaluate_episodes"] = 2
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -41,7 +42,8 @@ def _short_episodes():
 
 def recorded(results, task="face_direction", **changes):
     hyperparameters = {"rate": np.float32(0.5), "layers": (8, None), "file": Path("x/y")}
-    hyperparameters |= {"seed": SEED, "total_timesteps": STEPS}
+    hyperparameters["seed"] = SEED
+    hyperparameters["total_timesteps"] = STEPS
     arguments = {**RUN, "hyperparameters": hyperparameters, "results": results, **changes}
     return jbench.record(task, **arguments)
 
@@ -152,7 +154,12 @@ def test_evaluations_are_made_at_interval_and_of_the_saved_policy_at_the_end(fin
     record = record_of(*finished[:2])
     rows = record.read("evaluations").to_pylist()
     assert [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows] == [
-        *((0, 50, 0), (0, 50, 1), (1, 100, 0), (1, 100, 1), (2, 100, 0), (2, 100, 1)),
+        (0, 50, 0),
+        (0, 50, 1),
+        (1, 100, 0),
+        (1, 100, 1),
+        (2, 100, 0),
+        (2, 100, 1),
     ]
     assert paths(record) == {(0, 50): 3, (2, 100): 3}
 
@@ -161,9 +168,16 @@ def test_id_and_settings_equal_arguments(finished):
     results, id, _, _ = finished
     record = record_of(results, id)
     wanted = {
-        **{"task": "face_direction", "algo": "mine", "representation": "full", "encoder": None},
-        **{"seed": SEED, "steps": STEPS, "engine": "external", "time_limit": "bootstrap"},
-        **{"evaluate_every": EPISODE, "evaluate_episodes": 2},
+        "task": "face_direction",
+        "algo": "mine",
+        "representation": "full",
+        "encoder": None,
+        "seed": SEED,
+        "steps": STEPS,
+        "engine": "external",
+        "time_limit": "bootstrap",
+        "evaluate_every": EPISODE,
+        "evaluate_episodes": 2,
         # Seed and steps are not hyperparameters.
         "hyperparameters": {"rate": 0.5, "layers": [8, None], "file": "x/y"},
     }

@@ -28,7 +28,8 @@ def episodes(run, returns):
     """Returns rows of the table `episodes`, each of 1000 control steps."""
     index = np.arange(len(returns))
     columns = {"run": run, "episode": index, "control_steps": 1000 * (index + 1), "length": 1000}
-    columns |= {"episode_return": np.asarray(returns, float), "wall_time": index * 1.0}
+    columns["episode_return"] = np.asarray(returns, float)
+    columns["wall_time"] = index * 1.0
     return listed.to_table(pd.DataFrame(columns), schema.EPISODES)
 
 
@@ -86,7 +87,9 @@ class FabricatedResults:
         """Adds an evaluation of a policy on face_direction, with these episode returns."""
         self.count += 1
         id = f"face_direction/policy/e{self.count:04d}"
-        settings |= {"task": "face_direction", "policy": policy, "episodes": len(returns)}
+        settings["task"] = "face_direction"
+        settings["policy"] = policy
+        settings["episodes"] = len(returns)
         record = self.results.create("evaluation", id, settings)
         columns = {"evaluation": id, "episode": range(len(returns)), "episode_return": returns}
         rows = pd.DataFrame({**columns, "length": 1000})

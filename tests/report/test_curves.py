@@ -45,7 +45,7 @@ def test_smoothing_first_averages_out_spread_of_single_episodes(order, expected)
     curve = drawn([[0, 10] * 4, [10, 0] * 4, [4] * 8], order, 2)
     np.testing.assert_allclose(curve.quantiles[:, 1:-1], np.transpose([expected] * 7))
     # Points are at the centers of windows.
-    assert curve.control_steps.tolist() == [*(1000, 1500, 2500, 3500, 4500, 5500, 6500, 7500, 8000)]
+    assert curve.control_steps.tolist() == [1000, 1500, 2500, 3500, 4500, 5500, 6500, 7500, 8000]
     assert curve.seeds == 3
 
 

@@ -12,7 +12,7 @@ from jbench.report.request import Request
 from jbench.store import Results, listed, query, schema
 
 EXPLAINED = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3}
-EXPLAINED |= {"random_heuristic": 0.2}
+EXPLAINED["random_heuristic"] = 0.2
 
 
 def add(results, kind, latents, explained, *, task="face_direction", seed=0, **options):

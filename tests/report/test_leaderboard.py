@@ -16,7 +16,9 @@ def configurations(*rows):
     """Returns configurations with these medians, ends of intervals and seeds."""
     names = ("median", "median_low", "median_high", "seeds")
     common = {"task": "face_direction", "algo": "TD3", "representation": "full", "source": "own"}
-    common |= {"words": "", "steps_min": 9, "steps": 9}
+    common["words"] = ""
+    common["steps_min"] = 9
+    common["steps"] = 9
     found = [common | dict(zip(names, row, strict=True)) for row in rows]
     return pd.DataFrame(found, columns=CONFIGURATIONS)
 

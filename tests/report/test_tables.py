@@ -96,7 +96,7 @@ def test_policies_stand_beside_agents_and_labels_apart_from_algorithms_of_the_pa
     fabric.flat([500] * 3, algo="TD3", engine="external")
     found = Frames(fabric.results)
     texts = next(one for one in tables(found) if one.name == "final_returns").texts()
-    assert texts["algorithm"].tolist() == [*("TD3", "random actions", "hand-written")]
+    assert texts["algorithm"].tolist() == ["TD3", "random actions", "hand-written"]
     # 899.6 must not read 900.
     assert texts["median"].tolist()[0] == "899.6 [899.6, 899.6]"
     assert texts["median"].tolist()[1].startswith("220 [")

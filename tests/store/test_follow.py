@@ -88,7 +88,9 @@ def test_damaged_run_is_reported_once_and_others_are_followed(results):
 def test_evaluation_is_yielded_after_episodes_that_precede_it(results):
     run = add_whole_run(results, [1.0, 2.0, 3.0], finish=False)
     row = {"run": run.id, "evaluation": 0, "control_steps": 2000, "episode": 0}
-    row |= {"episode_return": 9.0, "length": 1000, "wall_time": 1.0}
+    row["episode_return"] = 9.0
+    row["length"] = 1000
+    row["wall_time"] = 1.0
     run.append({"evaluations": pa.Table.from_pylist([row], schema.EVALUATIONS)})
     (change,) = Follower(results, {}).changes()
     assert [row["episode_return"] for _, row in change.rows] == [1, 2, 9, 3]

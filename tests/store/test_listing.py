@@ -13,7 +13,7 @@ def test_finished_and_unfinished_runs_are_listed(results):
     (done, begun), problems = list_runs(results, {})
     assert problems == []
     fields = ("run", "algo", "seed", "status", "episodes", "steps_done", "steps", "wall_time")
-    assert [done[name] for name in fields] == [*(run.id, "ddpg", 0, "finished", 3, 3000, 3000, 7.5)]
+    assert [done[name] for name in fields] == [run.id, "ddpg", 0, "finished", 3, 3000, 3000, 7.5]
     assert (done["last_return"], done["created"]) == (None, run.manifest.created)
     assert [begun[name] for name in fields[1:]] == ["sac", 1, "unfinished", 1, 1000, 3000, None]
 

@@ -39,8 +39,12 @@ def test_columns_missing_from_old_version_are_null(old):
     (row,) = only(old, "encoder").read("encoder_features").to_pylist()
     assert (row["feature"], row["test_mse"], row["test_variance"]) == ("position_x", 0.25, 1.0)
     assert {name for name, value in row.items() if value is None} == {
-        *("pca_mse", "random_mse", "heuristic_mse", "heuristic_variance"),
-        *("pca_heuristic_mse", "random_heuristic_mse"),
+        "pca_mse",
+        "random_mse",
+        "heuristic_mse",
+        "heuristic_variance",
+        "pca_heuristic_mse",
+        "random_heuristic_mse",
     }
     (row,) = query.load(old).tables["encoders"].to_pylist()
     assert (row["test_mse"], row["test_explained"]) == (0.25, None)

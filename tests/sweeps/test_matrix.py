@@ -162,7 +162,9 @@ def test_invalid_part_is_reported_in_one_line(text, says, refused_for):
 
 def test_every_run_setting_is_key_of_a_file_and_option_of_train(cells_in, tmp_path, capsys):
     keys = {"steps": 4000, "engine": "batched", "time_limit": "terminal", "precision": "bfloat16"}
-    keys |= {"augment": 3, "robots": 2, "environments": 2}
+    keys["augment"] = 3
+    keys["robots"] = 2
+    keys["environments"] = 2
     evaluation = {"every": 7, "episodes": 3}
     options = keys | {f"evaluate_{key}": value for key, value in evaluation.items()}
     titles = {RunSettings.model_fields[name].title or name: name for name in TYPED}

@@ -67,9 +67,11 @@ def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
     assert progress[-1] == ("pca3 face_direction", 1)
     rest = [(kind, steps, runs) for kind, _, steps, runs in events]
     assert [event for event in rest if event[0] not in ("note", "progress")] == [
-        *(("training", 0, 1), ("started", 0, 1)),
+        ("training", 0, 1),
+        ("started", 0, 1),
         *(("episode", steps, 0) for steps in range(SHORT, 1001, SHORT)),
-        *(("finished", 0, 0), ("ended", 0, 1)),
+        ("finished", 0, 0),
+        ("ended", 0, 1),
     ]
     assert states(runs_of_matrix(matrix, results), results) == ["finished"]
 

@@ -162,7 +162,13 @@ def test_long_forecast_names_options_that_shorten_it(tmp_path):
     runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-3", steps=400_000), tmp_path)
     status = CellStatus(
         Cell("face_direction", "td3", "full", runs, "published"),
-        *(0, 0, 0, 4, 1_600_000, 700.0, "measured runs"),
+        0,
+        0,
+        0,
+        4,
+        1_600_000,
+        700.0,
+        "measured runs",
     )
     sentence = forecast([status], 2)
     # Four seeds share the two processes, so the sweep takes the 700 s of the cell.

@@ -57,7 +57,8 @@ def encoder_frame(tables: Mapping[str, pd.DataFrame], task: str | None = None) -
 
     names = rows["encoder"].str.split("/").str[1]  # such as dae12-observation-whitened
     rows["representation"] = names.map(shown_representation)
-    rows["settings"] = rows.groupby(["task", "kind"])["settings"].transform(_labels)
+    by_name = rows.groupby(["task", "representation"])
+    rows["settings"] = by_name["settings"].transform(_labels)
     for name in _FRACTIONS:
         rows[name] = 1 - rows[f"{name}_explained"]
 
@@ -144,13 +145,16 @@ def return_frame(configurations: Configurations) -> pd.DataFrame:
 
 
 def _labels(texts: pd.Series) -> list[str]:
-    """Returns the options that distinguish each variant of encoders of one task and kind."""
+    """Returns the options that distinguish each variant of encoders of one task and name.
+
+    The names of newer encoders have all their options.
+    """
     options = [
         {name: value for name, value in json.loads(text).items() if name not in ENCODER_VARIANT}
         for text in texts
     ]
     hashes = list(map(settings_hash, options))
     labels = variant_labels(dict(zip(hashes, options, strict=True)))
-    # An option that is not set has its default; the scale is in the representation's name.
-    redundant = re.compile(r"\w+=\(not set\)(, )?|(re)?scale=[^,]+(, )?")
+    # An option that is not set has its default.
+    redundant = re.compile(r"\w+=\(not set\)(, )?")
     return [redundant.sub("", labels[name]).strip(", ") for name in hashes]
